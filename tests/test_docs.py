@@ -19,6 +19,7 @@ from sysid_trib.printing.comparison import comparison_json
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.identification import identification_json
+from sysid_trib.printing.laws import laws_json
 from sysid_trib.printing.layout import mapped
 from sysid_trib.validation.samples import held_against
 
@@ -56,7 +57,9 @@ def _outputs():
     """Every page that holds what a command prints, with the command; those on measured records take long."""
     for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
         for command in re.findall(r"^\$ (sysid-trib .+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
-            marks = [pytest.mark.slow] if page.name != "README.md" else []
+            # Laws of a measured record take longer than a fit.
+            long = page.name != "README.md" or command.startswith("sysid-trib laws")
+            marks = [pytest.mark.slow] if long else []
             yield pytest.param(page, command, id=f"{page.stem}: {command}", marks=marks)
 
 
@@ -173,6 +176,7 @@ def test_json_keys_are_those_documented(generated):
     printed["difference"] = mapped(
         held_against(record, record, library, st.methods.Direct()).to_dataset(), "difference"
     )
+    printed["laws"] = laws_json(st.laws(results["identify"]["record"].to_dataset()))
     driven = results[generated.DRIVEN]
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
@@ -207,6 +211,7 @@ def _general(path, documented):
         (r"(?<=^methods\.)[^.]+", "METHOD"),
         (r"(?<=^coefficients\.)[^.]+", "FORCE"),
         (r"(?<=^cross_check\.models\.)[^.]+", "METHOD"),
+        (r"(?<=^comparison\.models\.)[^.]+", "METHOD"),
         (r"(?<=^cross_check\.differences\.)[^.]+", "QUANTITY"),
         (r"(?<=^per_input\.)[^.]+", "QUANTITY"),
         (r"(?<=\.coefficients\.)[^.]+", "FORCE"),

@@ -46,7 +46,7 @@ def _texts(given: Asked, tree: xr.DataTree) -> dict[Path | None, Callable[[], st
     return {given.csv: partial(exported.csv_text, tree), given.latex: partial(exported.latex_text, tree)}
 
 
-def _record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
+def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
     """The sentence on each record, and what was cut of it."""
     pairs = zip(sentences, record_groups(tree), strict=True)
     return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
@@ -148,7 +148,7 @@ def _add_sureness(
 
 def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
     """What is printed of an identification, of free decays or with inputs."""
-    sentences = _record_sentences(tree, sources)
+    sentences = record_sentences(tree, sources)
     of_kind = driven.driven_blocks if kind_of(tree) == "driven" else identification.identification_blocks
     return [*of_kind(tree, sentences), driven.prediction_block(predicted)]
 
@@ -171,7 +171,7 @@ def discover(tell: Tell, given: Asked) -> Callable[[], None]:
         tree.attrs["held_out"] = said
     keep_next(tree, given)
     stretches = tree.attrs["stretches"]
-    sentences = [*sources, stretches] if stretches else _record_sentences(tree, sources)
+    sentences = [*sources, stretches] if stretches else record_sentences(tree, sources)
     says = partial(discovery.discovery_blocks, tree, sentences), partial(discovery.discovery_json, tree)
     return deliver(given, tell, says, tree, _texts(given, tree))
 
@@ -218,7 +218,7 @@ def compare(tell: Tell, given: Asked) -> Callable[[], None]:
         tell=tell,
     )
     keep_next(tree, given)
-    blocks = partial(comparison.comparison_blocks, tree, _record_sentences(tree, sources))
+    blocks = partial(comparison.comparison_blocks, tree, record_sentences(tree, sources))
     says = blocks, partial(comparison.comparison_json, tree)
     return deliver(given, tell, says, tree, _texts(given, tree))
 

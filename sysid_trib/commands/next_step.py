@@ -48,6 +48,10 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     # After identify or discover.
     "undetermined": ("identify", "fewer forces, and all of the record"),
     "undetermined by the viscous force alone": ("", ""),
+    # After laws.
+    "laws explain": ("compare", "named forces by every method, and how they predict a part that is held out"),
+    "laws without a curve explain": ("identify", "coefficients of the named forces"),
+    "laws do not explain": ("discover", "tests for what is not a function of speed or displacement alone"),
     # After compare.
     "compared, explained": ("", ""),
     "compared, not explained": ("discover", "names what is missing"),
@@ -62,8 +66,8 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
 
 
 def next_step(tree: xr.DataTree) -> NextStep | None:
-    """The command that follows from a result of `cross_check`, `compare` or `discover`; None at an end."""
-    after = {"discover": _after_discovery, "compare": _after_comparison}
+    """The command that follows from a result; None at an end."""
+    after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
     state, options = after.get(kind_of(tree), _after_identification)(tree)
     command, reason = NEXT_COMMANDS[state]
     return (command, reason, options) if command else None
@@ -94,6 +98,13 @@ def _undetermined(result: xr.Dataset) -> State:
     if viscous and result.force.values.tolist() != viscous:
         return "undetermined", {"forces": viscous[0], "window": None}
     return "undetermined by the viscous force alone", {}
+
+
+def _after_laws(tree: xr.DataTree) -> State:
+    if findings.verdict_of(tree) != "explained":
+        return "laws do not explain", {}
+    without = tree["comparison"].attrs["reason"]
+    return "laws without a curve explain" if without else "laws explain", {}
 
 
 def _after_comparison(tree: xr.DataTree) -> State:
@@ -152,6 +163,11 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
             made.append(("For further effects", "discover", {"max_effects": str(most + MORE_EFFECTS)}))
         if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
             made.append(("To fit the same forces to the whole record", "discover", {"refit": ""}))
+    elif kind_of(tree) == "laws":
+        # A simulated record has no rig to make another one.
+        if vars(given).get("test") is None and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
+            when = "To see whether another record of the rig follows these laws"
+            made.append((when, "laws", {"test": SECOND_RECORD}))
     elif scale := _scale_error(tree, given):
         when = "If the scale of the film or encoder is off, as the frequency at large amplitudes says"
         made.append((when, "identify", {"scale": scale}))

@@ -142,8 +142,8 @@ def read_sources(given: Asked, *, driven: bool = False) -> list[RunsOfFile]:
     """The runs of each file as they are in it, uncut, and what they are."""
     if given.input_ is not None and not driven:
         raise UsageError(
-            "--input is of driven records, which identify, discover and compare take; this command takes "
-            "free decays."
+            "--input is of driven records, which identify, laws, discover and compare take; this command "
+            "takes free decays."
         )
     return [_read(given, record) for record in given.records or (None,)]
 

@@ -45,7 +45,7 @@ def forces_latex(library: ForceLibrary) -> str:
         states = [rf"\dot{{{name}}}/\omega = {formulas[rate]}" for name, rate in force.state.items()]
         held = [rf"{name} := {formulas[value]}" for name, value in force.memory.items()]
         equations = f"${', '.join([formulas[force.formula], *states, *held])}$"
-        rows.append([f"${force.latex_symbol}$", _plain(force.name), equations])
+        rows.append([f"${force.latex_symbol}$", plain_latex(force.name), equations])
     return str(pd.DataFrame(rows, columns=["symbol", "force", "formula"]).to_latex(index=False))
 
 
@@ -126,7 +126,7 @@ def latex_text(tree: xr.DataTree) -> str:
         unit = f" {unit_in_latex(row['unit'])}" if has_unit else ""
         z = f", $z = {row['z']:.1f}$" if np.isfinite(row.get("z", np.nan)) else ""
         heads |= {column: None}
-        cells.setdefault(head, {})[column] = f"{_in_latex(number)}{unit}{mark}{z}"
+        cells.setdefault(head, {})[column] = f"{in_latex(number)}{unit}{mark}{z}"
     table = pd.DataFrame(list(cells.values()), list(cells), list(heads)).fillna("--")
     table = table.rename(columns=lambda name: name.replace("_", " "))
     table = table.T if len(heads) > MOST_COLUMNS else table
@@ -145,21 +145,21 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
     by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
     refers = "".join(verdict.reference_sentence(result) for result in list(named.values())[-1:])
     si = "".join(
-        f"; {row['quantity']}: {_in_latex(layout.number_and_mark(row)[0])} {unit_in_latex(row['unit'])}"
+        f"; {row['quantity']}: {in_latex(layout.number_and_mark(row)[0])} {unit_in_latex(row['unit'])}"
         for row in _rows(tree)
         if row["quantity"] in GIVEN
     )
-    refers = _plain(refers).replace(" w ", r" $\omega$ ")
-    details = _plain(f"{details[:1].upper()}{details[1:]}")
+    refers = plain_latex(refers).replace(" w ", r" $\omega$ ")
+    details = plain_latex(f"{details[:1].upper()}{details[1:]}")
     return f"Coefficients by {by} with standard errors. {refers} {details}{si}."
 
 
-def _in_latex(text: str) -> str:
+def in_latex(text: str) -> str:
     """`(-2.3 ± 0.3)e-05` as LaTeX writes it."""
     return f"${equation.power_of_ten(text.replace('±', chr(92) + 'pm'))}$"
 
 
-def _plain(text: str) -> str:
+def plain_latex(text: str) -> str:
     """A text of a result as LaTeX writes it: none of its letters is a command."""
     return re.sub(r"[{}$&#_%\\^~]", lambda letter: LATEX_TEXT.get(letter[0], f"\\{letter[0]}"), text)
 

@@ -16,7 +16,17 @@ from sysid_trib.campaigns.rows import STATUS, counts_of
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.plots.over_time import MOST_POINTS
-from sysid_trib.printing import Block, Layer, campaign, comparison, discovery, driven, identification, layout
+from sysid_trib.printing import (
+    Block,
+    Layer,
+    campaign,
+    comparison,
+    discovery,
+    driven,
+    identification,
+    laws,
+    layout,
+)
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.variables import record_groups
 
@@ -36,6 +46,7 @@ TITLE = "Forces of a free decay"
 PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "identify": (TITLE, identification.estimate_blocks),
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
+    "laws": ("Friction and restoring force of a free decay, as curves", laws.laws_blocks),
     "driven": ("Forces of a driven record", driven.driven_blocks),
     "compare": (f"{TITLE}, method by method", comparison.comparison_blocks),
     "difference": ("Two samples held against each other", campaign.difference_blocks),

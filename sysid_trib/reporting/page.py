@@ -101,7 +101,7 @@ def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> No
     Parameters
     ----------
     result : xr.DataTree or xr.Dataset
-        Result of `cross_check`, `compare`, `discover` or `identify`.
+        Result of `cross_check`, `laws`, `compare`, `discover` or `identify`.
     path : path-like
         The page, HTML. It asks the network for nothing, and holds no script.
 
@@ -125,7 +125,8 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
     tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
     if not isinstance(tree, xr.DataTree) or not kind_of(tree):
         raise UsageError(
-            f"A report is of a result of identify, cross_check, compare or discover, not of {_named(result)}."
+            "A report is of a result of identify, cross_check, laws, compare or discover, not of "
+            f"{_named(result)}."
         )
     try:
         title, summary, sections = contents_of(tree)

@@ -93,7 +93,7 @@ def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
 def python_text(tree: xr.DataTree) -> str:
     """Lines of Python that read the records and compute the result."""
     kind, named = kind_of(tree), identifications_of(tree)
-    checked = tree["comparison"].attrs if kind in ("cross_check", "driven") else {}
+    checked = tree["comparison"].attrs if kind in ("cross_check", "laws", "driven") else {}
     only = next(iter(named))
     first, last = (named[checked.get(which, only)] for which in ("first", "second"))
     options = json.loads(tree.attrs["options"]) if kind == "discover" else {}
@@ -108,12 +108,26 @@ def python_text(tree: xr.DataTree) -> str:
             "first": _method(first),
             "last": _method(last),
             "checked": checked,
+            "asked": _asked(json.loads(checked["options"])) if kind == "laws" else "",
             "contactless": ", ".join(map(repr, known)),
             "runs": "runs" in tree.children,
             "runs_of_first": sum(name.startswith("sample_first") for name in named),
             "options": _given({k: v for k, v in options.items() if v not in (None, {})}),
         },
     ).rstrip()
+
+
+def _asked(options: Mapping[str, Any]) -> str:
+    """What `laws` was asked for beside its records, as further arguments."""
+    table = {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in options["constraints"].items()
+    }
+    usual = {"system": "", "constraints": {}, "random_force": "off"}
+    given = dict(options) | {"constraints": table}
+    changed = {name: value for name, value in given.items() if value != usual[name]}
+    # An open end of a bound.
+    return "".join(f", {name}={value!r}" for name, value in changed.items()).replace("inf", 'float("inf")')
 
 
 def _decay(tree: xr.DataTree) -> list[str]:

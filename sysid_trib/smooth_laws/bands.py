@@ -80,7 +80,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
     library = schema.library_of(result)
     laws = []
     for name, variable, of in (("friction", "speed", "v"), ("restoring", "displacement", "x")):
-        forces = [force for force in library if _depends_on(force, of)]
+        forces = [force for force in library if depends_on(force, of)]
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
         values, covariance = _evaluated(result, library, forces, of, places)
@@ -88,7 +88,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
     return laws
 
 
-def _depends_on(force: Force, of: str) -> bool:
+def depends_on(force: Force, of: str) -> bool:
     """Return True if a force is a function of x, or of v, alone."""
     if force.kind != "force" or not force.memoryless or force.channels or force.holds_time:
         return False
@@ -198,3 +198,38 @@ def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:
     power = np.sign(speed) * part.friction.values
     highest = np.where(speed > 0.0, part.friction_high.values, -part.friction_low.values)
     return speed[highest < 0.0], speed[(power < 0.0) & (highest >= 0.0)]
+
+
+def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
+    """Return the odd part of a law with its standard error, at positive places: what averages see of it.
+
+    Parameters
+    ----------
+    result : Dataset
+        With `friction(speed)` and `restoring(displacement)`.
+    law : {"friction", "restoring"}
+
+    Returns
+    -------
+    Dataset
+        The law and its `_standard_error`, by their names.
+    """
+    (variable,) = result[law].dims
+    places = result[variable].values
+    names = [law, f"{law}_standard_error"]
+    if not np.any(places < 0.0):
+        return result[names]
+    # Places are the same on both sides, in rising order.
+    half = len(places) // 2
+    part = 0.5 * np.hstack([-np.eye(half)[::-1], np.eye(half)])
+    covariance = part @ result[f"{law}_covariance"].values @ part.T
+    return (
+        result[names]
+        .isel({variable: slice(half, None)})
+        .assign(
+            {
+                names[0]: (variable, part @ result[law].values, result[law].attrs),
+                names[1]: (variable, np.sqrt(np.diag(covariance)), result[names[1]].attrs),
+            }
+        )
+    )

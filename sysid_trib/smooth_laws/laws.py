@@ -1,5 +1,6 @@
 """`laws`: friction against speed and restoring force against displacement, without choosing a form."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -94,7 +95,10 @@ def laws(
                     f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
                     "leave it out, or give the pendulum's length, --length M."
                 )
-    return _identified(decay, model, random_force, tell=tell)
+    tree = _identified(decay, model, random_force, tell=tell)
+    asked = {"system": moving.name, "constraints": dict(constraints or {}), "random_force": random_force}
+    tree["comparison"].attrs["options"] = json.dumps(asked)
+    return tree
 
 
 @signal_scale.in_units_of_the_motion
@@ -246,15 +250,13 @@ def _preferred(results: Mapping[str, xr.Dataset], compared: xr.Dataset, *, drive
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Return the difference of both methods' laws over its error, at the places that both have.
+    """Return the difference of both methods' laws over its error: of their odd parts, which both see.
 
     Both methods saw the same noise: the sum of their variances is more than that of their difference.
     """
     values: dict[str, Any] = {}
     for law in ("friction", "restoring"):
-        averaged, other = xr.align(
-            first[[law, f"{law}_standard_error"]], second[[law, f"{law}_standard_error"]]
-        )
+        averaged, other = xr.align(bands.odd_part(first, law), bands.odd_part(second, law))
         error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
         values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")
         values[f"{law}_z"] = ((averaged[law] - other[law]) / error).assign_attrs(units="1")

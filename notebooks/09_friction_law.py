@@ -1,0 +1,86 @@
+# %% [markdown]
+# # From a record to a friction law
+#
+# A bob on a string was filmed while it swung. No sum of a few named forces explains the record. Here its
+# friction is identified as a curve against speed, with a band, and the restoring force as a curve against
+# displacement. No formula is chosen.
+#
+# The record is not part of this repository. It is read from the folder that `SYSID_TRIB_DATA` names; who is
+# online may set `SYSID_TRIB_FETCH=1`, which fetches it from its public source ([measured.py](measured.py)
+# says which) and checks it.
+
+# %%
+import os
+
+import measured
+import numpy as np
+from IPython.display import display
+
+import sysid_trib as st
+
+# %matplotlib inline
+QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # a shorter record
+files = measured.files()
+
+# %% [markdown]
+# ## A simulated record first
+#
+# Its friction law is known. The curve is not told which forces made it.
+
+# %%
+library = st.load_library("contact_forces")
+model = st.Model(library, {"zeta": 0.01, "delta": 0.03, "epsilon": 0.2}, 9.0)
+time = np.arange(0.0, 12.0 if QUICK else 30.0, 0.02)
+motion = st.simulate(model, time, 0.3)
+noise = 1e-4 * np.random.default_rng(0).standard_normal(len(time))
+simulated = st.laws(motion.assign(angle=motion.angle + noise))
+display(st.plots.laws(simulated))
+
+# %%
+law = st.best(simulated)
+seen = law.isel(speed=np.flatnonzero(law.speed_visited.values))
+v = seen.speed.values / 9.0
+truth = 9.0**2 * (2.0 * 0.01 * v + 0.03 * v * np.abs(v))
+inside = (seen.friction_low.values <= truth) & (truth <= seen.friction_high.values)
+print(f"The band holds the true law at {inside.sum()} of {len(v)} visited speeds.")
+
+# %% [markdown]
+# ## The filmed string
+#
+# The named forces of a pendulum leave several times the noise.
+
+# %%
+if "string" in files:
+    window = (None, 40.0) if QUICK else (None, None)
+    decay = st.free_decay(st.read_record(files["string"]), window=window)
+    print(decay.attrs["free_decay"])
+    tree = st.laws(decay, "pendulum")
+    checked = tree["comparison"].ds
+    print(f"Preferred: {checked.attrs['answer']}. {checked.attrs['reason']}")
+    print(f"Residual over the noise: {checked.residual_over_noise.to_series().round(2).to_dict()}")
+    display(st.plots.laws(tree))
+
+# %% [markdown]
+# The grey part is not visited by the record. Dashed lines there are continuations. The restoring force is
+# shown without the straight line and without gravity, which `pendulum` holds: what is left is the sensor's,
+# or the string's.
+#
+# The numbers of the figure, as a table that can be published:
+
+# %%
+if "string" in files:
+    best = st.best(tree)
+    table = best[["friction", "friction_standard_error", "friction_low", "friction_high"]].to_dataframe()
+    display(table.assign(visited=best.speed_visited.values).iloc[::5])
+
+# %% [markdown]
+# ## In SI units
+#
+# The laws are forces over the inertia. With the moment of inertia they are torques; over the load and the
+# radius of a contact they are coefficients of friction. A bob of 0.2 kg on a string of 0.66 m, say:
+
+# %%
+if "string" in files:
+    mass, length = 0.2, 0.66
+    torque = mass * length**2 * best.friction
+    print(f"At {best.speed.values[20]:.2f} rad/s the friction takes {1e3 * torque.values[20]:.3g} mN m.")

@@ -1,0 +1,65 @@
+"""What `sysid-trib laws` does: friction and restoring force as curves, without a formula."""
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from sysid_trib.commands.app import Asked
+from sysid_trib.commands.asked import asked_constraints, parse_random_force
+from sysid_trib.commands.fits import record_sentences
+from sysid_trib.commands.next_step import keep_next
+from sysid_trib.commands.record_inputs import read_decays
+from sysid_trib.commands.terminal import deliver
+from sysid_trib.errors import Tell, UsageError
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import load_system
+from sysid_trib.printing import Block, driven, laws as printed
+from sysid_trib.smooth_laws.laws import laws as identified
+from sysid_trib.validation.driven import is_driven, predict
+from sysid_trib.validation.findings import best
+
+
+def laws(tell: Tell, given: Asked) -> Callable[[], None]:
+    """Identify the laws of records."""
+    constraints = asked_constraints(given.fix, given.bound, given.tie)
+    random_force = parse_random_force(given.random_force)
+    if random_force == "auto":
+        raise UsageError("--random-force 'auto' is not for laws: give off, estimated, or a density.")
+    if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
+        raise UsageError("--warm-up is a time from 0 s of the record of --test: give both.")
+    system, library = load_system(given.system), load_library(given.library)
+    tell("reading")
+    decays, sources = read_decays(given, driven=True)
+    tree = identified(
+        decays, system, constraints.table, library=library, random_force=random_force, tell=tell
+    )
+    predicted = _predicted(tree, given, tell)
+    if not is_driven(decays):
+        keep_next(tree, given)
+    says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
+    texts: dict[Path | None, Callable[[], str]] = {
+        given.csv: partial(printed.laws_csv, tree),
+        given.latex: partial(printed.laws_latex, tree),
+    }
+    return deliver(given, tell, says, tree, texts)
+
+
+def _predicted(tree: xr.DataTree, given: Asked, tell: Tell) -> list[xr.Dataset]:
+    """The records of --test as the preferred laws predict them."""
+    if given.test is None:
+        return []
+    tell("prediction")
+    others, _ = read_decays(given.but(records=[given.test]), as_it_is=True, driven=True)
+    return [predict(best(tree), other, warm_up=given.warm_up) for other in others]
+
+
+def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
+    sentences = record_sentences(tree, sources)
+    return [*printed.laws_blocks(tree, sentences), printed.prediction_block(tree, predicted)]
+
+
+def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
+    return printed.laws_json(tree) | driven.prediction_json(predicted)

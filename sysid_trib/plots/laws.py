@@ -1,0 +1,137 @@
+"""The laws themselves: friction against speed, and what bends the restoring force, with bands."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sysid_trib.arrays import Mask
+from sysid_trib.plots import style
+from sysid_trib.plots.figure import LEGEND, shows
+from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
+from sysid_trib.results.variables import signal_units
+from sysid_trib.smooth_laws import shown
+from sysid_trib.smooth_laws.shown import Curve
+from sysid_trib.validation import findings
+
+# Of a column of a journal (88 mm), and of a panel, inch.
+ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
+# The first method lies below the second, wider: both show where they agree.
+LAW_LOOKS: tuple[dict[str, Any], ...] = (
+    {"color": ORANGE, "linewidth": 2.2, "alpha": 0.75, "zorder": 3},
+    {"color": BLUE, "linewidth": 1.0, "zorder": 4},
+)
+# Room above and below, and that of a continuation, in parts of what the visited range takes.
+LAW_MARGIN, CONTINUED = 0.06, 0.45
+# Opacity of bands in the visited range and beyond.
+BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
+NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
+
+
+@shows("laws", block="Friction against speed")
+def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
+    """Friction against speed, and the restoring force without what is known of it against displacement.
+
+    Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
+    by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
+    visited by the record; the dashed lines there are continuations.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Of `laws`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
+    """
+    unit = signal_units(tree)
+    inertia = "inertia" if unit == "rad" else "mass"
+    results, answer = findings.kept_results(tree), findings.answer_of(tree)
+    main = tree[answer].to_dataset()
+    named = shown.laws_in(main)
+    figure, panels = style.grid(len(named), 2, width, LAW_HEIGHT)
+    held = shown.known_part(main, np.zeros(1))[1]
+    symbol = r"\theta" if unit == "rad" else "x"
+    for ax, law in zip(panels, named, strict=True):
+        curves = shown.curves_of(results, law, answer, mirrored=True)
+        if law == "restoring":
+            curves = {
+                n: curve.without(shown.known_part(main, curve.places)[0]) for n, curve in curves.items()
+            }
+        odd = {name for name in curves if np.all(results[name][shown.LAW_PLACES[law]] > 0.0)}
+        _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
+    panels[0].set(xlabel=f"speed ({unit}/s)")
+    panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")
+    if len(panels) > 1:
+        panels[1].set(xlabel=f"displacement ({unit})")
+        known = " and ".join([f"$w^2{symbol}$", *held])
+        panels[1].set(ylabel=f"restoring force beyond {known} ({unit}/s²)")
+    panels[0].legend(**LEGEND, ncols=2)
+    if len(panels) > 1:
+        style.letter(panels)
+    return figure
+
+
+def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
+    """The curves of each method with their bands, those in `odd` mirrored, and where the record ends."""
+    ends: list[float] = []
+    looks = LAW_LOOKS[-len(curves) :] if curves else ()
+    for (name, curve), look in zip(curves.items(), looks, strict=True):
+        label = f"{name} (preferred)" if name == answer and len(curves) > 1 else name
+        label += " (odd part)" * (name in odd)
+        for side in _sides(curve):
+            seen = side.visited
+            # A continuation begins at the last visited place.
+            continued = ~seen | _at_edge(seen)
+            for at, alpha in ((seen, BAND_OPACITY), (continued, FAINT_OPACITY)):
+                band = {"color": look["color"], "alpha": alpha, "linewidth": 0, "zorder": 2}
+                ax.fill_between(side.places, side.low, side.high, where=at, **band)
+            ax.plot(side.places, np.where(seen, side.values, np.nan), label=label, **look)
+            ax.plot(
+                side.places, np.where(continued, side.values, np.nan), **look | {"linestyle": (0, (3, 2))}
+            )
+            label = ""
+        visited_values = curve.values[curve.visited]
+        ends += [visited_values.min(), visited_values.max()]
+        if name == answer:
+            ends += [curve.low[curve.visited].min(), curve.high[curve.visited].max()]
+    ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
+    if not curves:
+        return
+    main = curves.get(answer, next(iter(curves.values())))
+    largest, last = np.max(main.places[main.visited]), np.max(main.places)
+    both = bool(np.any(main.places < 0.0))
+    ax.axvspan(largest, last, **NOT_VISITED)
+    if both:
+        ax.axvspan(-last, -largest, **NOT_VISITED)
+        ax.axvline(0.0, color=GREY, linewidth=BAR_WIDTH, zorder=1)
+    low, high = min(*ends, 0.0), max(*ends, 0.0)
+    # A continuation may go anywhere: it is cut.
+    room, most = LAW_MARGIN * (high - low), CONTINUED * (high - low)
+    low = min(low, max(float(main.values.min()), low - most)) - room
+    high = max(high, min(float(main.values.max()), high + most)) + room
+    ax.set(xlim=(-last if both else 0.0, last), ylim=(low, high))
+
+
+def _at_edge(seen: Mask) -> Mask:
+    """Visited places beside one that is not."""
+    padded = np.concatenate([[True], seen, [True]])
+    return np.asarray(seen & ~(padded[:-2] & padded[2:]))
+
+
+def _sides(curve: Curve) -> list[Curve]:
+    """The parts of a law at each sign: friction may leap in between."""
+    signs = [curve.places < 0.0, curve.places > 0.0]
+    return [
+        Curve(
+            curve.places[at],
+            curve.values[at],
+            curve.errors[at],
+            curve.low[at],
+            curve.high[at],
+            curve.visited[at],
+        )
+        for at in signs
+        if np.any(at)
+    ]

@@ -1,0 +1,479 @@
+"""The laws in words, tables and plain data: friction against speed, restoring force against displacement."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from math import floor, log10
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from rich.table import Table
+
+from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
+from sysid_trib.results.files import is_of_driven
+from sysid_trib.results.schema import library_of
+from sysid_trib.results.variables import record_groups, signal_units, small_units
+from sysid_trib.smooth_laws import shown
+from sysid_trib.smooth_laws.fits import NO_BETTER
+from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
+from sysid_trib.validation import findings
+
+FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
+SURENESS_TITLE = "How sure"
+# Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
+SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
+# A motion that is larger by more leaves the visited range.
+LARGER_MOTION = 1.02
+REMAINING = (
+    "What is left is not a function of speed or of displacement alone: a force with memory, one that changes "
+    "with time or depends on both, or an error of the sensor. sysid-trib discover tests for these."
+)
+NOT_ODD = (
+    "The record asks for laws that are not odd: friction differs between the directions of motion, or the "
+    "restoring force between the sides."
+)
+ODD_COMPARED = "Averages over a cycle see the odd parts alone: the methods are compared by these."
+ACTIVE_FRICTION = (
+    "A passive contact cannot do that: it is the sign of an error of the sensor within the cycle, or of "
+    "another force."
+)
+
+
+def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
+    """What is shown of a result of `laws`; `sources` say what each record is."""
+    details = Layer.EXPLAIN
+    return [
+        Block([verdict_sentence(tree)], ALWAYS),
+        Block(sources),
+        Block([*_no_curve(tree), *_method_sentences(tree)], ALWAYS),
+        Block((), ALWAYS, FRICTION_TITLE, law_table(tree, "friction"), _caption(tree, "friction")),
+        Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
+        *_restoring_blocks(tree),
+        Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
+        Block([*_details(tree)], details, SURENESS_TITLE),
+    ]
+
+
+def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """The restoring force, where anything restores."""
+    if shown.restores(_preferred(tree)):
+        caption = _caption(tree, "restoring")
+        yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
+
+
+def verdict_sentence(tree: xr.DataTree) -> str:
+    """Return how far the motion of the laws follows the record."""
+    checked, answer = tree["comparison"], findings.answer_of(tree)
+    decided = findings.verdict_of(tree)
+    curves = not checked.attrs["reason"]
+    name = "The laws" if curves else "Laws of the named forces"
+    if decided == "explained":
+        return f"{name} explain the record: what they leave is nothing but noise."
+    part, near = float(checked.residual_over_motion.sel(model=answer)), "their motion diverges"
+    if np.isfinite(part):
+        near = f"their motion leaves {100.0 * part:.2g} % of the record (RMS)"
+        if not is_of_driven(tree):
+            lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
+            periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
+            ratio = findings.residual_over_noise(tree, answer)
+            near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
+    how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
+    # Where curves follow it no better.
+    return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
+
+
+def _no_curve(tree: xr.DataTree) -> Iterator[str]:
+    """Why the record decides no curve."""
+    if reason := tree["comparison"].attrs["reason"]:
+        yield f"The record decides no curve. {reason}"
+
+
+def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Which method is preferred and why, what each leaves, and which failed."""
+    attrs, results = tree["comparison"].attrs, findings.kept_results(tree)
+    if attrs["averaging_failed"]:
+        name = "Trajectory" if is_of_driven(tree) else "Averaging"
+        yield f"{name} failed: {_ended(attrs['averaging_failed'])} The laws are those of direct alone."
+    for name, why in findings.failures(tree).items():
+        yield f"{name.capitalize()} failed: {why}. Its laws are not given."
+    if len(results) == 2:
+        yield f"Preferred: {findings.answer_of(tree)}, {_why(tree)}."
+    yield from _residual_sentence(tree, list(results))
+
+
+def _residual_sentence(tree: xr.DataTree, names: Sequence[str]) -> Iterator[str]:
+    """What the motion of each method leaves of the record."""
+    if not names:
+        return
+    if is_of_driven(tree):
+        parts = tree["comparison"].residual_over_motion
+        texts = [f"{name} {100.0 * parts.sel(model=name).item():.3g} %" for name in names]
+        yield f"Residuals (RMS): {' and '.join(texts)} of the motion."
+    else:
+        noise = layout.in_small_units(findings.record_noise(tree), signal_units(tree))
+        texts = [f"{name} {findings.residual_over_noise(tree, name):.3g}" for name in names]
+        yield f"Residuals (RMS): {' and '.join(texts)} times the noise, which is {noise}."
+
+
+def _ended(text: str) -> str:
+    return text if text.endswith((".", "!", "?")) else f"{text}."
+
+
+def _why(tree: xr.DataTree) -> str:
+    """Why the preferred one of two methods is."""
+    answer, results = findings.answer_of(tree), findings.kept_results(tree)
+    (other,) = (name for name in results if name != answer)
+    if is_of_driven(tree):
+        return "whose motion leaves less of the record"
+    held_out = {name: float(result.get("held_out_rms", np.nan)) for name, result in results.items()}
+    if np.isnan(held_out[answer]):
+        at_bound = answer == tree["comparison"].attrs["second"]
+        return "whose residual is nothing but noise" + ", at the smallest errors" * at_bound
+    if np.isnan(held_out[other]):
+        return f"since {other} predicts no part that was held out"
+    factor, unit = small_units(signal_units(tree))
+    sizes = {name: f"{factor * rms:.3g}" for name, rms in held_out.items()}
+    pair = f"{sizes[answer]} {unit} are left (RMS), {sizes[other]} {unit} by {other}"
+    if held_out[answer] <= held_out[other]:
+        return f"which predicts parts that were held out better: {pair}"
+    return (
+        f"which predicts parts that were held out about as well ({pair}) and is immune to most sensor errors"
+    )
+
+
+def law_table(tree: xr.DataTree, law: str) -> Table:
+    """A law by each method at some places, their difference, and the band of the preferred one."""
+    answer, curves = findings.answer_of(tree), _chosen_curves(tree, law)
+    if not curves:
+        return layout.text_table([])
+    main, deviations = curves[answer], _beyond_known(tree, law, curves)
+    scale = 10.0 ** _power(tree, law)
+    z = shown.difference_over_error(*curves.values()) if len(curves) == 2 else None
+    rows = []
+    for at, place in enumerate(main.places):
+        row = {shown.LAW_PLACES[law]: f"{place:.3g}"}
+        if law == "restoring":
+            row["whole"] = f"{main.values[at]:.4g}"
+        for name, curve in deviations.items():
+            row[name] = layout.value_with_error(curve.values[at] / scale, curve.errors[at] / scale)
+        if z is not None:
+            row["difference / error"] = f"{z[at]:+.1f}"
+        row[f"95 % band of {answer}"] = _band(
+            deviations[answer].low[at] / scale, deviations[answer].high[at] / scale
+        )
+        row["range"] = "visited" if main.visited[at] else "extrapolated"
+        rows.append(row)
+    return layout.text_table(rows, ("range",), ("range",))
+
+
+def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> dict[str, Curve]:
+    """The friction as it is, the restoring force without what is known of it."""
+    if law == "friction":
+        return dict(curves)
+    result = _preferred(tree)
+    return {name: curve.without(shown.known_part(result, curve.places)[0]) for name, curve in curves.items()}
+
+
+def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
+    """The law by each method at the places that are shown."""
+    answer = findings.answer_of(tree)
+    curves = shown.curves_of(findings.kept_results(tree), law, answer)
+    if answer not in curves:
+        return {}
+    both = bool(np.any(curves[answer].places < 0.0))
+    places = shown.places_shown(curves[answer], SIDE_PARTS if both else SHOWN_PARTS)
+    return {name: curve.at(places) for name, curve in curves.items()}
+
+
+def _words(tree: xr.DataTree, law: str) -> tuple[str, str, str]:
+    """What a law is of, and the units of its place and of its force over the inertia."""
+    unit = signal_units(tree)
+    return (
+        ("speed", f"{unit}/s", f"{unit}/s^2") if law == "friction" else ("displacement", unit, f"{unit}/s^2")
+    )
+
+
+def _caption(tree: xr.DataTree, law: str) -> str:
+    """What stands above a table: what is in it, and its units."""
+    unit, power, w = signal_units(tree), _power(tree, law), _preferred(tree).reference_frequency.item()
+    _, unit_at, unit_of = _words(tree, law)
+    inertia = "inertia" if unit == "rad" else "mass"
+    scaled = f"1e{power:+03d} {unit_of}" if power else unit_of
+    if law == "friction":
+        return f"Friction over the {inertia} ({scaled}) against speed ({unit_at}), with standard errors"
+    held = shown.known_part(_preferred(tree), np.zeros(1))[1]
+    known = " and ".join(["the straight line w^2 x", *held])
+    return (
+        f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole, and by "
+        f"each method beyond {known}{f' ({scaled})' * bool(power)}, w = {w:.6g} rad/s, with standard errors"
+    )
+
+
+def _power(tree: xr.DataTree, law: str) -> int:
+    """Power of ten of the columns of a table."""
+    curves = _beyond_known(tree, law, _chosen_curves(tree, law))
+    size = float(np.median(np.abs(curves[findings.answer_of(tree)].values))) if curves else 0.0
+    power = floor(log10(size)) if size > 0.0 else 0
+    return 0 if -3 < power < 4 else power
+
+
+def _band(low: float, high: float) -> str:
+    """The ends of a band, to a tenth of its width."""
+    width = abs(high - low)
+    if not np.isfinite(width):
+        return "-"
+    digits = max(0, 1 - floor(log10(width))) if width > 0.0 else 4
+    return f"{low:.{digits}f} to {high:.{digits}f}"
+
+
+def _spans(spans: Sequence[tuple[float, float]], unit: str) -> str:
+    """Stretches of speeds or displacements as text."""
+    texts = [f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}" for low, high in spans]
+    return f"{' and '.join(texts)} {unit}"
+
+
+def _preferred(tree: xr.DataTree) -> xr.Dataset:
+    return tree[findings.answer_of(tree)].to_dataset()
+
+
+def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Where friction feeds energy in."""
+    spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
+    if spans["certainly"]:
+        said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
+        yield f"{said} {ACTIVE_FRICTION}"
+    if spans["seemingly"]:
+        yield (
+            f"Friction is negative at {_spans(spans['seemingly'], unit)}, but its band holds positive "
+            "values: the record does not decide whether it feeds energy in there."
+        )
+    if spans["beyond"]:
+        yield (
+            f"The continuation of the friction law would feed energy in at {_spans(spans['beyond'], unit)}, "
+            "which the record does not visit: do not use it there."
+        )
+
+
+def _remarks(tree: xr.DataTree) -> Iterator[str]:
+    """How the methods agree, which parts are even, and which errors of the sensor were fitted."""
+    results = findings.kept_results(tree)
+    if len(results) == 2:
+        yield from _differences(tree)
+    attrs = tree["comparison"].attrs
+    if any(np.any(_preferred(tree)[place].values < 0.0) for place in shown.LAW_PLACES.values()):
+        yield NOT_ODD + f" {ODD_COMPARED}" * ("averaging" in results)
+    if attrs["sensor"]:
+        yield _sensor_sentence(tree, attrs["sensor"].split(", "))
+
+
+def _differences(tree: xr.DataTree) -> Iterator[str]:
+    """Where both methods' laws differ by more than their errors."""
+    largest: dict[str, float] = {}
+    for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
+        if law == "restoring" and not shown.restores(_preferred(tree)):
+            continue
+        places, z = shown.apart(findings.kept_results(tree), law)
+        far = shown.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
+        largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
+        if far:
+            unit = _words(tree, law)[1]
+            yield (
+                f"The methods disagree in {word} at {_spans(far, unit)}, by up to {np.max(np.abs(z)):.3g} "
+                "standard errors of both."
+            )
+    if max(largest.values()) <= LARGE_DIFFERENCE:
+        texts = " and ".join(f"{size:.2g} ({word})" for word, size in largest.items())
+        yield f"The methods agree: they differ by at most {texts} standard errors of both."
+    elif "averaging" in findings.kept_results(tree):
+        yield (
+            "Direct reads a law within the cycle, averaging from amplitude to amplitude: what the model "
+            "lacks misleads them differently."
+        )
+
+
+def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
+    """The terms of the sensor that were fitted, each run with its own."""
+    result = tree[str(tree["comparison"].attrs["second"])].to_dataset()
+    library = library_of(result, whole=True)
+    known = result.force.values.tolist()
+    texts = []
+    for symbol in symbols:
+        own = [name for name in known if name == symbol or name.rsplit("_", 1)[0] == symbol]
+        values = [layout.coefficient_text(result.sel(force=name)) for name in own]
+        name = library[own[0]].name if own else symbol
+        texts += [f"{name} ({symbol}) {', '.join(values)}"] if own else []
+    owner = ", each run with its own," if len(record_groups(tree)) > 1 else ""
+    return (
+        f"Beside the laws, direct fits errors of the sensor{owner} which belong to a record: "
+        f"{'; '.join(texts)}."
+    )
+
+
+def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Which range the record visits, and how the laws go on."""
+    result = _preferred(tree)
+    reached = {}
+    for law, variable in shown.LAW_PLACES.items():
+        curve = shown.curve_of(result, law)
+        reached[variable] = float(np.max(np.abs(curve.places[curve.visited])))
+    extrapolated = 1.0 - float(result.speed_visited.mean())
+    texts = [f"speeds up to {reached['speed']:.3g} {_words(tree, 'friction')[1]}"]
+    if shown.restores(result):
+        texts.append(f"displacements up to {reached['displacement']:.3g} {signal_units(tree)}")
+    smallest = ""
+    if not is_of_driven(tree):
+        least = float(np.min(np.abs(findings.amplitudes(tree))))
+        smallest = f", with amplitudes from {least:.2g} {signal_units(tree)} on"
+    yield (
+        f"The record visits {' and '.join(texts)}{smallest}. Beyond, {100.0 * extrapolated:.0f} % of what is "
+        "shown, the laws go on as straight lines and named forces: these are extrapolations."
+    )
+
+
+def _details(tree: xr.DataTree) -> Iterator[str]:
+    """Which forces are outside of the penalty, the test of the residual, and the parts of the errors."""
+    result = _preferred(tree)
+    library = library_of(result, whole=True)
+    constraint = result.coords.get("constraint")
+    held = set()
+    if constraint is not None:
+        held = {
+            name for name, kind in zip(result.force.values, constraint.values, strict=True) if kind == "fixed"
+        }
+    smooth = [force.symbol for force in library if not force.curve and force.kind != "sensor"]
+    free = [symbol for symbol in smooth if symbol not in held]
+    if free:
+        yield f"Outside of the penalty on bends of the curves: {', '.join(free)}."
+    if held:
+        values = ", ".join(f"{name} = {result.coefficient.sel(force=name).item():g}" for name in sorted(held))
+        yield f"Held: {values}."
+    p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
+    yield f"The residual as white noise: p {p_value}."
+    for law in shown.laws_in(result):
+        curve = shown.curve_of(result, law)
+        model = result[f"{law}_error_of_model"].values[curve.visited]
+        if np.any(model > 0.0):
+            part = float(np.max(model / curve.errors[curve.visited]))
+            word = "friction" if law == "friction" else "restoring force"
+            yield (
+                f"The error of the model, by how the {word} moves between parts of the record, is up to "
+                f"{100.0 * part:.0f} % of its standard error."
+            )
+
+
+def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Block:
+    """What the laws leave of records that they predicted, and whether these leave the visited range."""
+    sentences = list(driven.prediction_block(predicted).sentences)
+    reached = {
+        variable: float(np.max(np.abs(curve.places[curve.visited])))
+        for law, variable in shown.LAW_PLACES.items()
+        for curve in [shown.curve_of(_preferred(tree), law)]
+    }
+    for record in predicted:
+        largest = float(np.abs(record.predicted_angle - record.predicted_angle.mean()).max())
+        if shown.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
+            sentences.append(
+                f"It swings up to {largest:.3g} {signal_units(tree)}, beyond the "
+                f"{reached['displacement']:.3g} {signal_units(tree)} that the laws are known for: that part "
+                "of the prediction is an extrapolation."
+            )
+    return Block(sentences, ALWAYS)
+
+
+def laws_json(tree: xr.DataTree) -> dict[str, Any]:
+    """A result of `laws` as plain data: keys are the names of the variables."""
+    checked = tree["comparison"].to_dataset()
+    results = findings.kept_results(tree)
+    methods = {name: layout.mapped(result, "laws") for name, result in results.items()}
+    models = {
+        name: layout.mapped(checked.sel(model=name), "motion")
+        | {
+            "residual_rms": findings.residual_of(tree, name),
+            "residual_over_noise": findings.residual_over_noise(tree, name),
+        }
+        for name in results
+    }
+    compared = {
+        name: checked[name] for name in checked.data_vars if str(name).endswith(("_difference", "_z"))
+    }
+    preferred = results.get(findings.answer_of(tree))
+    return {
+        **layout.records_json(tree),
+        "answer": findings.answer_of(tree) if preferred is not None else None,
+        "verdict_on_record": findings.verdict_of(tree),
+        "methods": methods,
+        "comparison": {"models": models, "noise": findings.record_noise(tree), **compared, **checked.attrs},
+        "feeds_energy": shown.feeding(preferred) if preferred is not None else {},
+    }
+
+
+def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
+    """The preferred laws, a row each place."""
+    result, answer = _preferred(tree), findings.answer_of(tree)
+    for law in shown.laws_in(result):
+        variable, curve = shown.LAW_PLACES[law], shown.curve_of(result, law)
+        model = result[f"{law}_error_of_model"].values
+        _, unit_at, unit = _words(tree, law)
+        for at, place in enumerate(curve.places.tolist()):
+            yield {
+                "method": answer,
+                "law": law,
+                "variable": variable,
+                "at": place,
+                "unit_at": unit_at,
+                "value": curve.values[at],
+                "standard_error": curve.errors[at],
+                "low": curve.low[at],
+                "high": curve.high[at],
+                "error_of_model": model[at],
+                "unit": unit,
+                "visited": bool(curve.visited[at]),
+            }
+
+
+def laws_csv(tree: xr.DataTree) -> str:
+    """The preferred laws with their bands, a row each place."""
+    rows = list(_law_rows(tree))
+    return layout.csv_of(list(rows[0]), rows)
+
+
+def laws_latex(tree: xr.DataTree) -> str:
+    r"""The preferred laws at some places as a table (`booktabs`)."""
+    answer = findings.answer_of(tree)
+    tables = []
+    for law in shown.laws_in(_preferred(tree)):
+        curves = _chosen_curves(tree, law)
+        curve = curves[answer]
+        kind, unit_at, unit = _words(tree, law)
+        columns: dict[str, list[str]] = {
+            f"{kind} ({_unit(unit_at)})": [f"{place:.3g}" for place in curve.places]
+        }
+        if law == "restoring":
+            columns[f"restoring force ({_unit(unit)})"] = [f"{value:.4g}" for value in curve.values]
+            curve = _beyond_known(tree, law, curves)[answer]
+        held = shown.known_part(_preferred(tree), np.zeros(1))[1]
+        deviation = " and ".join([r"beyond $\omega^2 x$", *map(exported.plain_latex, held)])
+        head = "friction" if law == "friction" else deviation
+        numbers = layout.values_with_errors(curve.values, curve.errors)
+        columns[f"{head} ({_unit(unit)})"] = [exported.in_latex(number) for number in numbers]
+        pairs = zip(curve.low, curve.high, strict=True)
+        columns[r"95\,\% band"] = [f"${_band(low, high).replace(' to ', '$ to $')}$" for low, high in pairs]
+        columns["range"] = ["visited" if seen else "extrapolated" for seen in curve.visited]
+        table = pd.DataFrame(columns)
+        tables.append(table.to_latex(index=False, column_format="r" * (table.shape[1] - 1) + "l").rstrip())
+    inertia = "inertia" if signal_units(tree) == "rad" else "mass"
+    record = "; ".join(f"{name}: {text}" for name, text in exported.about_the_record(tree).items())
+    caption = exported.plain_latex(
+        f"Friction and restoring force over the {inertia} by {answer}, with standard errors and simultaneous "
+        f"95 % bands. {record[:1].upper()}{record[1:]}."
+    )
+    lines = [r"\begin{table}", r"\centering", rf"\caption{{{caption}}}", *tables, r"\end{table}", ""]
+    return "\n".join(lines)
+
+
+def _unit(unit: str) -> str:
+    """A unit such as `rad/s^2` as LaTeX writes it."""
+    over, _, under = unit.rpartition("/s")
+    if not over:
+        return exported.unit_in_latex(unit)
+    return exported.unit_in_latex(f"{over} s{'-2' if under else '-1'}")

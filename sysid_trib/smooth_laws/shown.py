@@ -1,0 +1,218 @@
+"""Laws as they are shown: at chosen places, without what is known of them, on one side or both."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array, Mask
+from sysid_trib.results import schema
+from sysid_trib.smooth_laws import bands
+
+LAW_PLACES = {"friction": "speed", "restoring": "displacement"}
+# A restoring force below this part of w^2 x is none.
+NO_RESTORING_FORCE = 1e-9
+# More standard errors of both methods than this are a difference.
+LARGE_DIFFERENCE = 3.0
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A law of one identification, in the units of its record.
+
+    Attributes
+    ----------
+    places : (place,) array of float
+        Speeds or displacements.
+    values, errors, low, high : (place,) arrays of float
+        The law with its standard error, and the ends of its simultaneous 95 % band.
+    visited : (place,) array of bool
+        Whether the record reaches the place.
+    """
+
+    places: Array
+    values: Array
+    errors: Array
+    low: Array
+    high: Array
+    visited: Mask
+
+    def without(self, known: Array) -> "Curve":
+        """Return the law minus what is known of it, (place,)."""
+        ends = self.low - known, self.high - known
+        return Curve(self.places, self.values - known, self.errors, *ends, self.visited)
+
+    def on_both_sides(self) -> "Curve":
+        """Return the law for both signs; one that is known for positive places alone is odd."""
+        if np.any(self.places < 0.0):
+            return self
+
+        def odd(values: Array, mirrored: Array) -> Array:
+            return np.concatenate([-mirrored[::-1], values])
+
+        return Curve(
+            odd(self.places, self.places),
+            odd(self.values, self.values),
+            np.concatenate([self.errors[::-1], self.errors]),
+            odd(self.low, self.high),
+            odd(self.high, self.low),
+            np.concatenate([self.visited[::-1], self.visited]),
+        )
+
+    def at(self, places: Array) -> "Curve":
+        """Return the law at some of its places."""
+        chosen = [int(np.argmin(np.abs(self.places - place))) for place in places]
+        return Curve(
+            self.places[chosen],
+            self.values[chosen],
+            self.errors[chosen],
+            self.low[chosen],
+            self.high[chosen],
+            self.visited[chosen],
+        )
+
+
+def curve_of(result: xr.Dataset, law: str) -> Curve:
+    """Return a law of an identification.
+
+    Parameters
+    ----------
+    result : Dataset
+        With `friction(speed)` and `restoring(displacement)`.
+    law : {"friction", "restoring"}
+    """
+    variable = LAW_PLACES[law]
+    return Curve(
+        result[variable].values,
+        result[law].values,
+        result[f"{law}_standard_error"].values,
+        result[f"{law}_low"].values,
+        result[f"{law}_high"].values,
+        result[f"{variable}_visited"].values.astype(bool),
+    )
+
+
+def restores(result: xr.Dataset) -> bool:
+    """Return True if anything restores: a body that is free to move has no such law."""
+    size = result.reference_frequency.item() ** 2 * np.abs(result.displacement.values)
+    return bool(np.any(np.abs(result.restoring.values) > NO_RESTORING_FORCE * size))
+
+
+def laws_in(result: xr.Dataset) -> list[str]:
+    """Return the laws of an identification."""
+    return list(LAW_PLACES) if restores(result) else ["friction"]
+
+
+def curves_of(
+    results: Mapping[str, xr.Dataset], law: str, answer: str, *, mirrored: bool = False
+) -> dict[str, Curve]:
+    """Return a law by each identification, as far as it can be held against that of the preferred one.
+
+    Parameters
+    ----------
+    results : mapping of str to Dataset
+        Identifications by name.
+    law : {"friction", "restoring"}
+    answer : str
+        The preferred one. Of other ones the odd part is taken where its law is odd.
+    mirrored : bool
+        Whether an odd law stands on both sides beside one that is not odd; else it is left out.
+    """
+    curves = {name: curve_of(result, law) for name, result in results.items()}
+    sides = {name: bool(np.any(curve.places < 0.0)) for name, curve in curves.items()}
+    if len(set(sides.values())) < 2:
+        return curves
+    if not sides.get(answer, True):
+        return {name: _odd_curve(results[name], law) for name in curves}
+    if mirrored:
+        return {name: curve.on_both_sides() for name, curve in curves.items()}
+    return {name: curve for name, curve in curves.items() if sides[name]}
+
+
+def _odd_curve(result: xr.Dataset, law: str) -> Curve:
+    """The odd part of a law, with a band as wide as that of the law in standard errors."""
+    whole, odd = curve_of(result, law), bands.odd_part(result, law)
+    at = whole.places > 0.0
+    values, errors = odd[law].values, odd[f"{law}_standard_error"].values
+    width = float(
+        np.nanmax((whole.high - whole.values)[at] / np.where(whole.errors > 0.0, whole.errors, np.nan)[at])
+    )
+    return Curve(
+        whole.places[at], values, errors, values - width * errors, values + width * errors, whole.visited[at]
+    )
+
+
+def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
+    """Return the straight line w^2 x with the forces that are held, at some places, and these forces' names.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification by `laws`.
+    places : (place,) array of float
+        Displacements in the unit of the record.
+    """
+    square = result.reference_frequency.item() ** 2
+    known: Array = square * places
+    names: list[str] = []
+    constraint = result.coords.get("constraint")
+    if constraint is None:
+        return known, names
+    shapes = schema.shape_values_of(result)
+    for force in schema.library_of(result, whole=True):
+        if not bands.depends_on(force, "x") or constraint.sel(force=force.symbol).item() != "fixed":
+            continue
+        coefficient = result.coefficient.sel(force=force.symbol).item()
+        if coefficient:
+            known = known + square * coefficient * force.value(places, 0.0 * places, shapes=shapes)
+            names.append(force.symbol)
+    return known, names
+
+
+def stretches(places: Array, chosen: Mask) -> list[tuple[float, float]]:
+    """Return the first and last place of each unbroken stretch of chosen places."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
+    return [
+        (float(places[start]), float(places[stop - 1]))
+        for start, stop in zip(edges[::2], edges[1::2], strict=True)
+    ]
+
+
+def difference_over_error(first: Curve, second: Curve) -> Array:
+    """Return the difference of two curves over the errors of both, (place,).
+
+    Both methods saw the same noise: the numbers are rather too small.
+    """
+    error, difference = np.hypot(first.errors, second.errors), first.values - second.values
+    return np.divide(difference, error, out=np.zeros_like(difference), where=error > 0.0)
+
+
+def apart(results: Mapping[str, xr.Dataset], law: str) -> tuple[Array, Array]:
+    """Return visited places, and the difference of both methods' odd parts there over the errors of both."""
+    first, second = (_odd_curve(result, law) for result in results.values())
+    common = second.visited & first.visited
+    return second.places[common], difference_over_error(first, second)[common]
+
+
+def feeding(result: xr.Dataset) -> dict[str, list[tuple[float, float]]]:
+    """Return where friction feeds energy in: `certainly` and `seemingly` at visited speeds, and `beyond`.
+
+    Each is a list of stretches of speeds.
+    """
+    curve = curve_of(result, "friction")
+    certain, seeming = bands.feeds_energy(result)
+    feeds = (np.sign(curve.places) * curve.values < 0.0) & ~curve.visited
+    masks = {
+        "certainly": np.isin(curve.places, certain),
+        "seemingly": np.isin(curve.places, seeming),
+        "beyond": feeds,
+    }
+    return {name: stretches(curve.places, chosen) for name, chosen in masks.items()}
+
+
+def places_shown(curve: Curve, parts: Sequence[float]) -> Array:
+    """Return places near these parts of the largest visited one, on both sides of a law that is not odd."""
+    largest = float(np.max(curve.places[curve.visited]))
+    places = largest * np.asarray(parts)
+    return np.concatenate([-places[::-1], places]) if np.any(curve.places < 0.0) else places
