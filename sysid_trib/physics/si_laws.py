@@ -80,6 +80,8 @@ def laws_in_si(
     size, error = known["inertia" if mass is None else "mass"]
     values: dict[str, Any] = {}
     for law, variable in VARIABLE_OF_LAW.items():
+        if law not in laws:
+            continue
         force = size * length * laws[law].values
         covariance = (size * length) ** 2 * laws[f"{law}_covariance"].values
         covariance = covariance + (error / size) ** 2 * np.outer(force, force)
