@@ -10,7 +10,7 @@ from sysid_trib.physics.si_units import GIVEN, MU
 from sysid_trib.printing import ALWAYS, Block, layout
 from sysid_trib.printing.laws import FRICTION_TITLE
 
-ROWS = 8
+SI_ROWS = 8
 
 
 def si_blocks(tree: xr.DataTree) -> list[Block]:
@@ -20,7 +20,7 @@ def si_blocks(tree: xr.DataTree) -> list[Block]:
     data, rows = tree[LAWS_SI].to_dataset(), []
     along, name = ("sliding_speed", MU) if MU in data else ("speed", "friction")
     visited = np.flatnonzero(data.speed_visited.values)
-    for at in visited[np.unique(np.linspace(0, len(visited) - 1, ROWS).round().astype(int))]:
+    for at in visited[np.unique(np.linspace(0, len(visited) - 1, SI_ROWS).round().astype(int))]:
         row = data.isel(speed=at, other_speed=at)
         unit = data[along].attrs["units"]
         cells = {f"{along.replace('_', ' ')} ({unit})": f"{row[along].item():.3g}"}
