@@ -255,3 +255,27 @@ def test_the_command_compares_laws(tmp_path):
     assert {"law_difference", "laws_first", "laws_second"} <= set(kept.children)
     assert command("report", out, "-o", page).status == 0
     assert group_names("record", 2)[1] in kept.children
+
+
+@pytest.mark.slow
+def test_the_command_laws_gives_the_coefficient_of_friction(tmp_path):
+    record, table = tmp_path / "a.csv", tmp_path / "laws.csv"
+    paper_run(DRY, duration=15.0, sampling_rate=50.0).decay(0).to_dataframe().to_csv(record)
+    given = ("--inertia", "2e-3±4e-5", "--load", "3±0.06", "--radius", "0.02±4e-4", "--scale", "1±0.005")
+    ending = command("laws", str(record), *given, "--csv", str(table), "--plot", str(tmp_path), "--json")
+    assert ending.status == 0, ending.err
+    si = json.loads(ending.out)["si"]
+    speed, mu, error = (
+        np.array(si[name])
+        for name in ("sliding_speed", "friction_coefficient", "friction_coefficient_standard_error")
+    )
+    truth = INERTIA[0] * friction(DRY, speed / RADIUS[0]) / (LOAD[0] * RADIUS[0])
+    visited = np.array(si["speed_visited"])
+    assert np.all(np.abs(mu - truth)[visited] < 4.0 * error[visited])
+    assert np.all(error > 0.025 * mu)
+    assert si["units"]["sliding_speed"] == "m/s"
+    assert "direct in SI units,friction_coefficient,sliding_speed," in table.read_text()
+    assert (tmp_path / "friction_coefficient.pdf").exists()
+    refused = command("laws", str(record), "--load", "3")
+    assert refused.status != 0
+    assert "coefficient of friction takes the load too" in refused.err

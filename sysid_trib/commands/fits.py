@@ -54,7 +54,7 @@ def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
 
 def identify(tell: Tell, given: Asked) -> Callable[[], None]:
     """Identify the forces of records in two ways."""
-    measured, calibration = _measured(given), calibration_of(given)
+    measured, calibration = measured_given(given), calibration_of(given)
     wanted = asked_model(given)
     profiled = names_in(given.profile)
     if len(pairs := [name for name in profiled if ":" in name]) > 1:
@@ -119,7 +119,7 @@ def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
         raise DecayError(choice) from None
 
 
-def _measured(given: Asked) -> dict[str, tuple[float, float]]:
+def measured_given(given: Asked) -> dict[str, tuple[float, float]]:
     """What gives SI units, with its errors; refused where it is too little for what it is for."""
     known = {}
     for name in ("inertia", "mass", "load", "radius"):

@@ -9,14 +9,19 @@ import xarray as xr
 
 from sysid_trib.commands.app import Asked
 from sysid_trib.commands.asked import asked_constraints, parse_random_force
-from sysid_trib.commands.fits import record_sentences
+from sysid_trib.commands.fits import measured_given, record_sentences
 from sysid_trib.commands.next_step import keep_next
-from sysid_trib.commands.record_inputs import read_decays
+from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
+from sysid_trib.physics.si_laws import LAWS_SI, laws_in_si
+from sysid_trib.physics.si_units import check_length_unit
 from sysid_trib.printing import Block, driven, laws as printed
+from sysid_trib.printing.si_laws import si_blocks, si_json
+from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.smooth_laws.calibration import with_scale_error
 from sysid_trib.smooth_laws.laws import laws as identified
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.findings import best
@@ -30,13 +35,20 @@ def laws(tell: Tell, given: Asked) -> Callable[[], None]:
         raise UsageError("--random-force 'auto' is not for laws: give off, estimated, or a density.")
     if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
         raise UsageError("--warm-up is a time from 0 s of the record of --test: give both.")
+    measured, calibration = measured_given(given), calibration_of(given)
     system, library = load_system(given.system), load_library(given.library)
     tell("reading")
     decays, sources = read_decays(given, driven=True)
+    if "mass" in measured:
+        check_length_unit(unit_of_signal(decays[0]))
     tree = identified(
         decays, system, constraints.table, library=library, random_force=random_force, tell=tell
     )
     predicted = _predicted(tree, given, tell)
+    if calibration[1]:
+        tree = with_scale_error(tree, calibration[1] / calibration[0])
+    if measured:
+        tree[LAWS_SI] = xr.DataTree(laws_in_si(tree, **measured))
     if not is_driven(decays):
         keep_next(tree, given)
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
@@ -58,8 +70,12 @@ def _predicted(tree: xr.DataTree, given: Asked, tell: Tell) -> list[xr.Dataset]:
 
 def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
     sentences = record_sentences(tree, sources)
-    return [*printed.laws_blocks(tree, sentences), printed.prediction_block(tree, predicted)]
+    return [
+        *printed.laws_blocks(tree, sentences),
+        *si_blocks(tree),
+        printed.prediction_block(tree, predicted),
+    ]
 
 
 def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
-    return printed.laws_json(tree) | driven.prediction_json(predicted)
+    return printed.laws_json(tree) | si_json(tree) | driven.prediction_json(predicted)

@@ -49,9 +49,9 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     "undetermined": ("identify", "fewer forces, and all of the record"),
     "undetermined by the viscous force alone": ("", ""),
     # After laws.
-    "laws explain": ("compare", "named forces by every method, and how they predict a part that is held out"),
+    "laws explain": ("", ""),
     "laws without a curve explain": ("identify", "coefficients of the named forces"),
-    "laws do not explain": ("discover", "tests for what is not a function of speed or displacement alone"),
+    "laws do not explain": ("", ""),
     # After compare.
     "compared, explained": ("", ""),
     "compared, not explained": ("discover", "names what is missing"),
@@ -164,6 +164,9 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
         if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
             made.append(("To fit the same forces to the whole record", "discover", {"refit": ""}))
     elif kind_of(tree) == "laws":
+        if findings.verdict_of(tree) != "explained" and not files.is_of_driven(tree):
+            when = "For a force with memory, or one that changes in time"
+            made.append((when, "discover", {}))
         # A simulated record has no rig to make another one.
         if vars(given).get("test") is None and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
             when = "To see whether another record of the rig follows these laws"

@@ -201,26 +201,31 @@ def _discovery(
         "options": json.dumps(options),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
-        "verdict": parts.verdict_of(done, closing),
-        "closing_effect": closing,
-        "not_improving": parts.not_improving(done),
-        "noise_p_value": done.noise_p_value,
+        **_outcome(done, closing),
         "laws_held_out_rms": laws_rms,
         "refused_by_laws": ", ".join(refused),
-        "converged": str(done.converged),
         "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
         "left_out": left_out,
-        "failed_fits": done.failed,
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
         "stretches": "" if seen is runs else _stretches_of(learnt, len(runs)),
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
-    if refused:
-        tree.attrs["verdict"] = "unknown effect"
-    if effects.misnamed_effects(tree):
+    if refused or effects.misnamed_effects(tree):
         tree.attrs["verdict"] = "unknown effect"
     return tree
+
+
+def _outcome(done: Search, closing: str) -> dict[str, Any]:
+    """Return what a search says of itself, as attributes of its result."""
+    return {
+        "verdict": parts.verdict_of(done, closing),
+        "closing_effect": closing,
+        "not_improving": parts.not_improving(done),
+        "noise_p_value": done.noise_p_value,
+        "converged": str(done.converged),
+        "failed_fits": done.failed,
+    }
 
 
 def _unless_laws_predict_better(

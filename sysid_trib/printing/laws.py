@@ -9,6 +9,8 @@ import pandas as pd
 import xarray as xr
 from rich.table import Table
 
+from sysid_trib.physics.si_laws import LAWS_SI
+from sysid_trib.physics.si_units import MU
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
 from sysid_trib.results.files import is_of_driven
 from sysid_trib.results.schema import library_of
@@ -407,6 +409,28 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
     }
 
 
+def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
+    """Return the laws in SI units and the coefficient of friction, a row each place."""
+    for law in ("friction", "restoring", MU):
+        if law not in data:
+            continue
+        variable = "sliding_speed" if law == MU else str(data[law].dims[0])
+        visited = data[f"{data[law].dims[0]}_visited"].values
+        ends = {end: data[f"{law}_{end}"].values for end in ("standard_error", "low", "high")}
+        for at, place in enumerate(data[variable].values.tolist()):
+            yield {
+                "method": f"{data.attrs['of_method']} in SI units",
+                "law": law,
+                "variable": variable,
+                "at": place,
+                "unit_at": data[variable].attrs["units"],
+                "value": data[law].values[at],
+                **{end: values[at] for end, values in ends.items()},
+                "unit": data[law].attrs["units"],
+                "visited": bool(visited[at]),
+            }
+
+
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """The preferred laws, a row each place."""
     result, answer = _preferred(tree), findings.answer_of(tree)
@@ -429,6 +453,8 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
                 "unit": unit,
                 "visited": bool(curve.visited[at]),
             }
+    if LAWS_SI in tree.children:
+        yield from si_rows(tree[LAWS_SI].to_dataset())
 
 
 def laws_csv(tree: xr.DataTree) -> str:
