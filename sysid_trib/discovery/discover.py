@@ -234,12 +234,13 @@ def _unless_laws_predict_better(
     """Return the search without names where smooth laws predict clearly better; their residual; the names.
 
     Names that leave hardly more than noise of what was held out are not held against laws, nor are those of
-    driven records.
+    driven records, nor those to which one more that was not asked for is all that lacks.
     """
     named_rms = float(np.nan_to_num(done.predictions[-1][1], nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
-    if not done.effects or driven or named_rms <= findings.LARGE * noise:
+    explains = named_rms <= findings.LARGE * noise or parts.closing_effect(done)
+    if not done.effects or driven or explains:
         return done, float("nan"), ()
     tell("laws as the rival of the names")
     laws_rms = rival()

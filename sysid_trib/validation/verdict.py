@@ -141,11 +141,25 @@ def _noise_hides_a_force(followed: FollowedRuns) -> bool:
     if "random_force_density" not in followed.result:
         return False
     for at, decay in followed.runs.items():
+        if _unfound_random_force_hides_more(followed, at):
+            return True
         if variables.noise_of_run(followed.result, at) > MARKED * smoothing.sensor_noise(decay):
             tested = _dependence(followed, at)
             if tested.reason.item() or len(followed.runs) * tested.p_value.item() < DEPENDENCE_LEVEL:
                 return True
     return False
+
+
+def _unfound_random_force_hides_more(followed: FollowedRuns, run: int) -> bool:
+    """Return True if a fit allows for a random force that was not found, and its motion misses the record."""
+    force = random_force_of(followed.result, run)
+    if not force or is_found(force):
+        return False
+    motion = followed.motions[list(followed.runs).index(run)]
+    if motion is None:
+        return True
+    residual = followed.runs[run].angle.values - motion.offset - motion.x
+    return float(np.std(residual)) > MARKED * variables.noise_of_run(followed.result, run)
 
 
 def p_value_of_dependence(tested: xr.Dataset) -> float:
