@@ -14,6 +14,7 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
@@ -24,7 +25,7 @@ from sysid_trib.validation.verdict import RESIDUAL_LEVEL
 EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
 SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
 # Level of a test that finds them; they are kept where the residual shrinks to less than this part.
-EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.95
+EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.8
 NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
 
 
@@ -122,7 +123,9 @@ def extended(fit: LawFit) -> LawFit:
 
 def _is_angle(fit: LawFit) -> bool:
     """Return True if an angle was measured, which cameras and encoders distort."""
-    return all(signal_scale.counts_angles(run) for run in fit.followed.runs.values())
+    # A displacement is counted in a unit of its motion here, as an angle is.
+    units = [run.attrs.get(signal_scale.UNIT_ATTR, ANGLE_UNIT) for run in fit.followed.runs.values()]
+    return all(unit == ANGLE_UNIT for unit in units)
 
 
 def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:

@@ -31,6 +31,8 @@ from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
 BELOW_SMALLEST = 0.5
+# A residual of so many times the other method's is far worse.
+FAR_WORSE = 2.0
 
 
 def laws(
@@ -241,11 +243,15 @@ def _preferred(results: Mapping[str, xr.Dataset], compared: xr.Dataset, *, drive
     held_out = [float(results[name].get("held_out_rms", np.nan)) for name in names]
     whole = all("held_out_rms" in result for result in results.values())
     if driven or (whole and not np.all(np.isfinite(held_out))):
-        # A method whose parts predict no motion is no choice, unless neither predicts.
-        known = [name for name, rms in zip(names, held_out, strict=True) if np.isfinite(rms)]
-        return min(
-            names if driven or not known else known, key=lambda name: np.nan_to_num(missed[name], nan=np.inf)
-        )
+        least = min(missed.values(), key=lambda rms: np.nan_to_num(rms, nan=np.inf))
+        # A method whose parts predict no motion is no choice, unless the other follows the record far worse.
+        known = [
+            name
+            for name, rms in zip(names, held_out, strict=True)
+            if np.isfinite(rms) and missed[name] <= FAR_WORSE * least
+        ]
+        offered = names if driven or not known else known
+        return min(offered, key=lambda name: np.nan_to_num(missed[name], nan=np.inf))
     return names[cross_check.better_of(*results.values())] if len(names) == 2 else names[0]
 
 
