@@ -48,9 +48,9 @@ def test_an_explained_record_leads_to_every_method():
     assert next_step(explained())[0] == "compare"
 
 
-def test_a_record_that_is_not_explained_leads_to_discover():
+def test_a_record_that_is_not_explained_leads_to_its_laws():
     assert not holds(unexplained())
-    assert next_step(unexplained())[0] == "discover"
+    assert next_step(unexplained())[0] == "laws"
 
 
 def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
@@ -64,7 +64,7 @@ def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
     assert "discover --system pendulum #" in tree.attrs["next"]
     # What swings is what the user says.
     keep_next(tree, Asked(options_of("records", "model", "start", "search"), system="ship"))
-    assert "discover --system ship #" in tree.attrs["next"]
+    assert "laws --system ship" in tree.attrs["next"]
 
 
 def test_the_next_command_takes_over_what_was_given(tmp_path):

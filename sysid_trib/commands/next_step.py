@@ -265,7 +265,7 @@ def keep_next(tree: xr.DataTree, given: Asked) -> None:
         step = after
     elif step and step[0] == "discover" and _moves_freely(tree):
         step = "identify", "keeps the result, for report and response", {"output": KEPT}
-    if step and step[0] == "discover" and given.system is None and _swings_unexplained(tree):
+    if step and step[0] in ("discover", "laws") and given.system is None and _swings_unexplained(tree):
         step = (*NEXT_COMMANDS["not explained, swings as a pendulum"], {"system": PENDULUM})
     if step:
         command, reason, options = step

@@ -21,7 +21,9 @@ from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 from sysid_trib.validation import findings
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
-SURENESS_TITLE = "How sure"
+SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
+# Formulas of a law that are printed.
+FORMULAS_SHOWN = 4
 # Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
 SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
 # A motion that is larger by more leaves the visited range.
@@ -52,6 +54,7 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
         *_restoring_blocks(tree),
         Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
+        Block([*_formula_sentences(tree)], title=FORMULA_TITLE),
         Block([*_details(tree)], details, SURENESS_TITLE),
     ]
 
@@ -291,6 +294,38 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
             "Direct reads a law within the cycle, averaging from amplitude to amplitude: what the model "
             "lacks misleads them differently."
         )
+
+
+def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Say which sums of library forces stay within the bands, and whether the force is a sum of both laws."""
+    if tree["comparison"].attrs["reason"]:
+        return
+    for law, words in (("friction", "the friction law"), ("restoring", "the restoring-force law")):
+        name = f"{law}_formulas"
+        if law == "restoring" and not shown.restores(_preferred(tree)):
+            continue
+        if name not in tree.children:
+            yield f"No sum of up to three library forces stays within the band of {words}."
+            continue
+        listed = tree[name].to_dataset()
+        texts = [_formula_text(listed.isel(alternative=at)) for at in range(listed.sizes["alternative"])]
+        yield f"Formulas within the band of {words}, over w^2: {'; or '.join(texts[:FORMULAS_SHOWN])}."
+    if "interaction" in tree.children:
+        products = tree["interaction"]
+        p_value = layout.p_value_text(products.p_value.item())
+        yield (
+            "The force is not a law of speed plus a law of displacement (p "
+            f"{p_value}): with products of both the residual falls to "
+            f"{products.residual_after.item() / products.residual_before.item():.0%}. Group `interaction` of "
+            "the result maps what they add."
+        )
+
+
+def _formula_text(formula: xr.Dataset) -> str:
+    """Return a sum of forces with its coefficients, `0.0049*2*v + 0.037*v*abs(v)`."""
+    kept = np.flatnonzero(np.isfinite(formula.coefficient.values))
+    terms = [f"{formula.coefficient.values[at]:.4g}*({formula.formula.values[at]})" for at in kept]
+    return " + ".join(terms).replace("+ -", "- ")
 
 
 def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:

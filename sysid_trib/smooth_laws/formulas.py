@@ -27,7 +27,9 @@ LAW_VARIABLES = {"friction": ("speed", "v"), "restoring": ("displacement", "x")}
 
 
 @signal_scale.in_units_of_the_motion
-def formulas(result: xr.Dataset, law: str = "friction", candidates: ForceLibrary | None = None) -> xr.Dataset:
+def law_formulas(
+    result: xr.Dataset, law: str = "friction", candidates: ForceLibrary | None = None
+) -> xr.Dataset:
     """List the simplest sums of library forces that stay within the band of a law.
 
     Parameters
@@ -42,10 +44,10 @@ def formulas(result: xr.Dataset, law: str = "friction", candidates: ForceLibrary
     Returns
     -------
     Dataset
-        Over `alternative`, all with the fewest terms that suffice, and `force` the `coefficient`, nan of
-        a force that is not in the formula, and its `standard_error`; `chi_square`, `information` (Akaike's,
-        less the least), `largest_deviation` from the law over the half width of its band. Empty over
-        `alternative` where no formula of up to three terms stays inside. The fitted value of a shape
+        Over `alternative` (the fewest terms that suffice, then one more, each by information) and `force` the
+        `coefficient`, nan of a force that is not in the formula, and its `standard_error`; `chi_square`,
+        `information` (Akaike's, less the least), `largest_deviation` from the law over the half width of its
+        band. Empty over `alternative` where no formula of up to three terms stays inside. The fitted value of a shape
         parameter is in the force's `formula`.
 
     Raises
@@ -115,6 +117,8 @@ class LawFormula:
         Of the law minus the formula, in the metric of the law's covariance.
     deviation : float
         Largest deviation from the law, over the half width of its band.
+    shapes : int
+        Number of shape parameters that were fitted.
     """
 
     forces: Sequence[Force]
@@ -122,6 +126,12 @@ class LawFormula:
     errors: Array
     chi_square: float
     deviation: float
+    shapes: int = 0
+
+    @property
+    def information(self) -> float:
+        """Akaike's information criterion; a fitted shape parameter counts, too."""
+        return self.chi_square + 2.0 * (len(self.forces) + self.shapes)
 
 
 @dataclass(frozen=True)
@@ -147,18 +157,20 @@ class _LawProblem:
     whitening: Array
 
     def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
-        """Return the sums of the fewest terms within the band, one of them with a shape parameter at most."""
+        """Return sums within the band, of the fewest terms and then of one more, each by information."""
+        inside: list[LawFormula] = []
         for count in range(1, MOST_TERMS + 1):
+            enough = bool(inside)
             chosen = [
                 forces
                 for forces in itertools.combinations(offered, count)
                 if sum(bool(force.shape) for force in forces) <= 1
             ]
-            inside = [formula for formula in map(self.best_of, chosen) if formula.deviation <= 1.0]
-            if inside:
+            inside += [formula for formula in map(self.best_of, chosen) if formula.deviation <= 1.0]
+            if enough:
                 # Longer ones hold these.
-                return sorted(inside, key=lambda formula: formula.chi_square)
-        return []
+                break
+        return sorted(inside, key=lambda formula: (len(formula.forces), formula.information))
 
     def best_of(self, forces: Sequence[Force]) -> LawFormula:
         """Return the sum of forces that is nearest to the law, the shape parameter fitted too."""
@@ -175,7 +187,7 @@ class _LawProblem:
             written = [
                 _with_value(force, name, np.exp(logarithm)) if force.shape else force for force in forces
             ]
-            return self.solved(written)
+            return replace(self.solved(written), shapes=1)
 
         grid = np.linspace(np.log(low), np.log(high), SHAPE_VALUES)
         squares = [at_value(value).chi_square for value in grid]
@@ -244,7 +256,7 @@ def _as_dataset(inside: Sequence[LawFormula], law: str) -> xr.Dataset:
     for at, (formula, of_formula) in enumerate(zip(listed, names, strict=True)):
         places = [list(forces).index(symbol) for symbol in of_formula]
         values[at, places], errors[at, places] = formula.coefficients, formula.errors
-    information = np.array([formula.chi_square + 2.0 * len(formula.forces) for formula in listed])
+    information = np.array([formula.information for formula in listed])
     data = {
         "coefficient": values,
         "standard_error": errors,

@@ -22,6 +22,7 @@ from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.smooth_laws import bands, curves
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
+from sysid_trib.smooth_laws.formulas import LAW_VARIABLES, law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
 from sysid_trib.validation import cross_check, findings, model_error
@@ -72,7 +73,9 @@ def laws(
         `speed_visited`, `displacement_visited`. `comparison` holds the difference of both methods' laws over
         its error at each speed and displacement. Its attrs say the preferred method (`answer`), what was
         decided about even parts (`even`) and errors of the sensor (`sensor`), and `reason` where the record
-        decides no curve. Group `interaction` where the force is no sum of both laws (see `interaction`).
+        decides no curve. Groups `friction_formulas` and `restoring_formulas` (see `physics.law_formulas`)
+        where sums of up to three library forces stay within the band. Group `interaction` where the force is
+        no sum of both laws.
 
     Raises
     ------
@@ -132,6 +135,14 @@ def _identified(
     tell("errors")
     largest = _largest(runs)
     tree = _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
+    if not tree["comparison"].attrs["reason"]:
+        tell("formulas within the bands")
+        preferred = tree[tree["comparison"].attrs["answer"]].to_dataset()
+        for law in LAW_VARIABLES:
+            listed = law_formulas(preferred, law)
+            # netCDF has no empty axis.
+            if listed.sizes["alternative"]:
+                tree[f"{law}_formulas"] = xr.DataTree(listed)
     if direct.model.odd and not direct.is_white:
         tell("whether both laws add up")
         products = interaction(direct, largest)
