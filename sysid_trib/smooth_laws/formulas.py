@@ -47,8 +47,8 @@ def law_formulas(
         Over `alternative` (the fewest terms that suffice, then one more, each by information) and `force` the
         `coefficient`, nan of a force that is not in the formula, and its `standard_error`; `chi_square`,
         `information` (Akaike's, less the least), `largest_deviation` from the law over the half width of its
-        band. Empty over `alternative` where no formula of up to three terms stays inside. The fitted value of a shape
-        parameter is in the force's `formula`.
+        band. Empty over `alternative` where no formula of up to three terms stays inside. The fitted value of
+        a shape parameter is in the force's `formula`.
 
     Raises
     ------
