@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy
@@ -19,7 +19,7 @@ from sysid_trib.results.variables import described
 # Most terms of a formula, and most formulas that are listed.
 MOST_TERMS, MOST_FORMULAS = 3, 6
 # Values at which a shape parameter is tried first, evenly in the logarithm over the visited range.
-SHAPE_VALUES = 16
+SHAPE_VALUES = 8
 SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5
 # Directions of a law's covariance below this part of the largest tell nothing but rounding.
 SMALLEST_VARIANCE = 1e-5
@@ -147,6 +147,8 @@ class _LawProblem:
     target, half : (place,) array of float, rad/s^2
         The law without w^2 x, and the half width of its band.
     whitening : (direction, place) array of float
+    features : dict of str to array
+        Forces at the places by their formulas, as far as they are computed.
     """
 
     places: Array
@@ -155,6 +157,7 @@ class _LawProblem:
     target: Array
     half: Array
     whitening: Array
+    features: dict[str, Array] = field(default_factory=dict)
 
     def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
         """Return sums within the band, of the fewest terms and then of one more, each by information."""
@@ -201,12 +204,9 @@ class _LawProblem:
     def solved(self, forces: Sequence[Force]) -> LawFormula:
         """Return the sum of forces that is nearest to the law."""
         # Here, since importing pysindy takes as long as twenty identifications.
-        from sysid_trib.likelihood.pysindy_features import ForceFeatures, WhitenedLeastSquares
+        from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
 
-        states = np.zeros((len(self.places), 2))
-        states[:, 0 if self.of == "x" else 1] = self.places / (self.frequency if self.of == "v" else 1.0)
-        features = ForceFeatures(ForceLibrary("terms of a formula", tuple(forces)))
-        columns = self.frequency**2 * np.asarray(features.fit(states).transform(states), dtype=float)
+        columns = np.column_stack([self.feature(force) for force in forces])
         if self.of == "x":
             # The frequency is fitted with each formula.
             columns = np.column_stack([columns, self.frequency**2 * self.places])
@@ -219,6 +219,19 @@ class _LawProblem:
         return LawFormula(
             forces, coefficients[:count], errors[:count], float(residual @ residual), float(deviation.max())
         )
+
+    def feature(self, force: Force) -> Array:
+        """Return a force of coefficient 1 over the inertia at the places, (place,), computed once."""
+        text = force.formula.text
+        if text not in self.features:
+            from sysid_trib.likelihood.pysindy_features import ForceFeatures
+
+            states = np.zeros((len(self.places), 2))
+            states[:, 0 if self.of == "x" else 1] = self.places / (self.frequency if self.of == "v" else 1.0)
+            library = ForceFeatures(ForceLibrary("term of a formula", (force,)))
+            values = np.asarray(library.fit(states).transform(states), dtype=float)
+            self.features[text] = self.frequency**2 * values[:, 0]
+        return self.features[text]
 
 
 def _with_value(force: Force, name: str, value: float) -> Force:
