@@ -15,6 +15,8 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 
 MAX_REFINEMENTS = 25
+# Of smooth curves, whose motions take long: what they still change then is far within their bands.
+MAX_REFINEMENTS_OF_CURVES = 8
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3
 # A step after which it slips is halved, so often at most.
@@ -58,7 +60,8 @@ def _refined(runs: Runs, linear_about: Runs | None, constraints: ConstraintMap) 
     nearest: tuple[float, Solution] | None = None
     last, halvings = None, 0
     runs = tuple(replace(run, sensitivity=None) for run in runs)
-    for _ in range(MAX_REFINEMENTS):
+    of_curves = any(run.library.in_curves.any() for run in runs)
+    for _ in range(MAX_REFINEMENTS_OF_CURVES if of_curves else MAX_REFINEMENTS):
         try:
             runs = tuple(simulated(run, constraints) for run in runs)
         except SimulationError:
