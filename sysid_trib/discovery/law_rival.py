@@ -9,11 +9,10 @@ from sysid_trib.discovery.unseen import RecordPart
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.library import load_library
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.smooth_laws.fits import LawFit, fitted
-from sysid_trib.smooth_laws.model import JUMP, LawModel
+from sysid_trib.smooth_laws.model import LawModel, with_jump
 from sysid_trib.validation.holdout import carried_on
 from sysid_trib.validation.residuals import fitted_motion
 
@@ -40,11 +39,8 @@ def held_out_by_laws(
     float
         Of the better of Direct and averaging; infinite where neither predicts a motion.
     """
-    forces = [force for force in named if force.kind == "force"]
-    jump = load_library().role(JUMP)
-    if jump is not None and named.role(JUMP) is None:
-        forces = [jump, *forces]
-    model = LawModel(ForceLibrary("named forces", tuple(forces)), constraints)
+    forces = named.select(force.symbol for force in named if force.kind == "force")
+    model = LawModel(with_jump(forces, forces), constraints)
     runs = [part.record for part in learnt]
     kept: list[float] = []
     for method in (

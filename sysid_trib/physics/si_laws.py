@@ -12,7 +12,8 @@ from sysid_trib.physics.model_estimate import check_quantity
 from sysid_trib.physics.si_units import MU, Measured, check_length_unit, check_measured
 from sysid_trib.records.units import METRES
 from sysid_trib.results.variables import described, signal_units
-from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW, band, slope
+from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.calibration import slope
 from sysid_trib.validation.findings import best
 
 # Group of a result that holds what `laws_in_si` returns.

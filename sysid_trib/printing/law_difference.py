@@ -10,7 +10,7 @@ from rich.table import Table
 
 from sysid_trib.printing import Block, layout
 from sysid_trib.results.variables import signal_units
-from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW
+from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
 from sysid_trib.smooth_laws.samples import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
 from sysid_trib.validation.samples import SIDES
 

@@ -14,6 +14,9 @@ from sysid_trib.results.variables import Variables, described
 
 # Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
 VISITED_POINTS, SHOWN_BEYOND = 40, 0.25
+# Laws, the variable of the motion that each is a function of, and its name in formulas.
+VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
+NAME_IN_FORMULAS = {"speed": "v", "displacement": "x"}
 # Draws from which the width of a simultaneous band follows.
 DRAWS = 4000
 
@@ -79,7 +82,8 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
     """
     library = schema.library_of(result)
     laws = []
-    for name, variable, of in (("friction", "speed", "v"), ("restoring", "displacement", "x")):
+    for name, variable in VARIABLE_OF_LAW.items():
+        of = NAME_IN_FORMULAS[variable]
         forces = [force for force in library if depends_on(force, of)]
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
@@ -158,6 +162,23 @@ def simultaneous_factor(covariance: Array) -> float:
     return float(np.quantile(draws, BAND_PROBABILITY)) if len(draws) else 0.0
 
 
+def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str, Array]:
+    """Return the standard error of a curve and its simultaneous 95 % band, by their names.
+
+    Parameters
+    ----------
+    name : str
+        Of the curve.
+    values : (place,) array of float
+    covariance : (place, place) array of float
+    visited : (place,) array of bool
+        Places over which the band is simultaneous.
+    """
+    error = np.sqrt(np.diag(covariance))
+    half = simultaneous_factor(covariance[np.ix_(visited, visited)]) * error
+    return {f"{name}_standard_error": error, f"{name}_low": values - half, f"{name}_high": values + half}
+
+
 def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, Variables]:
     """Return the variables of laws with their bands, and their coordinates with their units.
 
@@ -171,12 +192,8 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
     places: dict[str, object] = {}
     for law, added in zip(laws, of_model, strict=True):
         covariance = law.covariance + added
-        error = np.sqrt(np.diag(covariance))
-        half = simultaneous_factor(covariance[np.ix_(law.visited, law.visited)]) * error
         values[law.name] = law.values
-        values[f"{law.name}_standard_error"] = error
-        values[f"{law.name}_low"] = law.values - half
-        values[f"{law.name}_high"] = law.values + half
+        values |= band(law.name, law.values, covariance, law.visited)
         values[f"{law.name}_error_of_model"] = np.sqrt(np.diag(added))
         values[f"{law.name}_covariance"] = covariance
         values[f"{law.variable}_visited"] = law.visited

@@ -6,10 +6,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.results import references
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.bands import simultaneous_factor
-
-# Laws and the variable of the motion that each is a function of.
-VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
+from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
 
 
 def with_scale_error(result: references.Result, relative_error: float) -> references.Result:
@@ -78,20 +75,3 @@ def slope(places: Array, values: Array) -> Array:
         if np.count_nonzero(side) > 1:
             derivative[side] = np.gradient(values[side], places[side], edge_order=1)
     return derivative
-
-
-def band(name: str, values: Array, covariance: Array, visited: Array) -> dict[str, Array]:
-    """Return the standard error of a curve and its simultaneous 95 % band, by their names.
-
-    Parameters
-    ----------
-    name : str
-        Of the curve.
-    values : (place,) array of float
-    covariance : (place, place) array of float
-    visited : (place,) array of bool
-        Places over which the band is simultaneous.
-    """
-    error = np.sqrt(np.diag(covariance))
-    half = simultaneous_factor(covariance[np.ix_(visited, visited)]) * error
-    return {f"{name}_standard_error": error, f"{name}_low": values - half, f"{name}_high": values + half}

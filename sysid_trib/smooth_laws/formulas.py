@@ -15,6 +15,7 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.variables import described
+from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 
 # Most terms of a formula, and most formulas that are listed.
 MOST_TERMS, MOST_FORMULAS = 3, 6
@@ -23,7 +24,6 @@ SHAPE_VALUES = 8
 SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5
 # Directions of a law's covariance below this part of the largest tell nothing but rounding.
 SMALLEST_VARIANCE = 1e-5
-LAW_VARIABLES = {"friction": ("speed", "v"), "restoring": ("displacement", "x")}
 
 
 @signal_scale.in_units_of_the_motion
@@ -62,11 +62,12 @@ def law_formulas(
     Every sum is solved by `WhitenedLeastSquares`, an optimiser of pysindy, on the features of
     `ForceFeatures`, in the metric of the law's covariance.
     """
-    if law not in LAW_VARIABLES:
+    if law not in VARIABLE_OF_LAW:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
     if law not in result:
         raise DecayError("This identification holds no laws; make one by laws.")
-    variable, of = LAW_VARIABLES[law]
+    variable = VARIABLE_OF_LAW[law]
+    of = NAME_IN_FORMULAS[variable]
     part = result.isel({variable: np.flatnonzero(result[f"{variable}_visited"].values)})
     places = part[variable].values
     w = result.reference_frequency.item()

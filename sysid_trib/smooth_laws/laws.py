@@ -22,7 +22,7 @@ from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.smooth_laws import bands, curves
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
-from sysid_trib.smooth_laws.formulas import LAW_VARIABLES, law_formulas
+from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
 from sysid_trib.validation import cross_check, findings, model_error
@@ -138,7 +138,7 @@ def _identified(
     if not tree["comparison"].attrs["reason"]:
         tell("formulas within the bands")
         preferred = tree[tree["comparison"].attrs["answer"]].to_dataset()
-        for law in LAW_VARIABLES:
+        for law in bands.VARIABLE_OF_LAW:
             listed = law_formulas(preferred, law)
             # netCDF has no empty axis.
             if listed.sizes["alternative"]:
@@ -272,7 +272,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     Both methods saw the same noise: the sum of their variances is more than that of their difference.
     """
     values: dict[str, Any] = {}
-    for law in ("friction", "restoring"):
+    for law in bands.VARIABLE_OF_LAW:
         averaged, other = xr.align(bands.odd_part(first, law), bands.odd_part(second, law))
         error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
         values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")

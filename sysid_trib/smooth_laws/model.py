@@ -69,12 +69,17 @@ def law_model(system: System, asked: Constraints, library: ForceLibrary | None) 
     whole = library or load_library()
     symbols = list(dict.fromkeys((*(system.symbols or USUAL), *asked.names)))
     whole = with_shipped(whole, symbols)
-    jump = whole.role(JUMP) or load_library().role(JUMP)
-    named = whole.select(symbols)
-    if jump is not None and named.role(JUMP) is None:
-        named = replace(named, forces=(jump, *named.forces))
+    named = with_jump(whole.select(symbols), whole)
     held = {symbol: value for symbol, value in system.held.items() if symbol not in asked.names}
     return LawModel(named, {**held, **asked.table})
+
+
+def with_jump(named: ForceLibrary, offered: ForceLibrary) -> ForceLibrary:
+    """Return the forces with one that jumps at rest, from those offered or from the package."""
+    jump = offered.role(JUMP) or load_library().role(JUMP)
+    if jump is None or named.role(JUMP) is not None:
+        return named
+    return replace(named, forces=(jump, *named.forces))
 
 
 def why_no_curve(amplitudes: Array) -> str:

@@ -16,7 +16,7 @@ from sysid_trib.forces.selection import System
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws import bands
-from sysid_trib.smooth_laws.calibration import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation.findings import best
 from sysid_trib.validation.samples import SIDES
