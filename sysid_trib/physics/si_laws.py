@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import check_quantity
 from sysid_trib.physics.si_units import MU, Measured, check_length_unit, check_measured
@@ -137,7 +137,7 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
     return pd.DataFrame(columns | {"visited": data[f"{variable}_visited"].values})
 
 
-def _curve(name: str, values: Array, covariance: Array, visited: Array) -> dict[str, Array]:
+def _curve(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str, Array]:
     return {name: values, f"{name}_covariance": covariance} | band(name, values, covariance, visited)
 
 
