@@ -27,7 +27,7 @@ from benchmarks.study.common import columns, over_seeds, shown, timed
 from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.motion_fit.least_squares import Fit
-from sysid_trib.validation.profiles import free_likelihood
+from sysid_trib.questions.profiles import free_likelihood
 
 W, RATE = 9.9, 50.0
 CONTACT, CANDIDATES = st.load_library(), st.load_library("candidate_effects")

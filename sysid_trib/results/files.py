@@ -15,10 +15,7 @@ import xarray as xr
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records import inputs, tables
 from sysid_trib.records.probe import check_binary
-from sysid_trib.results.variables import record_groups
-
-# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 3
+from sysid_trib.results.variables import FORMAT_VERSION, record_groups
 
 # netCDF gives a list of one text back as the text, and an empty list as an array.
 LISTS = (

@@ -15,11 +15,11 @@ from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.motion_fit.least_squares import Fit, covariance_root
 from sysid_trib.motion_fit.parameters import PER_RUN
+from sysid_trib.questions.profiles import free_likelihood
 from sysid_trib.records.decay import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import FREQUENCY
-from sysid_trib.validation.profiles import free_likelihood
 
 # Degrees of freedom of the proposal's parts, whose tails are heavier than the posterior's; draws of the two
 # rounds that add a part each, and the least of the last; the fraction of draws from the part added last.
