@@ -24,7 +24,6 @@ _MOVED = {
         "model_of",
         "physical_units",
         "slip_fingerprint",
-        "sliding_coefficients",
         "sphere_stiffness",
         "weights",
         "with_contactless_frequency",
