@@ -59,7 +59,7 @@ def numbers(store):
 @pytest.mark.slow
 def test_a_study_is_drawn_by_number_and_its_truth_is_kept(study, tmp_path):
     store = st.campaign(study, TASK, output=tmp_path / "a.zarr", workers=0)
-    assert store.coefficient.sizes == {"record": 6, "method": 1, "force": 2}
+    assert store.coefficient.sizes == {"record": 6, "model": 1, "force": 2}
     low, high = store.outline.transpose("edge", "record", "part").values
     decay = study.decay(3)
     assert (low[3].min(), high[3].max()) == (decay.angle.min(), decay.angle.max())

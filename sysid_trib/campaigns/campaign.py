@@ -69,14 +69,14 @@ def campaign(
     Returns
     -------
     Dataset
-        Over `record`, `method`, `force`: `coefficient` with `standard_error`; over `record` and `method`
+        Over `record`, `model`, `force`: `coefficient` with `standard_error`; over `record` and `model`
         reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors; over
         `record`: `status` (0 waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` of a
         record without numbers, `verdict`, `named` effects, `p_value` of the agreement of both methods,
         `seconds`; of `discover` besides `tied`, what those named cannot be separated from ("epsilon or
         gravity"), and over `record` and `force` the corrected `effect_p_value` of each that is named; of a
-        study `true_coefficient`. Values are read when they are used. `method` is an argument of xarray's
-        `sel`, so that a method is chosen by `store.sel({"method": "direct"})`.
+        study `true_coefficient`. Values are read when they are used. `store.sel(model="direct")` chooses the
+        model of one method.
 
     Raises
     ------

@@ -20,6 +20,7 @@ from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
 from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
 from sysid_trib.campaigns.task import Task, checksum_of, empty_row, fingerprint
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.results.files import over_models
 from sysid_trib.results.schema import force_labels
 
 FINGERPRINT = "task_fingerprint"
@@ -204,7 +205,7 @@ def as_dataset(path: Path) -> xr.Dataset:
     for array in store.variables.values():
         # No value is missing: what was not computed is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
-    return store
+    return over_models(store)
 
 
 def _damaged(path: Path, reason: object) -> RecordError:

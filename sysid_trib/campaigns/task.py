@@ -34,7 +34,7 @@ Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 
 TASKS = get_args(Name)
 # Of what a store holds; one of another format is of another version.
-STORE_FORMAT = 2
+STORE_FORMAT = 3
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 # What a comparison says of a record, before the name of a method.
@@ -116,7 +116,7 @@ class Task:
     @property
     def axes(self) -> dict[str, list[str]]:
         """What the dimensions of a row count."""
-        names = {"method": self.labels, "force": list(self.forces.symbols), "edge": list(stored.EDGES)}
+        names = {"model": self.labels, "force": list(self.forces.symbols), "edge": list(stored.EDGES)}
         return names | {"shape_parameter": list(self.forces.shape_values())}
 
     def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
@@ -212,7 +212,7 @@ def checksum_of(record: Any) -> str:
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     """The numbers of a result in the places of the store."""
-    row = {name: of for name, of in empty_row(task).items() if "method" in stored.VARIABLES[name][0]}
+    row = {name: of for name, of in empty_row(task).items() if "model" in stored.VARIABLES[name][0]}
     axes = task.axes
     for at, label in enumerate(task.labels):
         # What a record's text withholds is not kept either.
