@@ -155,10 +155,10 @@ def test_no_command_draws_over_a_picture_of_the_documentation():
     assert pictures.isdisjoint(st.plots.__all__)
 
 
-def test_no_method_is_chosen_by_a_keyword_of_xarrays_own():
+def test_no_page_selects_by_an_argument_that_xarray_has_itself():
     pages = [*DOCS.glob("*.md"), *(ROOT / "notebooks").glob("*.py"), ROOT / "README.md"]
     assert [page.name for page in pages if "sel(method=" in page.read_text(encoding="utf-8")] == []
-    assert 'sel({"method": "direct"})' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
+    assert 'sel(model="direct")' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

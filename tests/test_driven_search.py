@@ -108,10 +108,10 @@ def test_methods_of_inputs_stand_side_by_side_and_the_others_say_why_not(driven)
     methods = [st.methods.Direct(), st.methods.Trajectory(), st.methods.Averaging()]
     table = st.compare(driven, library("gain", "zeta epsilon"), methods)["comparison"].to_dataset()
     for label in ("direct", "trajectory"):
-        row = table.sel({"method": label})
+        row = table.sel(model=label)
         assert row.coefficient.sel(force="gain").item() == pytest.approx(0.05, rel=1e-3)
         assert row.holdout_over_noise.item() < 1.2
-    assert "takes free decays alone" in table.sel({"method": "averaging"}).reason.item()
+    assert "takes free decays alone" in table.sel(model="averaging").reason.item()
     assert table.attrs["white_residual"] == "yes"
 
 

@@ -19,8 +19,7 @@ import xarray as xr
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.rows import LOST, Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
-from sysid_trib.campaigns.study import CampaignRecords, record_at
-from sysid_trib.campaigns.task import Task, empty_row, rows_of
+from sysid_trib.campaigns.task import CampaignRecords, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -51,8 +50,8 @@ def campaign(
 
     Parameters
     ----------
-    records : sequence of path or Dataset, or Study
-        Files, decays in memory, or simulated records drawn from a description (`load_study`).
+    records : sequence of path or Dataset
+        Files, or decays in memory. What else names a record is a text that `Task.read` makes decays of.
     task : Task
         What is done with each.
     output : path-like
@@ -69,14 +68,14 @@ def campaign(
     Returns
     -------
     Dataset
-        Over `record`, `method`, `force`: `coefficient` with `standard_error`; over `record` and `method`
+        Over `record`, `model`, `force`: `coefficient` with `standard_error`; over `record` and `model`
         reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors; over
         `record`: `status` (0 waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` of a
         record without numbers, `verdict`, `named` effects, `p_value` of the agreement of both methods,
         `seconds`; of `discover` besides `tied`, what those named cannot be separated from ("epsilon or
         gravity"), and over `record` and `force` the corrected `effect_p_value` of each that is named; of a
-        study `true_coefficient`. Values are read when they are used. `method` is an argument of xarray's
-        `sel`, so that a method is chosen by `store.sel({"method": "direct"})`.
+        study `true_coefficient`. Values are read when they are used. `store.sel(model="direct")` chooses the
+        model of one method.
 
     Raises
     ------

@@ -24,7 +24,7 @@ def reported_method(store: xr.Dataset) -> str:
     last.
     """
     done = np.flatnonzero(store.status.values == IDENTIFIED)
-    labels = store.method.values.astype(str)
+    labels = store.model.values.astype(str)
     if not len(done):
         return str(labels[-1])
     known = np.isfinite(store.standard_error.values[done]).sum(axis=2)
@@ -56,7 +56,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
     units = store.signal_units.values[places].astype(str)
     usual = pd.Series(units).mode().get(0, "")
     places = places[units == usual]
-    done = store.isel(record=places).sel({"method": method})
+    done = store.isel(record=places).sel(model=method)
     reference = done.reference_frequency.values
     mean = float(np.nanmean(reference)) if np.any(np.isfinite(reference)) else np.nan
     degrees = done.speed_degree.values

@@ -17,9 +17,17 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
-from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
-from sysid_trib.campaigns.task import Task, checksum_of, empty_row, fingerprint
+from sysid_trib.campaigns.task import (
+    CampaignRecords,
+    Task,
+    checksum_of,
+    empty_row,
+    fingerprint,
+    names_of,
+    record_at,
+)
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.results.files import over_models
 from sysid_trib.results.schema import force_labels
 
 FINGERPRINT = "task_fingerprint"
@@ -204,7 +212,7 @@ def as_dataset(path: Path) -> xr.Dataset:
     for array in store.variables.values():
         # No value is missing: what was not computed is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
-    return store
+    return over_models(store)
 
 
 def _damaged(path: Path, reason: object) -> RecordError:
@@ -262,8 +270,6 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         if len(values):
             stored.new_array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
-    if isinstance(records, Study):
-        row[stored.TRUTH] = np.full(len(task.forces), np.nan)
     for name, empty in row.items():
         if not empty.size:
             continue

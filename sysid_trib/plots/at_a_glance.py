@@ -132,7 +132,7 @@ def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
         return {"final model": final}, not lacks and determines(final)
     if kind_of(tree) == "compare":
         best = tree["comparison"].attrs["best"]
-        ratio = tree["comparison"].holdout_over_noise.sel({"method": best})
+        ratio = tree["comparison"].holdout_over_noise.sel(model=best)
         return {best: tree[best].to_dataset()}, bool(ratio <= LARGE)
     results = kept_results(tree).items()
     return dict(sorted(results, key=lambda pair: pair[0] == answer_of(tree))), holds(tree)

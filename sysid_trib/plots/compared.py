@@ -41,10 +41,10 @@ def shown_methods(tree: xr.DataTree) -> xr.Dataset:
     """The group `comparison` of a result of `compare`, of the methods that have any result."""
     table = tree["comparison"].to_dataset()
     # A method that failed must not set a scale.
-    table = table.isel(method=np.flatnonzero((table.failure == "") | (table.method == table.attrs["best"])))
+    table = table.isel(model=np.flatnonzero((table.failure == "") | (table.model == table.attrs["best"])))
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]
     there = [column.any("force") if "force" in column.dims else column for column in results]
-    return table.isel(method=np.flatnonzero(np.any(there, axis=0)))
+    return table.isel(model=np.flatnonzero(np.any(there, axis=0)))
 
 
 def _marks(table: xr.Dataset) -> tuple[list[style.Style], dict[str, style.Style]]:
@@ -122,7 +122,7 @@ def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.
         power, unit = column_power(column), column.unit.item()
         columns = column.coefficient, column.standard_error
     values, errors = (column.values / 10.0**power for column in columns)
-    best = table.method.values.tolist().index(table.attrs["best"])
+    best = table.model.values.tolist().index(table.attrs["best"])
     low, high = _limits(values, errors, best)
     if np.isfinite(values[best]):
         ax.axvspan(values[best] - errors[best], values[best] + errors[best], color="0.88", zorder=0)
@@ -154,7 +154,7 @@ def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[style.Style]) -> No
 
 def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     """Methods as rows, the first on top."""
-    style.name_rows(ax, table.method.values.tolist())
+    style.name_rows(ax, table.model.values.tolist())
     ax.tick_params(labelsize=7, which="both")
     ax.xaxis.label.set_fontsize(8)
     style.row_lines(ax)

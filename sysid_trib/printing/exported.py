@@ -62,7 +62,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     details["noise"] = f"{findings.record_noise(tree):.2g} {details['units']}"
     if kind == "compare":
         best = str(tree["comparison"].attrs["best"])
-        rows = tree["comparison"].to_dataset().sel({"method": best})
+        rows = tree["comparison"].to_dataset().sel(model=best)
         parts = {"residual": rows.residual_over_noise, "residual held out": rows.holdout_over_noise}
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written

@@ -1,4 +1,4 @@
-"""Numbers of any result as one table: value, standard error, interval and unit, by method and quantity."""
+"""Numbers of any result as one table: value, standard error, interval and unit, by model and quantity."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -31,10 +31,10 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        A row for each coefficient, shape parameter and frequency, by `method` (of `discover` by `model`, of
-        `difference` by `sample`) and `quantity`: `value`, `standard_error`, `low` and `high` (a normal
-        interval of 95 %) and `unit`. What is held has no error. The parts of curves are left out: `friction`
-        and `restoring` of the identification are the laws.
+        A row for each coefficient, shape parameter and frequency, by `model` (of `difference` by `sample`)
+        and `quantity`: `value`, `standard_error`, `low` and `high` (a normal interval of 95 %) and `unit`.
+        What is held has no error. The parts of curves are left out: `friction` and `restoring` of the
+        identification are the laws.
 
     Raises
     ------
@@ -42,13 +42,12 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
         No such result.
     """
     rows: Iterator[dict[str, Any]]
-    by = "method"
+    by = "model"
     tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
     kind = kind_of(tree)
     if kind == "difference":
         by, rows = "sample", _of_difference(tree)
     elif kind:
-        by = "model" if kind == "discover" else "method"
         named = {str(tree.attrs["method"]): tree.to_dataset()} if kind == "identify" else given_results(tree)
         rows = _of_identifications(named)
     else:

@@ -93,16 +93,16 @@ def compare(
     DataTree
         Groups `record` (with `holdout_start`, s), `envelope` (`record_1`, `envelope_1`, `record_2`, ... of
         several runs), one identification of the whole decay (all runs) per method that gave one, named by its
-        label, and `comparison`. That has, over `method` and `force`: `coefficient`, `standard_error` (nan
+        label, and `comparison`. That has, over `model` and `force`: `coefficient`, `standard_error` (nan
         where not identified) at the one `common_frequency` (rad/s), and `z`, the difference from the method
-        that predicts best over the errors of both, taken as independent. Over `method`:
+        that predicts best over the errors of both, taken as independent. Over `model`:
         `reference_frequency`, `asymptotic_frequency` (rad/s) with errors, `asymptotic_frequency_z`;
         `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
         `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
-        errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `method` and `run`,
+        errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `model` and `run`,
         `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen by
-        `sel({"method": label})`: `method=` is an argument of xarray's own.
+        `sel(model=label)`.
 
     Raises
     ------

@@ -143,7 +143,7 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     if kind_of(tree) == "discover":
         return {"start model": tree["before"].to_dataset(), "final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
-        labels = applied_methods(tree["comparison"].to_dataset()).method.values.tolist()
+        labels = applied_methods(tree["comparison"].to_dataset()).model.values.tolist()
         return {label: tree[label].to_dataset() for label in labels}
     return identifications_of(tree) if kind_of(tree) == "difference" else kept_results(tree)
 
@@ -232,13 +232,13 @@ def applied_methods(table: xr.Dataset) -> xr.Dataset:
     The one that predicts best stays, whatever it does on the whole: the others are held against it.
     """
     applied = table.coefficient.notnull().any("force") | table.asymptotic_frequency.notnull()
-    failed = (table.failure != "") & (table.method != table.attrs["best"])
-    return table.isel(method=np.flatnonzero((applied & ~failed).values))
+    failed = (table.failure != "") & (table.model != table.attrs["best"])
+    return table.isel(model=np.flatnonzero((applied & ~failed).values))
 
 
 def column_power(column: xr.Dataset) -> int:
     """Power of ten of a column: of the best method's value or error, of all if it has none."""
-    best = column.sel({"method": column.attrs["best"]})
+    best = column.sel(model=column.attrs["best"])
     size = max(abs(best.coefficient.item()), best.standard_error.item())
     if not (np.isfinite(size) and size > 0.0):
         size = float(np.nanmedian(np.abs(column.coefficient.values)))

@@ -189,7 +189,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
         "common_frequency_of": of_reference,
         "errors_of_z": "taken as independent; the methods saw the same noise, so that z is rather too small",
     }
-    return xr.Dataset(variables.described("comparison", values), {**forces.coords, "method": labels}, attrs)
+    return xr.Dataset(variables.described("comparison", values), {**forces.coords, "model": labels}, attrs)
 
 
 def _common_frequency(results: Results, labels: Sequence[str], whole: Array, best: int) -> tuple[float, str]:
