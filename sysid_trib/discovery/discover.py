@@ -11,6 +11,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.discovery import parts, to_xarray
+from sysid_trib.discovery.engine import start_model
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.law_rival import held_out_by_laws
@@ -28,9 +31,6 @@ from sysid_trib.forces.selection import (
     offered_forces,
     viscous_model,
 )
-from sysid_trib.likelihood import start_model
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.methods.scope import without_old_arguments
 from sysid_trib.records import smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
