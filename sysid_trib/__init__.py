@@ -12,7 +12,7 @@ from sysid_trib._version import __version__ as __version__
 
 # Names that stood here before 0.2, by the namespace where they are now.
 _MOVED = {
-    "campaigns": ("Study", "Task", "between_runs", "load_study", "open_store"),
+    "campaigns": ("Task", "between_runs", "open_store"),
     "control": ("damp", "linearise", "to_nonlinear_system"),
     "forces": ("Force", "ForceLibrary", "indistinguishable"),
     "physics": (
@@ -24,7 +24,6 @@ _MOVED = {
         "model_of",
         "physical_units",
         "slip_fingerprint",
-        "sliding_coefficients",
         "sphere_stiffness",
         "weights",
         "with_contactless_frequency",

@@ -101,7 +101,6 @@ SPEED = {"zeta": "2*v", "delta": "v*abs(v)"}
         (methods.QuadraticDecay(), {"viscous": "2*v"}, r"wants a force of formula v\*abs\(v\)"),
         (methods.WuDecrement(), {"solid": "sign(v)", "mixed": "abs(x)*v"}, "wants a power of the speed"),
         (methods.FrequencyShift(), {"viscous": "2*v", "linear": "x"}, "wants a nonlinear conservative force"),
-        (methods.WindowedERA(), {"solid": "sign(v)"}, r"wants a force of formula 2\*v"),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -119,7 +118,7 @@ def test_forces_that_a_method_cannot_tell_are_refused_in_a_sentence(method, form
             (kind(), 1.6, "give a longer record")
             for kind in (methods.FeenyLiang, methods.WuDecrement, methods.EnergyDecay)
         ),
-        *((kind(), 1.6, "give a longer record") for kind in (methods.FrequencyShift, methods.WindowedERA)),
+        (methods.FrequencyShift(), 1.6, "give a longer record"),
     ],
     ids=lambda value: type(value).__name__,
 )

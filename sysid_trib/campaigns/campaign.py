@@ -19,8 +19,7 @@ import xarray as xr
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.rows import LOST, Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
-from sysid_trib.campaigns.study import CampaignRecords, record_at
-from sysid_trib.campaigns.task import Task, empty_row, rows_of
+from sysid_trib.campaigns.task import CampaignRecords, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -51,8 +50,8 @@ def campaign(
 
     Parameters
     ----------
-    records : sequence of path or Dataset, or Study
-        Files, decays in memory, or simulated records drawn from a description (`load_study`).
+    records : sequence of path or Dataset
+        Files, or decays in memory. What else names a record is a text that `Task.read` makes decays of.
     task : Task
         What is done with each.
     output : path-like

@@ -17,8 +17,15 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
-from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
-from sysid_trib.campaigns.task import Task, checksum_of, empty_row, fingerprint
+from sysid_trib.campaigns.task import (
+    CampaignRecords,
+    Task,
+    checksum_of,
+    empty_row,
+    fingerprint,
+    names_of,
+    record_at,
+)
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.results.files import over_models
 from sysid_trib.results.schema import force_labels
@@ -263,8 +270,6 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         if len(values):
             stored.new_array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
-    if isinstance(records, Study):
-        row[stored.TRUTH] = np.full(len(task.forces), np.nan)
     for name, empty in row.items():
         if not empty.size:
             continue

@@ -4,7 +4,7 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -14,9 +14,8 @@ import xarray as xr
 
 from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
-from sysid_trib.campaigns.study import CampaignRecords, Study
 from sysid_trib.discovery.discover import discover
-from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.errors import SysidTribError, UsageError, readable
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
@@ -31,6 +30,8 @@ from sysid_trib.validation import compare, cross_check, findings, verdict
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
+# Files, names that the task reads, or decays in memory.
+CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | xr.Dataset]
 
 TASKS = get_args(Name)
 # Of what a store holds; one of another format is of another version.
@@ -39,6 +40,21 @@ STORE_FORMAT = 3
 MODELS = ("before", "after")
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
+
+
+def names_of(records: CampaignRecords) -> list[str]:
+    """Return the names that records have in a store."""
+    named = (
+        item.attrs.get("source", f"record {at}") if isinstance(item, xr.Dataset) else item
+        for at, item in enumerate(records)
+    )
+    return [readable(str(name)) for name in named]
+
+
+def record_at(records: CampaignRecords, at: int) -> str | xr.Dataset:
+    """Return a record as `rows_of` takes it."""
+    item = records[at]
+    return item if isinstance(item, xr.Dataset) else os.fspath(item)
 
 
 def decays_of_file(path: str) -> list[xr.Dataset]:
@@ -148,7 +164,7 @@ class Task:
 def empty_row(task: Task) -> stored.Row:
     """A row of which nothing is known: nan, and empty texts."""
     sizes = {dim: len(names) for dim, names in task.axes.items()} | {"part": stored.OUTLINE_PARTS}
-    without = {stored.TRUTH} | (set() if task.name == "discover" else stored.OF_SEARCH)
+    without = set() if task.name == "discover" else stored.OF_SEARCH
     return {name: stored.empty(name, sizes) for name in stored.VARIABLES if name not in without}
 
 
@@ -158,8 +174,8 @@ def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
     Parameters
     ----------
     task : Task
-    records : sequence of str, Dataset, or (Study, int)
-        Files, decays, or numbers of a study.
+    records : sequence of str or Dataset
+        Files, or decays.
     """
     return [_row_of(task, record) for record in records]
 
@@ -168,14 +184,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
     start, row = perf_counter(), empty_row(task)
     try:
         row["record_checksum"] = checksum_of(record)
-        if isinstance(record, tuple):
-            study, at = record
-            # What a simulated record was drawn with.
-            truth = study.drawn(at)["coefficients"]
-            row[stored.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.forces.symbols])
-            decays: Sequence[xr.Dataset] = [study.decay(at)]
-        else:
-            decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
+        decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
         row |= {"signal_units": variables.signal_units(decays[0]), "outline": _outline(decays[0])}
         row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
     except SysidTribError as error:
@@ -254,16 +263,12 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
     methods = {label: repr(method) for label, method in task.methods.items()}
     asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
     options = sorted((name, repr(value)) for name, value in task.options.items())
-    study, in_memory = None, []
-    if isinstance(records, Study):
-        study = asdict(records) | {"records": None}
-    else:
-        # Files say themselves when they change.
-        held = [item for item in records if isinstance(item, xr.Dataset)]
-        in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
+    # Files say themselves when they change.
+    held = [item for item in records if isinstance(item, xr.Dataset)]
+    in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
     # What is called, without its address in memory.
     inner = getattr(task.read, "func", task.read)
     given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
     read = f"{inner.__module__}.{inner.__qualname__} {given!r}"
-    content = [__version__, STORE_FORMAT, study, in_memory, libraries, asked, options, read]
+    content = [__version__, STORE_FORMAT, in_memory, libraries, asked, options, read]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

@@ -21,7 +21,7 @@ from typer.core import TyperCommand
 from sysid_trib._version import __version__
 from sysid_trib.commands.options import (
     COMMANDS,
-    OPTIONS,
+    OPTIONS_OF,
     POSITIVE,
     CommandOptions,
     defaults_of,
@@ -187,7 +187,7 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     The function of its name in the module `home`, which is imported when it runs, takes what says how far it
     is and what was given, and gives what prints.
     """
-    rows, options_class = rows_of_command(name), OPTIONS[name]
+    rows, options_class = rows_of_command(name), OPTIONS_OF[name]
 
     def run(**values: Any) -> None:
         from sysid_trib.commands import terminal

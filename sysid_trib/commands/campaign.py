@@ -15,7 +15,7 @@ from sysid_trib.campaigns.between_records import between_runs, without_collinear
 from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.rows import counts_of
-from sysid_trib.campaigns.study import load_study, names_of
+from sysid_trib.campaigns.task import names_of
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.fits import methods_asked
 from sysid_trib.commands.options import GROUPS, CampaignOptions, ModelOptions
@@ -28,13 +28,13 @@ from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
     """Do a task with each record, and write what varies between them on a page."""
     check_extra()
-    records = _records(given.records, given.study, given.conditions)
+    records = _records(given.records, given.conditions)
     if given.output is None:
         raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
     if given.output.suffix != ".zarr":
         raise UsageError(f"{given.output}: the ending must be .zarr.")
     page = given.output.with_suffix(".html")
-    reads = [*([] if given.study else records), given.study, given.conditions]
+    reads = [*records, given.conditions]
     reads += [given.library, given.candidates, given.system]
     check_output(page, page.suffix, reads=[Path(name) for name in reads if name is not None])
     table = _conditions(given, names_of(records))
@@ -107,12 +107,8 @@ def _task(given: CampaignOptions) -> task.Task:
     )
 
 
-def _records(patterns: list[Path], study: Path | None, conditions: Path | None) -> Any:
-    """Files, those of patterns among them, or a study; the table of conditions is no record."""
-    if study is not None:
-        if patterns:
-            raise UsageError("A campaign is over files or over a study: give one of them.")
-        return load_study(study)
+def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
+    """Return the files, those of patterns among them; the table of conditions is no record."""
     files: list[str] = []
     for pattern in map(str, patterns):
         those = sorted(glob(pattern)) if has_magic(pattern) and not Path(pattern).exists() else [pattern]
@@ -122,7 +118,7 @@ def _records(patterns: list[Path], study: Path | None, conditions: Path | None) 
     if folders := [file for file in files if Path(file).is_dir()]:
         raise UsageError(f"{folders[0]}: this is a folder; give its files: '{Path(folders[0]) / '*.csv'}'.")
     if not files:
-        raise UsageError("A campaign wants files ('data/*.csv') or --study FILE.")
+        raise UsageError("A campaign wants files: 'data/*.csv'.")
     return [file for file in dict.fromkeys(files) if conditions is None or Path(file) != conditions]
 
 

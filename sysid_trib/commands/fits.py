@@ -1,6 +1,6 @@
 """What `sysid-trib identify`, `discover`, `compare` and `difference` do: fits, and what they lack."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -67,8 +67,6 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     measured, calibration = measured_given(given), calibration_of(given)
     wanted = asked_model(given)
     profiled = names_in(given.profile)
-    if len(pairs := [name for name in profiled if ":" in name]) > 1:
-        raise UsageError(f"--profile draws contours of one pair, not of {' and '.join(pairs)}; ask for one.")
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
@@ -140,17 +138,14 @@ def measured_given(given: MeasuredOptions) -> dict[str, tuple[float, float]]:
 
 
 def _add_sureness(
-    tree: xr.DataTree, decays: list[xr.Dataset], varied: bool, profiled: Iterable[str], tell: Tell
+    tree: xr.DataTree, decays: list[xr.Dataset], varied: bool, profiled: Sequence[str], tell: Tell
 ) -> None:
     """Add what is asked of how sure the answer is, as groups of the result."""
     if not (varied or profiled):
         return
     answer = tree[findings.answer_of(tree)].to_dataset()
-    if names := [name for name in profiled if ":" not in name]:
-        tree["profile"] = profiles.profile(decays, answer, names, tell=tell)
-    for pair in profiled:
-        if ":" in pair:
-            tree["contour"] = profiles.contour(decays, answer, pair.split(":"), tell=tell)
+    if profiled:
+        tree["profile"] = profiles.profile(decays, answer, profiled, tell=tell)
     if varied:
         tree["sensitivity"] = refits.sensitivity(decays, answer, tell=tell)
 

@@ -212,7 +212,6 @@ class CampaignOptions(ModelOptions, SearchOptions):
 
     task: str = "identify"
     methods: str | None = None
-    study: Path | None = None
     conditions: Path | None = None
     laboratories: str | None = None
     workers: int = 2
@@ -265,7 +264,7 @@ class LibraryOptions(CommandOptions):
 
 
 # The options of each command of the table.
-OPTIONS: dict[str, type[CommandOptions]] = {
+OPTIONS_OF: dict[str, type[CommandOptions]] = {
     "look": LookOptions,
     "backbone": BackboneOptions,
     "identify": IdentifyOptions,

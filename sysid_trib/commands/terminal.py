@@ -16,8 +16,8 @@ from sysid_trib.commands.options import (
     DestinationOptions,
     FileOptions,
     IdentifyOptions,
-    RecordOptions,
     OptionRows,
+    RecordOptions,
     ShownOptions,
 )
 from sysid_trib.errors import DecayError, RecordError, Tell, UsageError, printable, readable, silent

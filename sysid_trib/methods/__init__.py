@@ -11,7 +11,6 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.methods.classical import feeny_liang_decrement as feeny_liang_decrement
 from sysid_trib.methods.scope import MethodScope as MethodScope
-from sysid_trib.methods.windowed_era import windowed_modes as windowed_modes
 from sysid_trib.results.schema import NOT_KEPT
 
 # The methods, in the order of tables and figures.
@@ -26,11 +25,10 @@ from sysid_trib.methods.classical import EnergyDecay as EnergyDecay
 from sysid_trib.methods.classical import LogarithmicDecrement as LogarithmicDecrement
 from sysid_trib.methods.classical import LinearDecrement as LinearDecrement
 from sysid_trib.methods.classical import QuadraticDecay as QuadraticDecay
-from sysid_trib.methods.windowed_era import WindowedERA as WindowedERA
 # isort: on
 
 METHODS: tuple[type[Any], ...] = tuple(kind for kind in list(globals().values()) if hasattr(kind, "scope"))
-__all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_decrement", "windowed_modes"]
+__all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_decrement"]
 
 
 def method_of(result: xr.Dataset) -> Any:

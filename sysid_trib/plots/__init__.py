@@ -11,7 +11,6 @@ _MERGED = {
     "innovations": ("prediction_bands", "random_force"),
     "motions": ("averaged_decay", "half_sines"),
     "overview": ("driven", "half_periods", "identification", "residual_surface"),
-    "profile": ("contour",),
     "ranking": ("forecast", "forecasts", "rankings"),
     "story": ("disagreement", "disagreement_map", "discovery"),
 }

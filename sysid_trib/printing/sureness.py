@@ -18,7 +18,7 @@ NOISE_ALONE = (
     "The model does not explain the record: quote the standard errors, which allow for that. These intervals "
     "hold the noise alone."
 )
-PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
+PROFILE, SENSITIVITY = "profile", "sensitivity"
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
 NOT_FOUND = "No random force is found; the errors allow for {}."
@@ -42,10 +42,6 @@ def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
     if PROFILE in tree.children:
         lacking = findings.verdict_of(tree) in ("approximate", "not explained")
         yield _profiles(tree[PROFILE].to_dataset(), lacking)
-    if CONTOUR in tree.children:
-        data = tree[CONTOUR].to_dataset()
-        said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
-        yield Block([said], ALWAYS, "Profiles")
     if SENSITIVITY in tree.children:
         yield _sensitivity(tree[SENSITIVITY].to_dataset())
 
