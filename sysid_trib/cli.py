@@ -113,7 +113,7 @@ def _run() -> tuple[int, str]:
 
 
 def _leave_standard_output() -> None:
-    """What is left in the buffer must not fail once more at exit."""
+    """Redirect standard output, so that buffered text cannot fail again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

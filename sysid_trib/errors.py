@@ -1,4 +1,4 @@
-"""What is said to the user: the errors one can meet, and how far long work is."""
+"""Errors for the user, and the progress of long work."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches

@@ -1,4 +1,4 @@
-"""What varies between runs: conditions as columns, common coefficients, and those that scatter."""
+"""Variation between runs: conditions as columns, common coefficients, and coefficients with scatter."""
 
 from collections.abc import Mapping, Sequence
 

@@ -1,4 +1,4 @@
-"""What a campaign's records are held against: their estimates side by side, and a table of conditions."""
+"""Conditions of a campaign: estimates of its records side by side, and a table of conditions."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -89,7 +89,7 @@ class Store:
                 raise _damaged(self.path, f"record {names[np.argmax(wrong)]} is not as it was written")
 
     def unfinished(self, records: CampaignRecords) -> tuple[list[Index], int, int]:
-        """What is still to be done of a campaign's records.
+        """Return the unfinished records of a campaign.
 
         Returns
         -------
@@ -216,7 +216,7 @@ def as_dataset(path: Path) -> xr.Dataset:
 
 
 def _damaged(path: Path, reason: object) -> RecordError:
-    """What is said of a store that is damaged."""
+    """Return the error of a damaged store."""
     return RecordError(
         f"{path}: a part of the store is damaged ({reason}); remove the store, and repeat the command."
     )

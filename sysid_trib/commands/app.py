@@ -74,7 +74,7 @@ GROUPS: dict[str, Options] = {
 
 
 class Asked:
-    """What a command was given: the values of its options by their names, and these as `options`."""
+    """Options of a command: their values by name, and their declarations as `options`."""
 
     def __init__(self, options: Options, **values: Any) -> None:
         vars(self).update({name: copy(row["default"]) for name, row in options.items()} | values)
@@ -233,7 +233,7 @@ def _options(
         False, "--version", callback=_show_version, is_eager=True, help="Show the version."
     ),
 ) -> None:
-    """Which forces act in an oscillator, learned from its free decay."""
+    """Identify the forces of an oscillator from its free decay."""
 
 
 def _add(name: str, home: str, options: list[str], help: str, examples: list[str]) -> None:

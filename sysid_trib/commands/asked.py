@@ -1,4 +1,4 @@
-"""What is asked of a method or of a search: its forces, shapes, constraints and frequencies."""
+"""Options of a method or of a search: forces, shapes, constraints and frequencies."""
 
 from collections.abc import Collection
 from contextlib import suppress
@@ -43,7 +43,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
 
 
 def asked_model(given: app.Asked) -> app.Asked:
-    """What is to be identified, with what the system always has.
+    """Return the model to be identified, with the forces that the system always has.
 
     Parameters
     ----------

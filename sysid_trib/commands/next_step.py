@@ -1,4 +1,4 @@
-"""What to do after a result: the next command, and why."""
+"""Next step after a result: the command, and the reason."""
 
 import shlex
 from collections.abc import Mapping
@@ -119,7 +119,7 @@ def _largest_library(tree: xr.DataTree) -> ForceLibrary:
 
 
 def _search_options(library: ForceLibrary) -> dict[str, str]:
-    """What is missing beside the forces that were given; terms of the sensor are candidates alone."""
+    """Return the forces given, as options, if others are missing; sensor terms are only candidates."""
     forces = [force.symbol for force in library if force.kind != "sensor"]
     return {"forces": ",".join(forces)} if len(forces) < len(library) else {}
 

@@ -1,4 +1,4 @@
-"""Where the result of a command goes: text and tables on the terminal, files, figures; and its progress."""
+"""Output of a command: text and tables on the terminal, files, figures; and its progress."""
 
 import json
 import os
@@ -70,7 +70,7 @@ def print_written(*places: Path | None) -> None:
 
 @contextmanager
 def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
-    """How a command works: it says what is under way, computes in one thread, and names what is refused.
+    """Run a command: show progress, use one thread, and name the records in errors.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
 
 @contextmanager
 def progress() -> Iterator[Tell]:
-    """What is under way, on stderr, gone when all is done; nothing where no terminal is.
+    """Show progress on stderr, removed at the end; nothing where no terminal is.
 
     To import what computes takes longer than a reader likes to see nothing: a command begins with this.
 

@@ -265,7 +265,7 @@ def balances(
 
 
 def excess(sums: Array, coefficients: Array, ratio: Array, drive: Array, amplitude: Array) -> Array:
-    """What the square of the forces exceeds that of the drive by, (frequency, amplitude)."""
+    """Return the square of the forces minus that of the drive, (frequency, amplitude)."""
     sine, cosine = np.einsum("i,ikfa->kfa", coefficients, sums)
     along = amplitude * (1.0 - ratio[:, None] ** 2) + cosine
     return np.asarray(along**2 + sine**2 - np.abs(drive[:, None]) ** 2)

@@ -169,7 +169,7 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
-    """What averaging leaves open of a curve to second order in damping."""
+    """Return the second-order error of averaging of a curve, from the damping."""
     return np.asarray(SECOND_ORDER[name] * np.abs(damping_ratio) ** 2 * np.abs(value))
 
 

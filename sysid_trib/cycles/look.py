@@ -1,4 +1,4 @@
-"""What a record holds before any fit, and which forces its backbone points to."""
+"""Facts of a record without a fit, and the forces that its backbone indicates."""
 
 import numpy as np
 import scipy
@@ -88,7 +88,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
 
 
 def pointers(decay: xr.Dataset) -> dict[str, str]:
-    """What the backbone of a record points to, empty if nothing.
+    """Return the forces and the system that the backbone of a record indicates; empty if none.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
 
 
 def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
-    """What models leave of the change of the frequency, in words; empty if none predicts it."""
+    """Describe how much of the frequency change the models do not explain; empty if none predicts it."""
     parts = list[str]()
     for at, model in enumerate(ranking):
         # The first is the one that is offered. Part of the forces of a system makes no alternative.

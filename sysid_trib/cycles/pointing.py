@@ -1,4 +1,4 @@
-"""Which forces and which system the backbone of a decay points to: models ranked by what they predict.
+"""Forces and system indicated by the backbone of a decay: models ranked by their predictions.
 
 Each model is fitted to four fifths of a curve and predicts the fifth that was left out, in turn. Small
 amplitudes count less: friction that gives way bends the curve there, and this says little of the motion.
@@ -95,7 +95,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Pointed:
-    """What a backbone points to.
+    """Forces and system that a backbone indicates.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Where model and record differ: when, at which amplitude, in phase or amplitude; and how that grows."""
+"""Difference of model and record: when, at which amplitude, in phase or amplitude; and its growth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -180,7 +180,7 @@ def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[s
 
 
 def _place_of_rms(a: Array, rms: Array) -> str:
-    """Where the residual itself is largest."""
+    """Return the amplitudes at which the residual is largest, in words."""
     large, small = rms[a > np.median(a)], rms[a <= np.median(a)]
     ratio = np.mean(large) / max(float(np.mean(small)), 1e-300) if len(large) and len(small) else 1.0
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"

@@ -271,7 +271,7 @@ def _nearer_start(
 
 
 def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
-    """What of long records the models are fitted to; empty where that is all of them."""
+    """Describe the parts of long records to which models are fitted; empty if that is all of them."""
     ends = [part.record.time.values[[0, -1]] for part in learnt]
     spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in ends)
     said = f"A long driven record: models are fitted to stretches ({spans}), each with its own noise."

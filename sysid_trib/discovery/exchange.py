@@ -90,7 +90,7 @@ def _testable(current: Screening, part: Array) -> list[int]:
 
 
 def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) -> Array:
-    """What two trials gain together, (trial, trial); 0 of one candidate twice, or where physics forbids.
+    """Return the joint gain of two trials, (trial, trial); 0 for equal candidates or a forbidden sign.
 
     Once each: i < j. `products` : of the target and the trials, in the noise of the model.
     """

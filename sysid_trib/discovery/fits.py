@@ -44,7 +44,7 @@ def evidence(model: FittedModel) -> float:
 
 
 def errors_off(model: FittedModel, symbol: str) -> float:
-    """By how many of its errors a coefficient differs from the one that physics knows; 0 where it knows none.
+    """Return the difference of a coefficient from its known value, in standard errors; 0 if none is known.
 
     Both refer to the model's own frequency, from which that of its paths may be far.
     """
@@ -76,12 +76,12 @@ def _at_end(beyond_end: float, error: float) -> float:
 
 
 def log_rows(model: FittedModel) -> float:
-    """What an effect costs in the evidence, its sign and its shapes aside."""
+    """Return the penalty of an effect in the evidence, without its sign and shapes."""
     return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
 
 
 def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
-    """What so many effects add to the evidence of a model of the same rows, their shapes aside."""
+    """Return the penalty of so many effects in the evidence, without their shapes."""
     return float(sum(log_rows(model) - 2.0 * np.log(2.0) * force.passive for force in forces))
 
 
@@ -94,7 +94,7 @@ def probabilities(costs: Sequence[float]) -> Array:
 
 
 def credible(probability: Array, part: float) -> Mask:
-    """Which models are in the smallest set that holds the truth with the probability `part`."""
+    """Return the mask of the smallest set of models that contains the truth with the probability `part`."""
     order = np.argsort(-probability, kind="stable")
     before = np.cumsum(probability[order]) - probability[order]
     return np.isin(np.arange(len(probability)), order[before < part])
@@ -242,7 +242,7 @@ class Fits:
         return model.deviance > min(contained, default=np.inf) + model_fit.ROUNDS_AGREE
 
     def foretold(self, model: FittedModel) -> unseen.Prediction:
-        """How a model predicts what was held out."""
+        """Return the prediction of the held-out part by a model."""
         assert self.predict is not None
         key = model.coefficients.tobytes()
         if key not in self._predictions:

@@ -1,4 +1,4 @@
-"""What a search says: its verdict, what a record could show, whether runs or parts of it differ."""
+"""Summary of a search: its verdict, detectability, and differences between runs or parts of a record."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -49,7 +49,7 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
 
 
 def _differing(model: FittedModel) -> tuple[float, int, str]:
-    """What parameters of each run explain, how many there are, and the name of the one that explains most."""
+    """Return the gain by individual parameters of runs, their number, and the name of the largest."""
     trials = len(model.trials)
     shapes = {column: f"{model.trials[at].force.symbol}.{name}" for at, name, column in model.shape_columns}
     names = dict(enumerate(trial.force.symbol for trial in model.trials)) | shapes
@@ -125,7 +125,7 @@ def error_of_model(model: FittedModel) -> Array:
 
 
 def _in_part(of_runs: Sequence[Array], low: float, high: float) -> Array:
-    """What of each run is in a part of the record."""
+    """Return the values of each run within a part of the record."""
     return np.concatenate([run[round(low * len(run)) : round(high * len(run))] for run in of_runs])
 
 

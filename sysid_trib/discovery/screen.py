@@ -27,7 +27,7 @@ TOO_FINE = "not testable on this record: it acts more finely than the motion is 
 
 @dataclass(frozen=True)
 class Screening:
-    """What each candidate would gain with a model.
+    """Gains of all candidates with a model.
 
     Attributes
     ----------
@@ -100,7 +100,7 @@ class Screening:
 
     @property
     def widening(self) -> float:
-        """By how much errors by the noise are too small where the omnibus test rejects; 1 at least.
+        """Factor by which errors from noise are too small if the omnibus test rejects; at least 1.
 
         What is missing moves coefficients as it moves the scores of forces of any form: by as much as these
         are larger than scores of noise, whose mean square is 1 (Birge 1932).
@@ -126,7 +126,7 @@ class Screening:
         return [self.fine[at] for at in trials]
 
     def first_fine(self, order: Sequence[int]) -> list[int]:
-        """For each candidate the first trial, in an order, as finely as which the motion is known."""
+        """Return the first trial of each candidate, in an order, that the known motion resolves."""
         waiting: dict[str, list[int]] = {}
         for at in order:
             waiting.setdefault(self.trials[at].force.symbol, []).append(at)
@@ -179,7 +179,7 @@ class Screening:
         return self.p_value_of(bare.deviance - deviance if gain is None else gain, force, rows)
 
     def gain_of(self, symbols: Sequence[str]) -> float:
-        """By how much effects of the model lower its deviance, along its path."""
+        """Return the fall of the deviance due to effects of the model, along its path."""
         without = likelihood(self.products, self.model.columns_without(symbols))
         return without.deviance - self.whole.deviance
 

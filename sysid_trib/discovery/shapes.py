@@ -144,7 +144,7 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
 
 
 def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> tuple[Array, float]:
-    """By how much the column of each, in the place of effects, lowers the deviance, (trial,); and they do.
+    """Return the fall of the deviance by each column in place of effects, (trial,), and by these effects.
 
     0 where physics forbids its sign.
     """

@@ -97,7 +97,7 @@ def each_column(
 def _each_in_noise(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
 ) -> Array:
-    """What `each_column` gives, the coefficients of several runs in the noise of a model."""
+    """Return the results of `each_column`, with common coefficients of runs in the noise of a model."""
     every, first = np.array([0, *base, *columns], dtype=int), np.arange(1 + len(base))
     together = _solved(*_in_noise_of(runs, model, every, len(first))) if len(runs) > 1 else None
     deviance, coefficient, error = np.zeros((3, len(columns)))
@@ -170,7 +170,7 @@ def _left_by(products: Array, of_columns: Array, b: Array, beta: Array) -> Array
 def projected(
     runs: Sequence[RunProducts], model: Likelihood, base: Sequence[int], columns: Sequence[int]
 ) -> tuple[Array, Array]:
-    """What of columns is outside of others, in the noise of a model.
+    """Return the parts of columns outside of others, in the noise of a model.
 
     Returns
     -------
@@ -235,7 +235,7 @@ def base_of(model: FittedModel, without: Sequence[str] = ()) -> Array:
 
 
 def outside_of(model: FittedModel, columns: Sequence[Array], base: Array) -> tuple[Array, Array]:
-    """What of columns is outside of the model's, (row, column) in units of the noise, and which part of each.
+    """Return the parts of columns outside of the model's, (row, column), and their fractions.
 
     `columns` : (row, column) of each run. `base` : of the model's columns, or of some.
     """

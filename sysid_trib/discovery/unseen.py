@@ -1,4 +1,4 @@
-"""What a search is given, how models predict what they have not seen, and whether they leave but noise."""
+"""Data of a search, prediction of held-out data, and the test whether the residual is noise."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -101,7 +101,7 @@ def search_parts(
 
 
 def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
-    """As much of a run before a stretch of it, and its first sample; None at the begin of the run."""
+    """Return the run before a part, at most as long, with the first sample of the part; None at its start."""
     begin, count = int(np.searchsorted(run.time.values, part.time.values[0])), part.sizes["time"]
     return run.isel(time=slice(max(0, begin - count), begin + 1)) if begin else None
 
@@ -235,7 +235,7 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
 
 
 def improvements(predictions: Sequence[Prediction]) -> Array:
-    """By how many of its errors the last prediction is better than each before it, (prediction - 1,).
+    """Return the gain of the last prediction over each earlier one, in standard errors, (prediction - 1,).
 
     Not each than the one before: while other forces are missing, a right name may predict worse.
 

@@ -1,4 +1,4 @@
-"""What a user asks of parameters: values held fixed, bounds, and ties of one parameter to others."""
+"""Constraints on parameters: fixed values, bounds, and ties of one parameter to others."""
 
 import ast
 import re
@@ -78,7 +78,7 @@ class Constraints:
         return {name: value for name, value in self.table.items() if isinstance(value, str)}
 
     def holding(self, values: Mapping[str, float]) -> "Constraints":
-        """These constraints with further parameters held, whatever they were."""
+        """Return these constraints with further parameters held, whatever they were."""
         return Constraints({**self.table, **values})
 
     @classmethod
@@ -108,7 +108,7 @@ class Constraints:
         return cls({**bounds, **fixed, **ties})
 
     def of_each_run(self, symbols: Iterable[str], runs: int) -> "Constraints":
-        """These constraints for forces whose coefficient is each run's own (see `ForceLibrary.with_own`)."""
+        """Return the constraints of forces with one coefficient per run (see `ForceLibrary.with_own`)."""
         own = {symbol: [f"{symbol}_{run}" for run in range(1, runs + 1)] for symbol in symbols}
         return Constraints({name: given for key, given in self.table.items() for name in own.get(key, [key])})
 

@@ -181,7 +181,7 @@ class Force:
 
 
 def channels_of(forces: Iterable[Force]) -> tuple[Channel, ...]:
-    """What forces hold of inputs, each once."""
+    """Return the input channels of forces, each once."""
     return tuple(dict.fromkeys(channel for force in forces for channel in force.channels))
 
 
@@ -224,7 +224,7 @@ class ForceLibrary:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What its forces hold of inputs, each once."""
+        """Input channels of its forces, each once."""
         return channels_of(self.forces)
 
     @property
@@ -242,7 +242,7 @@ class ForceLibrary:
 
     @property
     def in_curves(self) -> NDArray[np.bool_]:
-        """Which forces are parts of a smooth curve, (force,)."""
+        """Mask of the forces that are parts of a smooth curve, (force,)."""
         return np.array([bool(force.curve) for force in self.forces])
 
     def curves_among(self, symbols: Sequence[str]) -> dict[str, NDArray[np.intp]]:

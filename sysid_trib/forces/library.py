@@ -148,7 +148,7 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
 
 
 def _channels(inputs: object, source: str) -> dict[str, Channel]:
-    """What formulas may hold of inputs, by its name in them."""
+    """Return the input channels that formulas may use, by their names in formulas."""
     kinds = dict.fromkeys(inputs, "") if isinstance(inputs, list) else inputs
     if not isinstance(kinds, dict) or not all(isinstance(k, str) for pair in kinds.items() for k in pair):
         raise LibraryError(f'{source}: inputs are names, ["u", "b"], or a table {{ u = "acceleration" }}.')

@@ -1,4 +1,4 @@
-"""Which forces are identified and offered: by a method, by default, and by the system that moves."""
+"""Selection of forces: those of a method, the default ones, and those of a system."""
 
 import itertools
 import math
@@ -154,7 +154,7 @@ def with_inputs_acting(library: ForceLibrary, inputs: Collection[str]) -> ForceL
 
 
 def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
-    """What a model may lack: the other forces of its library and of inputs, and the usual effects."""
+    """Return the candidates for a model: other forces of its library and inputs, and the usual effects."""
     effects = load_library(EFFECTS)
     of_inputs = [force for force in load_library(INPUTS) if set(force.inputs) & set(inputs)]
     # More shapes are more than a search can tell, and of a decay these too.

@@ -76,7 +76,7 @@ def is_wide(shape: Shape) -> bool:
 
 
 def evened(shape: Shape, value: float) -> float:
-    """What of a shape parameter is even over its range."""
+    """Return the coordinate of a shape parameter that is uniform over its range."""
     return float(np.log(value)) if is_wide(shape) else value
 
 

@@ -74,7 +74,7 @@ class Lines:
         return NoiseModel(float(np.sqrt(variance)), filter_)
 
     def as_samples(self, filter_: Array) -> tuple[float, float, float]:
-        """As independent samples of a given colour (Whittle).
+        """Return the spectral lines as independent samples of a given colour (Whittle).
 
         How many, the sum of the squares of their innovations (rad^2), and the logarithm of the determinant
         of their covariance in units of the variance of the innovations.

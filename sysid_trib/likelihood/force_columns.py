@@ -112,7 +112,7 @@ def cell_averages(
 def _switches(
     force: Force, points: Sequence[tuple[Array, Array, Array]], shapes: ShapeValues, given: InputsAt
 ) -> Mask:
-    """Which samples have points (x, v, t) on both sides of a switching surface, (sample,)."""
+    """Return the mask of samples with points (x, v, t) on both sides of a switching surface, (sample,)."""
     switches = np.zeros(len(points[0][0]), bool)
     if not force.surfaces:
         return switches

@@ -112,7 +112,7 @@ def step_in_errors(solution: Solution) -> Array:
 
 
 def _extrapolation(step: Array, last: Array | None) -> float:
-    """How many times a step is still to come, where steps shrink in one direction (Aitken's delta-squared).
+    """Return the number of further steps if steps shrink in one direction (Aitken's delta-squared).
 
     Jumps at v = 0 are distributed in the operator, so that it converges at a rate: slowly if forces that
     nearly cancel hold large jumps.

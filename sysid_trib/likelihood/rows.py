@@ -211,7 +211,7 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
 
 
 def _rescaling(run: RunRegression, coefficients: Array) -> Array:
-    """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
+    """Return the change of the coefficients (force,) per unit of stiffness for the same force."""
     degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.library])
     return np.where(run.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
 

@@ -174,7 +174,7 @@ FILTER = "noise_filter"
 
 
 def colour_variables(filters: Sequence[Array]) -> Variables:
-    """What whitens the sensor's noise in each run, as variables of a result; none where all is white.
+    """Return the whitening filters of the sensor noise as variables of a result; none if all is white.
 
     Parameters
     ----------

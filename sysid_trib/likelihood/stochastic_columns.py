@@ -185,7 +185,7 @@ def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap
     """
 
     def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
-        """With another ratio of a run, and the covariance."""
+        """Solve with another ratio of a run; return the common values and their covariance."""
         changed = [*weighed[:at], weighed[at].with_ratio(ratio), *weighed[at + 1 :]]
         other = solve(stacked([of_run.rows for of_run in changed]), constraints)
         return common_values(other.runs), other.covariance

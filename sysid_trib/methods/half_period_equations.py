@@ -53,7 +53,7 @@ class HalfPeriodEquations:
     first: Index
 
     def noise(self, measured: xr.Dataset) -> sp.csr_matrix:
-        """How unit errors move each equation: of extrema, of their times and, if it is pushed, unit impulses.
+        """Return the derivatives of each equation by unit errors: extrema, their times, and unit impulses.
 
         Parameters
         ----------
@@ -66,7 +66,7 @@ class HalfPeriodEquations:
         return sp.hstack(parts, format="csr")
 
     def impulses(self, measured: xr.Dataset) -> sp.csr_matrix:
-        """How unit impulses of white acceleration of density 1 (rad/s^2)^2/Hz move each equation.
+        """Return the change of each equation by unit impulses of density 1 (rad/s^2)^2/Hz.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class HalfPeriodEquations:
 
 @dataclass(frozen=True)
 class Penalty:
-    """What is known of the parameters of curves before the equations are solved.
+    """Prior knowledge of the parameters of curves.
 
     Attributes
     ----------
@@ -279,7 +279,7 @@ def _with_noise(
 
 
 def _plain_weights(design: Array, *, last: bool) -> Array:
-    """What plain least squares make of each target, (parameter, equation)."""
+    """Return the weight of each target in ordinary least squares, (parameter, equation)."""
     free = design[:, :-1] if last else design
     size = np.linalg.norm(free, axis=0)
     inverse = np.linalg.pinv(free / size) / size[:, None]

@@ -201,7 +201,7 @@ def _motion_from_start(
 
 
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
-    """Where steps that are nearly linear in the values vanish (Anderson 1965); the first step as it is.
+    """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
     Of a motion that is pushed far the steps themselves converge slowly, or lead away.
     """

@@ -1,4 +1,4 @@
-"""What a method says of itself, and what follows from it for the forces of a library."""
+"""Scope of a method, and its consequences for the forces of a library."""
 
 import warnings
 from collections.abc import Mapping, Sequence
@@ -25,7 +25,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class MethodScope:
-    """What a method assumes, observes and identifies: its attribute `scope`.
+    """Assumptions, observed quantities and identified forces of a method: its attribute `scope`.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class MethodScope:
 
 @dataclass(frozen=True, kw_only=True)
 class Constrained:
-    """What methods have in common whose parameters can be held, bounded or tied.
+    """Base of methods whose parameters can be held, bounded or tied.
 
     Parameters
     ----------

@@ -111,7 +111,7 @@ class Trajectory(Constrained):
 
     @property
     def scope(self) -> MethodScope:
-        """What the method says of itself; its errors allow for coloured noise where that is asked for."""
+        """Scope of the method; its errors allow for coloured noise if this is asked for."""
         return MethodScope(
             label="trajectory",
             assumes=f"the forces offered are all there are; the residual is {self.noise} noise",
@@ -272,7 +272,7 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
 
 
 def _residuals(fit: Fit) -> list[Array]:
-    """What the motion leaves of each run; refused where it does not follow them."""
+    """Return the residual of each run; raise an error where the motion does not follow them."""
     counted, unphysical = [], not np.all(np.isfinite(fit.sensitivity))
     for record, residual in zip(fit.problem.records, fit.problem.residuals(fit.values), strict=True):
         counted.append(residual[record.uncounted :])

@@ -94,7 +94,7 @@ class LinearModel:
 
     @cached_property
     def observed_states(self) -> Array:
-        """What the sensor shows of all states, those of coloured noise behind the others, (sample, state)."""
+        """Derivatives of the signal by all states, with those of coloured noise last, (sample, state)."""
         samples, order = len(self.record), len(self.sensor_filter) - 1
         return np.concatenate([self.observed, np.tile(np.eye(1, order), (samples, 1))], axis=1)
 

@@ -50,7 +50,7 @@ LEAST_PART = 0.05
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the iteration is, and the step that it would take.
+    """Iterate of the fit, and its next step.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Iterate:
         return linear.path + change[..., 0], np.sqrt(ratio.variance * np.maximum(covariance[:, 1, 1], 0.0))
 
     def innovations(self, run: int) -> Array:
-        """What is predicted wrongly one sample ahead, (sample,), rad."""
+        """Return the errors of one-step predictions, (sample,), rad."""
         return self.linear[run].innovations(self.ratios[run].ratio, self.solution[0])[1][:, 0]
 
     def stepped(self, step: Array) -> Array:

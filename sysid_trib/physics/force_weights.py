@@ -1,4 +1,4 @@
-"""What each force does in a cycle: its weight, its energy, and where two weigh the same."""
+"""Effect of each force in a cycle: its weight, its energy, and crossovers of two forces."""
 
 import itertools
 from collections.abc import Callable, Mapping

@@ -227,7 +227,7 @@ def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
 
 
 def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
-    """When the motion stops, from rest at an amplitude.
+    """Compute when the motion stops, from rest at an amplitude.
 
     Parameters
     ----------

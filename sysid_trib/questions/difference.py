@@ -204,7 +204,7 @@ def _contrast(
 
 
 def _holm(p_values: Array, level: float) -> Mask:
-    """Which of several hypotheses are refused, all of them sharing a level (Holm 1979); nan is none."""
+    """Return the mask of rejected hypotheses at a common level (Holm 1979); nan is not rejected."""
     order = np.argsort(p_values)[: np.count_nonzero(np.isfinite(p_values))]
     refused = np.zeros(len(p_values), dtype=bool)
     refused[order] = np.logical_and.accumulate(p_values[order] <= level / np.arange(len(order), 0, -1))

@@ -210,7 +210,7 @@ def _times(length: float, rate: float, every: int, *, in_part: bool = False) -> 
 def _longest(
     rival: Rival, times: Sequence[Array], given: tuple[tuple[float, float], float, tuple[Model, float]]
 ) -> tuple[RunPrediction | None, float]:
-    """What a rival predicts of the longest run that it has, and when its motion stops (s).
+    """Predict a rival's longest run and return its stop time (s).
 
     Nothing is fitted after the stop; it is infinite of a motion that does not. None of no such motion.
     `given` : what `predicted` takes besides.
@@ -262,7 +262,7 @@ def _best_first(values: Mapping[str, Array], limits: Array, rivals: int) -> Inde
 def _with_parting(
     data: xr.Dataset, rivals: Sequence[Rival], predictions: Mapping[str, RunPrediction], time: Array
 ) -> xr.Dataset:
-    """With `parting(time)` of the best run, of which this is predicted by name."""
+    """Add `parting(time)` of the best run."""
     ranked = sorted(rivals, key=lambda rival: -rival.probability)
     likeliest = [rival.name for rival in ranked if rival.name in predictions][:2]
     log_ratio = np.full(len(time), np.nan)

@@ -111,7 +111,7 @@ def _at_limit(value: Array, limit: Array, error: Array) -> Array:
 
 
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
-    """Where the deviance refuses a parameter on one side; infinite, or its limit, where it does not.
+    """Return where the deviance rejects a parameter on one side; its limit, or infinity, if nowhere.
 
     Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
     """

@@ -61,7 +61,7 @@ class Rival:
 def predicted(
     rival: Rival, time: Array, start: tuple[float, float], noise: float, forcing: tuple[Model, float]
 ) -> tuple[RunPrediction, float]:
-    """What a rival predicts after a start (angle, rad, and rate, rad/s), in noise of this standard deviation.
+    """Predict a rival after a start (rad, rad/s), in units of the noise, and return its stop time (s).
 
     Beside it when the motion stops (s), infinite if it does not. `forcing` : the model about whose motion a
     random force acts, and its ratio to the noise of a sample: then innovations are predicted.
@@ -82,7 +82,7 @@ def predicted(
 
 
 def _own(run: RunPrediction) -> Array:
-    """What is known of a motion that neither start nor zero can make, (sample, direction)."""
+    """Remove from a prediction the directions of start and zero, (sample, direction)."""
     known, free = run[:, 1:-3], run[:, -3:]
     return np.asarray(known - free @ np.linalg.lstsq(free, known, rcond=None)[0])
 

@@ -189,7 +189,7 @@ def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
 
 
 def _forcings(model: Model, name: str, ratio: Array) -> Array:
-    """What an input of amplitude 1 does by each force of coefficient 1, (force, frequency), complex."""
+    """Return the forcing by an input of amplitude 1 in each force, (force, frequency), complex."""
     forcing = np.zeros((len(model.forces), len(ratio)), complex)
     for at, force in enumerate(model.forces):
         for channel in (channel for channel in force.channels if channel.input == name):

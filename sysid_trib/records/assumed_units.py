@@ -42,7 +42,7 @@ def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tup
 
 
 def _contradicted(column: Column, stated: str, option: str, given: object, known: str = "") -> UsageError:
-    """That what the user says is not what the file says."""
+    """Return the error that an option contradicts the header of the file."""
     return UsageError(
         f"{column.source}: the header of column {column.name} says {stated}, but --{option} says {given} "
         f"({option.replace('-', '_')}= in Python){known}; leave the option out or correct the header."
@@ -201,7 +201,7 @@ OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
 
 
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
-    """Why a column is an axis of an accelerometer in m/s^2: three of them rest at gravity; or nothing."""
+    """Return why a column is an accelerometer axis in m/s^2 (three axes at rest show gravity), or nothing."""
     axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
     # More columns are gravity in some way by chance.
     if len(axes) != 3 or column not in axes:

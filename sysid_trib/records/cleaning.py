@@ -108,7 +108,7 @@ def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, i
 
 
 def _turn_and_cuts(signal: Array) -> tuple[float, int]:
-    """What is added at each cut at the end of a sensor's range, and how many there are.
+    """Return the jump at each cut at the end of the sensor range, and the number of cuts.
 
     At a cut the signal leaps over most of its range in one step, against its motion, which goes on beyond.
     The step that a cubic through the samples on either side leaves is a whole turn. A light barrier leaps as
@@ -189,7 +189,7 @@ def outliers(time: Array, signal: Array, period: float) -> Index:
 
 
 def _off_the_others(time: Array, signal: Array, period: float, least: tuple[float, float]) -> Mask:
-    """Which samples of a part without gaps are off by more than the noise, the least and a step's noise."""
+    """Return the mask of samples that deviate by more than the noise, the least and a step's noise."""
     bad = np.zeros(time.size, dtype=bool)
     knots = min(KNOTS * np.ptp(time) / period, time.size / SAMPLES_PER_INTERVAL)
     if knots < OUTLIER_DEGREE:

@@ -1,4 +1,4 @@
-"""What stamps say of the clock: uniform and rounded, jittering, doubled, set back, with rows missing."""
+"""The clock behind time stamps: uniform and rounded, jittering, doubled, set back, with rows missing."""
 
 from collections.abc import Iterator
 from typing import NamedTuple

@@ -1,4 +1,4 @@
-"""Which columns of a table are times and signal, where names, units and the swing make that certain."""
+"""Choice of the columns of time and signal, where names, units and the swing make it certain."""
 
 import re
 from contextlib import suppress
@@ -194,7 +194,7 @@ def _chosen_of_driven(
 
 
 def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | None, str] | None:
-    """How a column swings, or why it does not; None if it holds a text, or next to no numbers."""
+    """Return the swing of a column, or why there is none; None of a text or of fewer than three numbers."""
     try:
         values = column.values
     except SysidTribError:
@@ -281,14 +281,14 @@ def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> No
 
 
 def _without_smaller_axes(pool: list[Column]) -> list[Column]:
-    """Without axes of one sensor that move in phase with a larger one: all see the same motion."""
+    """Remove axes of one sensor that move in phase with a larger one: all see the same motion."""
     largest = max(pool, key=lambda c: c.amplitude)
     others = [c for c in pool if _are_axes(c.base, largest.base) and _in_phase(c.values, largest.values)]
     return [c for c in pool if c not in others]
 
 
 def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
-    """Without columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
+    """Remove columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
     ranked = sorted(pool, key=lambda c: (c.quantity != "angle", not c.unit_text))
     periods = {c: swing.oscillation.period if swing else np.inf for c, (swing, _) in swings.items()}
     kept: list[Column] = []

@@ -206,7 +206,7 @@ def wrong_swings(swing: Swing) -> Index:
 
 
 def _deviation_from_decay(level: Array) -> Array:
-    """By how much logarithms are off those on both sides, where these are a decay; else 0."""
+    """Return the deviation of logarithms from their neighbours where these decay; else 0."""
     off = np.zeros(level.size)
     before, after = level[1:-3], level[3:-1]
     around = np.stack([level[:-4], before, after, level[4:]])

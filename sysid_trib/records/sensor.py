@@ -103,7 +103,7 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
 
 
 def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
-    """What rounding and the rest of the noise leave of a motion, (sample,), `ROUNDED_MOTIONS` times.
+    """Yield the error of a rounded, noisy record of a motion, (sample,), `ROUNDED_MOTIONS` times.
 
     The zero of the sensor lies anywhere between two of its steps.
     """

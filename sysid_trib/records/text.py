@@ -362,7 +362,7 @@ def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) ->
 
 
 def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | None]:
-    """Which row names the columns, nearest first, and the row of their units; no row if all are units."""
+    """Return the row that names the columns, nearest first, and the row of their units, or None."""
     last, above = rows[0], rows[1] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     if _are_names(above, last) and (bracketed or _are_units_of(last, above)):

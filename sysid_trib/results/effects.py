@@ -1,4 +1,4 @@
-"""What a result says of effects: which coefficients differ from zero, and what a discovery names."""
+"""Effects in a result: significant coefficients, and the names of a discovery."""
 
 import math
 from collections.abc import Sequence

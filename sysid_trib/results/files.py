@@ -179,7 +179,7 @@ def write_file(target: Path, content: bytes) -> None:
 
 
 def _mark(process: int) -> str:
-    """How temporary files of a process of this machine begin."""
+    """Return the beginning of the names of temporary files of a process of this machine."""
     return f"{TEMPORARY}{uuid.getnode():x}-{process}-"
 
 

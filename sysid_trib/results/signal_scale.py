@@ -92,11 +92,11 @@ class _SignalScale:
     inputs: frozenset[str] = frozenset()
 
     def inwards(self, given: Any) -> Any:
-        """What is computed with."""
+        """Convert arguments to the scaled signal used in computations."""
         return _changed(given, self._scaled)
 
     def outwards(self, made: Any) -> Any:
-        """What comes out, in the unit of the record; each run's own forces have names of their own."""
+        """Convert results to the unit of the record; individual forces of runs have their own names."""
         whole = replace(self, degrees=_degrees(made) | self.degrees)
         return _changed(made, lambda part: whole._dataset(part) if isinstance(part, xr.Dataset) else part)
 
@@ -252,7 +252,7 @@ def _degrees(given: Any) -> dict[str, notation.Powers]:
 
 
 def _changed(given: Any, change: Callable[[Any], Any]) -> Any:
-    """What is given with each part changed: trees, lists and dicts hold parts."""
+    """Apply a change to each part of trees, lists and dicts."""
     if isinstance(given, xr.DataTree):
         groups = {node.path: change(node.to_dataset(inherit=False)) for node in given.subtree}
         return xr.DataTree.from_dict(groups)

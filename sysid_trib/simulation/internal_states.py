@@ -40,7 +40,7 @@ def begun_with(force: Force, values: Mapping[str, float]) -> Force:
 
 
 def leading(force: Force, tau: Array, x: Array, v: Array) -> Forcing:
-    """What leads a body without forces along the cubics through angles and rates (Hermite), from tau = 0."""
+    """Return the forcing that moves a free body along Hermite cubics through angles and rates."""
     cube, square, slope, value = CubicHermiteSpline(tau, x, v).c
     forcing = np.zeros((len(tau) - 1, 1 + len(force.channels), 4))
     # x'' + x of each cubic; inputs of the force, which does not act, are zero.

@@ -67,7 +67,7 @@ def _keeps_clear(g, n, low, high):
 
 @inner
 def first_crossing(series, n, h, side, zero, work):
-    """Where in (0, h] a series leaves the side (+1, -1) of zero on which it is to be; h + 1 if it does not.
+    """Return where in (0, h] a series leaves its side (+1, -1) of zero; h + 1 if it does not.
 
     A zero at 0 itself, up to the number or of the order in `zero`, is divided out; a wrong side there is a
     crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its

@@ -228,7 +228,7 @@ def _try_method(
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
-    """Why the motion of a run is not the record's, and of which, in a few words; empty if all are."""
+    """Describe why, and in which run, the motion does not follow the record; empty if all motions do."""
     if not motions:
         return f"{subject} diverges"
     for at, motion in enumerate(motions):

@@ -229,7 +229,7 @@ def explained_by(compared: xr.Dataset) -> str:
 
 
 def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
-    """Which of two identifications is the answer, by their residuals and by `better_of`.
+    """Return the index of the preferred identification, by the residuals and by `better_of`.
 
     What makes averaging immune to forces that are missing does not help against a line (hum), which moves
     extrema and their times: a second method that leaves no more, and but noise or a line, is the answer.
@@ -242,7 +242,7 @@ def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
 
 
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
-    """Which of two identifications of a record is the answer: the second, unless the first predicts better.
+    """Return the index of the preferred identification: the second, unless the first predicts better.
 
     Where its model leaves nothing but noise the second is: it is at the statistical bound; else the first
     where its does. Elsewhere the second must predict the parts that were held out better than the first by
@@ -255,7 +255,7 @@ def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
 
 
 def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
-    """What a random force is judged and drawn by, as groups of a tree; none where none is found.
+    """Return test, innovations and bands of a random force as groups of a tree; empty without one.
 
     Parameters
     ----------

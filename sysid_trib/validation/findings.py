@@ -1,4 +1,4 @@
-"""What a result knows of itself: written in it once when it is made, and read from its tree."""
+"""Properties of a result: stored when it is made, and read from its tree."""
 
 import json
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
 
 
 def failure_of_models(records: Sequence[xr.Dataset]) -> Variables:
-    """Why there is no motion of a model, in a few words; empty where there is one, even a far one."""
+    """Return why a model has no motion, in a few words; empty if it has one."""
     reasons = []
     largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
     # Of the largest angle of the record; a motion that grows beyond is none of it.
@@ -82,7 +82,7 @@ def residual_over_noise(tree: xr.DataTree, model: str) -> float:
 
 
 def held_out_excess(tree: xr.DataTree) -> float:
-    """What the final model of a discovery leaves of what it was not fitted to, over the sensor's noise.
+    """Return the held-out residual of the final model of a discovery over the sensor noise.
 
     Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
     of driven records, whose noise no spline tells.

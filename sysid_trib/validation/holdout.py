@@ -65,7 +65,7 @@ def in_all_runs(
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Why a model that neglects nothing says nothing of the records, by what `in_all_runs` gives; or none."""
+    """Return why a model that neglects no force fails on the records, from `in_all_runs`; or nothing."""
     if not motions:
         return findings.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):

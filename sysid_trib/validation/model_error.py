@@ -203,7 +203,7 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
 
 
 def _numbers(result: xr.Dataset, names: Sequence[str]) -> Array:
-    """What an identification has `ESTIMATED`, or the errors that it has `STATED` of it; nan of none."""
+    """Return the variables `ESTIMATED` or `STATED` of an identification; nan if there are none."""
     return np.concatenate([np.ravel(result[name].values) for name in names])
 
 

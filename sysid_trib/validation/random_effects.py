@@ -66,7 +66,7 @@ class RandomEffects:
 
     @property
     def fitted(self) -> Array:
-        """Where the effects put each value, (value,)."""
+        """Values fitted by the effects, (value,)."""
         return np.asarray(self.effects @ self.design.T)
 
     @property
@@ -156,7 +156,7 @@ class RandomEffects:
         return size, self.chi_square[..., None] - size**2
 
     def shrunken(self) -> tuple[Array, Array]:
-        """Where each value really is, with the others' help, and its standard error: (value,) each.
+        """Return shrunken estimates of the values and their standard errors, (value,) each.
 
         At one tau the mean of value and effects, weighted by both variances. What few values leave open of
         tau is averaged over: restricted likelihood times Jeffreys' prior.

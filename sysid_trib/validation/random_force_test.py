@@ -113,7 +113,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
 
 
 def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
-    """What `random_force_dependence` returns, of `NUMBERS` and (aspect, on) p-values; these may be nan."""
+    """Return the Dataset of `random_force_dependence` from `NUMBERS` and (aspect, on) p-values."""
     values = dict(zip(NUMBERS, numbers, strict=True)) | {"dependence_p_value": p_values}
     return xr.Dataset(variables.described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
 

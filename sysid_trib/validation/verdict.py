@@ -1,4 +1,4 @@
-"""What is said of a record, and the answer that predicts: with which noise it is identified, how surely."""
+"""Verdict on a record and the preferred method: noise of the identification, and its errors."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -38,7 +38,7 @@ APPROXIMATE_PART = 0.05
 
 
 def widening(result: xr.Dataset, residual_over_noise: float) -> float:
-    """By how much stated errors are to be widened where a model does not explain the record; 1 at least.
+    """Return the factor by which stated errors are widened if a model is incomplete; at least 1.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def is_found(force: RandomForce) -> bool:
 
 
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
-    """Over `run` what `random_force_dependence` returns; `reason` where the motion does not settle.
+    """Return `random_force_dependence` over `run`; `reason` where the motion does not converge.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
 
 
 def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr.Dataset:
-    """What `dependence_on_motion` says of a run, tested once; nan where the motion does not settle: why."""
+    """Return `dependence_on_motion` of a run, computed once; nan where the motion does not converge."""
     nothing, reason = np.full((len(ASPECTS), len(ON)), np.nan), ""
     # A run without a random force has none that depends on something.
     tested = dependence((1.0, *[np.nan] * 4), nothing)

@@ -73,7 +73,7 @@ class FittedModel:
 
     @property
     def stiffness(self) -> float:
-        """By which the square of the frequency differs from the paths', as a part of it."""
+        """Relative difference between the square of the frequency and that of the paths."""
         return float(self.likelihood.coefficients[len(self.trials)]) if self.frequency_free else 0.0
 
     @property
@@ -213,7 +213,7 @@ class FittedModel:
         ]
 
     def ahead(self, shapes: Array) -> Array:
-        """By how much coefficients and stiffness change with these steps of the shapes, (trial + 1,)."""
+        """Return the changes of coefficients and stiffness with these steps of the shapes, (trial + 1,)."""
         first, count = self.columns - len(shapes), len(self.trials)
         covariance = self.stepped.covariance
         errors = np.sqrt(np.diag(covariance)[first:])

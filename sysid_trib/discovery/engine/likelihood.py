@@ -25,7 +25,7 @@ RIDGE = 1e-13
 
 
 def of_many_rows(rows: ArrayLike, columns: int) -> Array:
-    """By what a gain of one column is to be multiplied to have the tail of a chi-square.
+    """Return the factor that gives a gain of one column the tail of a chi-square.
 
     That of Student's t with `rows` degrees of freedom (Wallace 1959), where the most likely variance takes
     those of the `columns` for rows too: of few rows chance gains more.

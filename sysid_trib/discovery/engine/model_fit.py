@@ -147,7 +147,7 @@ def _continued(model: FittedModel, reach: float, part: float, worst: float) -> F
 
 
 def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
-    """What a fit has come to that goes on after all of its rounds."""
+    """Return the result of a fit that has used all of its rounds."""
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
         return best

@@ -103,7 +103,7 @@ class RecordPath:
         return tau / self.frequency + float(self.time[0]) - self.origin
 
     def given_at(self, trials: Iterable[TrialEffect], tau: Array) -> dict[str, Array]:
-        """What the formulas of trials hold of inputs, (point,) each."""
+        """Return the inputs in the formulas of trials, (point,) each."""
         channels = channels_of(trial.force for trial in trials)
         return values_of_inputs(self.inputs, channels, tau / self.frequency, self.frequency)
 
@@ -122,7 +122,7 @@ class RecordPath:
 
     @property
     def integrals(self) -> sp.csr_matrix:
-        """What integrates values at the points where forces are evaluated, (row, point)."""
+        """Matrix that integrates values at the points where forces are evaluated, (row, point)."""
         return self._between[1]
 
     @cached_property
@@ -209,7 +209,7 @@ class RecordPath:
         return errors
 
     def sensor_slopes(self, terms: Terms) -> tuple[Array, Array]:
-        """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
+        """Return the derivatives of sensor errors by the angle and by its rate, (sample,) each."""
         forces = ((trial.force, c, trial.shapes) for trial, c in terms)
         return force_columns.derivatives_along(forces, (self.elapsed, *self.at_samples), kind="sensor")
 

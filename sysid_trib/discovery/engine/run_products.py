@@ -159,7 +159,7 @@ def has_products(columns: Array) -> Mask:
 def unresolved(
     form: WeakForm, tau: Array, stiffness: Array, damping: Array, operator: sp.csr_matrix
 ) -> float:
-    """By how much the logarithm of the determinant of the rows' white noise is too large.
+    """Return the excess of the log determinant of the white noise of the rows.
 
     Parameters
     ----------

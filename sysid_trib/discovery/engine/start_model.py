@@ -185,7 +185,7 @@ def _flicker_filter(path: RecordPath) -> Array:
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
-    """By how much the deviance would fall by the partial autocorrelation that shows most with a colour.
+    """Return the largest fall of the deviance by a small partial autocorrelation, to second order.
 
     By its slope and its bend there (Rao's score test).
     `deviance` : of a whitening filter, (tap,).
@@ -202,7 +202,7 @@ def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) ->
 
 
 def colour_penalty(model: FittedModel) -> float:
-    """What the colours of a model's noise cost besides its deviance (Bayesian information criterion)."""
+    """Return the penalty of the colours of a model's noise (Bayesian information criterion)."""
     return float(sum(_parameters_of(rows.path.sensor) * np.log(len(rows.path.time)) for rows in model.rows))
 
 

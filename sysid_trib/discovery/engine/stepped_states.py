@@ -131,7 +131,7 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
 
 
 def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]) -> tuple[Array, Array]:
-    """By how much a history-dependent force changes with the angle and its rate, (sample,) each.
+    """Return the derivatives of a history-dependent force by the angle and its rate, (sample,) each.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
 
 
 def _stretch(pull: Array) -> Array:
-    """What a step is to be multiplied by, so that y' = pull y is multiplied by exp(pull) exactly.
+    """Return the factor of a step with which y' = pull y is multiplied by exp(pull) exactly.
 
     Such nonstandard steps (Mickens 1994) keep the frequency and the damping of every resonance; Radau's own
     damp it by abs(pull)**4 / 72 at each step. Where a step is too long to resolve the decay they are better.

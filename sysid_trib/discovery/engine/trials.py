@@ -26,7 +26,7 @@ from sysid_trib.simulation.internal_states import is_stepped
 
 @dataclass(frozen=True)
 class Settings:
-    """What decides in `discover`; `table` has the meaning and the source of each.
+    """Settings of `discover`; `table` has the meaning and the source of each.
 
     Numbers that are not here are accuracies of arithmetic (steps of differences, ridges) or the layout of
     what is shown (spans, cells of the map): no name depends on them.
