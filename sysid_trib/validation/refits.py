@@ -1,4 +1,4 @@
-"""Other defensible fits of the same forces, compared at one reference frequency."""
+"""Refits of the same forces in every other defensible way, compared at one reference frequency."""
 
 from collections.abc import Callable, Iterator, Sequence
 
