@@ -127,7 +127,7 @@ def _memory_is_short() -> bool:
 
 
 def _internal(error: Exception) -> str:
-    """A fault of this package, but still no traceback: a line that finds the place."""
+    """Describe a fault of this package in one line that finds the place, without a traceback."""
     import traceback
 
     frame = traceback.extract_tb(error.__traceback__)[-1]

@@ -125,7 +125,7 @@ def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def labels_checksum(arrays: Mapping[str, Any]) -> int:
-    """CRC-32 of what all records share: methods, forces and their units."""
+    """Return the CRC-32 of the labels that all records share: methods, forces and their units."""
     checksum = 0
     for name, array in sorted(arrays.items()):
         if not is_per_record(array):
@@ -156,7 +156,7 @@ def is_per_record(array: Any) -> bool:
 
 
 def _bytes(column: Array) -> Array:
-    """The bytes of each record; what is not a number has many, of which one is taken."""
+    """Return the bytes of each record, with one representation for all kinds of nan."""
     if column.dtype.kind == "f":
         column = np.where(np.isnan(column), np.nan, column)
     return np.ascontiguousarray(column).reshape(len(column), -1).view(np.uint8)

@@ -141,7 +141,7 @@ class Store:
 
 
 def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> Store:
-    """The store of a campaign, to be written to: made, gone on with, or with further records.
+    """Open the store of a campaign for writing: create it, continue it, or add further records.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def _recover(path: Path) -> None:
 
 
 def _near(path: Path, ending: str) -> Path:
-    """A place next to that of a store."""
+    """Return a path next to that of a store."""
     return path.with_name(f".{path.name}.{ending}")
 
 

@@ -58,7 +58,7 @@ def record_at(records: CampaignRecords, at: int) -> str | xr.Dataset:
 
 
 def decays_of_file(path: str) -> list[xr.Dataset]:
-    """The free decays of a file, read as it says itself."""
+    """Return the free decays of a file, read without options."""
     return [decay for record in read_records(path) for decay in free_decays(record)]
 
 
@@ -162,7 +162,7 @@ class Task:
 
 
 def empty_row(task: Task) -> stored.Row:
-    """A row of which nothing is known: nan, and empty texts."""
+    """Return a row without a result: nan, and empty texts."""
     sizes = {dim: len(names) for dim, names in task.axes.items()} | {"part": stored.OUTLINE_PARTS}
     without = set() if task.name == "discover" else stored.OF_SEARCH
     return {name: stored.empty(name, sizes) for name in stored.VARIABLES if name not in without}

@@ -95,7 +95,7 @@ def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Const
 def asked_search(
     given: app.Asked, inputs: Collection[str] = ()
 ) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
-    """The start model, what it may lack, and how to search, as `discover` takes them.
+    """Return start model, candidates and options of the search, as `discover` takes them.
 
     Parameters
     ----------

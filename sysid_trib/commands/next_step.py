@@ -93,7 +93,7 @@ def _after_identification(tree: xr.DataTree) -> State:
 
 
 def _undetermined(result: xr.Dataset) -> State:
-    """After a record that decides none of its forces: with fewer of them."""
+    """Return the step after a record that determines no force: fewer forces."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
         return "undetermined", {"forces": viscous[0], "window": None}
@@ -178,7 +178,7 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
 
 
 def _scale_error(tree: xr.DataTree, given: Asked) -> str:
-    """The factor on the signal that a pendulum's frequency wants; empty if it wants none, or has one."""
+    """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
     unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
@@ -201,7 +201,7 @@ def _tied(tree: xr.DataTree) -> list[str]:
 
 
 def _swings_unexplained(tree: xr.DataTree) -> bool:
-    """True if a model does not explain records whose backbones are those of a pendulum."""
+    """Return true if a model does not explain records of pendulums."""
     if kind_of(tree) == "discover":
         unexplained = tree.attrs["verdict"] == "unknown effect"
     else:
@@ -231,7 +231,7 @@ def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
 
 
 def _moves_freely(tree: xr.DataTree) -> bool:
-    """True if the body of a driven record has no restoring force; a search weighs forces by that."""
+    """Return true if the body of a driven record has no restoring force, which a search needs."""
     result = findings.main_result(tree)
     if result is None or not files.is_of_driven(tree):
         return False

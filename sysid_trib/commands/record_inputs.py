@@ -75,7 +75,7 @@ def _is_printed(path: Path) -> bool:
 
 
 def _maker_of(path: Path) -> str:
-    """The command that wrote a result, or its method; empty of what is no result."""
+    """Return the command or method that wrote a result; empty if it is no result."""
     try:
         tree = load(path)
     except SysidTribError:

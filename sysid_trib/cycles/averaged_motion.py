@@ -212,7 +212,7 @@ def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Ar
 
 
 def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, drive: Array) -> Array:
-    """Amplitudes between which every balance is, (amplitude,), by the drive's sizes (frequency,).
+    """Return amplitudes that bracket every balance, (amplitude,), from the drive (frequency,).
 
     Raises
     ------
@@ -272,7 +272,7 @@ def excess(sums: Array, coefficients: Array, ratio: Array, drive: Array, amplitu
 
 
 def crossings(values: Array, amplitude: Array) -> tuple[Index, Array]:
-    """Rows and amplitudes where values (row, amplitude) change sign, by lines between those of the grid."""
+    """Return rows and amplitudes where values (row, amplitude) change sign, by linear interpolation."""
     row, at = np.nonzero(np.signbit(values[:, :-1]) != np.signbit(values[:, 1:]))
     low, high = values[row, at], values[row, at + 1]
     return row, amplitude[at] + (amplitude[at + 1] - amplitude[at]) * low / (low - high)

@@ -31,7 +31,7 @@ Smoothed: TypeAlias = tuple[xr.Dataset, dict[str, Array]]
 def period_rows(
     measured: xr.Dataset, slopes: dict[str, Array] | None = None
 ) -> tuple[Array, dict[str, CurveRows]]:
-    """Rows of an envelope, a half period apart, without what differs between the two sides.
+    """Return rows of an envelope, a half period apart, without the differences between the two sides.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
-    """The `backbone` of a decay, and how its periods weigh in it."""
+    """Return the `backbone` of a decay, and the weights of its periods in it."""
     measured = half_sines.envelope(decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
@@ -215,7 +215,7 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
 
 
 def _over_time(measured: xr.Dataset, noise: float, unit: str) -> Variables:
-    """The amplitude at the extrema but two at either end; noise in units of that of their errors."""
+    """Return the amplitude at the extrema without two at either end; noise relative to their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise

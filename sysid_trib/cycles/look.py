@@ -128,7 +128,7 @@ def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
 
 
 def _without_drift(amplitude: Array) -> Array:
-    """Amplitudes as the mean over both sides: a middle that moves makes one side's larger, in turn."""
+    """Return amplitudes as the mean over both sides, which removes a moving middle."""
     if amplitude.size < FEWEST_INSTANTS:
         return amplitude
     inner = 0.25 * (amplitude[:-2] + 2.0 * amplitude[1:-1] + amplitude[2:])
@@ -165,7 +165,7 @@ def _median_frequency(curve: xr.Dataset) -> float:
 
 
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
-    """Logarithmic rate of the amplitude at the first times, over w: by so many that it is known."""
+    """Return the logarithmic decay rate at the first times, over w, from enough periods to be known."""
     good = amplitude > 0.0
     time, level = time[good], np.log(amplitude[good])
     if time.size < 2:

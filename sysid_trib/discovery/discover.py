@@ -1,4 +1,4 @@
-"""Find where model and record differ, name the missing effect, add it: the gap shrinks."""
+"""Search for missing effects: compare model and record, name the missing effect, add it, and repeat."""
 
 import json
 import time
@@ -264,7 +264,7 @@ def _nearer_start(
     constraints: ConstraintTable,
     frequency: float | None,
 ) -> PlainStart | None:
-    """The start model fitted without a random force, where its motion is clearly nearer to the records."""
+    """Return the start model fitted without a random force, if its motion is clearly nearer to the data."""
     plain = plain_start(seen, library, Constraints(constraints).fixed, frequency, start)
     nearer = plain is not None and plain.residual < NEARER * residual_of_motions(free_motions(start))
     return plain if nearer else None
@@ -279,7 +279,7 @@ def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
 
 
 def _best_by_holdout(done: Search, tell: Tell) -> Search:
-    """The search with its steps and their predictions; without what does not improve what was held out."""
+    """Return the search without the effects that do not improve the held-out prediction."""
     fits = done.fits
     while True:
         steps = with_steps(done, tell)
@@ -298,7 +298,7 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
 
 
 def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
-    """The search, or that with noise of the likeliest colour, if that explains the record better.
+    """Return the search, or that with coloured noise if it explains the record better.
 
     What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of

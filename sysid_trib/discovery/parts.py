@@ -21,7 +21,7 @@ from sysid_trib.results.effects import NAMED
 
 
 def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
-    """Test of each model for runs that differ, by small deviations.
+    """Test whether runs differ, for each model, by small deviations.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def squares_left(design: Array, target: Array, least: float = 1e-5) -> tuple[flo
 
 
 def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
-    """An effect of a search against its rivals, itself among them, in parts of the record.
+    """Return the evidence of an effect and its competitors in parts of the record.
 
     Returns
     -------
@@ -190,7 +190,7 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
 
 
 def _best(screening: Screening, symbol: str) -> int:
-    """The testable trial of a force with the least error, in units of its force; else any."""
+    """Return the testable trial of a force with the smallest error, in units of its force; else any."""
     of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
     good = [i for i in of_force if not screening.reasons[i]]
     size = screening.errors * screening.relative_force
@@ -198,7 +198,7 @@ def _best(screening: Screening, symbol: str) -> int:
 
 
 def closing_effect(done: Search) -> str:
-    """The effect that no more were asked for left out, if nothing is missing with it; else empty."""
+    """Return the effect that only `max_effects` excludes and that would complete the model; or empty."""
     settings, model = done.models[-1].settings, done.next_best
     if model is None or not len(done.effects) == settings.max_effects > 0:
         return ""
@@ -208,7 +208,7 @@ def closing_effect(done: Search) -> str:
 
 
 def not_improving(done: Search) -> str:
-    """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
+    """Return the most likely effect that was left out because it does not improve the prediction."""
     model = done.next_best
     asked = model is not None and done.converged and len(done.effects) < model.settings.max_effects
     return model.effects[-1] if model is not None and asked else ""

@@ -1,4 +1,4 @@
-"""Columns with a model: what of them is outside of its own, what each would gain, what is known of them.
+"""Single columns with a model: their independent parts, gains, and resolution.
 
 A column is known where it is the same along a motion that is as likely: a random force hides the motion.
 """
@@ -209,7 +209,7 @@ def correlation_of(products: Array) -> Array:
 
 
 def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
-    """Least deviance of each column, by splines over the ratios, and its place among them, (column,) each."""
+    """Return the smallest deviance of each column, by splines over the ratios, and its place, (column,)."""
     logs = np.log(ratios[1:])
     # Distance of ratios between those tried, in their logarithm, at which single columns are judged.
     fine = np.linspace(logs[0], logs[-1], 1 + round((logs[-1] - logs[0]) / 0.1))
@@ -252,7 +252,7 @@ def outside_of(model: FittedModel, columns: Sequence[Array], base: Array) -> tup
 def known_finely(
     model: FittedModel, columns: Sequence[Array], aside: Sequence[Array], without: Sequence[str] = ()
 ) -> Mask:
-    """True if columns are the same along a motion that is as likely, (column,).
+    """Return the mask of columns that are the same along an equally likely motion, (column,).
 
     `columns`, `aside` : (row, column) of each run, along its path and along one of `model.possible_rows`;
     `without` : effects of the model that these may replace: with them they need not be told apart.
@@ -268,7 +268,7 @@ def known_finely(
 
 
 def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
-    """`known_finely` of trials; without a random force of all."""
+    """Apply `known_finely` to trials; without a random force all are true."""
     if not np.any(model.likelihood.ratios):
         return np.ones(len(trials), dtype=bool)
     # Drawn again, and not kept with each screening: they are as large as the rows of the model.
@@ -278,7 +278,7 @@ def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
 
 
 def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:
-    """Mixtures of columns that are the same along a motion that is as likely, (column, direction).
+    """Return the mixtures of columns that are the same along an equally likely motion, (column, direction).
 
     Of directions outside of the model's columns that are orthogonal in its noise. Parameters as of
     `known_finely`: columns that differ little may be known though their difference is not.
@@ -292,6 +292,6 @@ def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequen
 
 
 def _alike(here: Array, there: Array, tolerance: float) -> Mask:
-    """True if columns correlate but for such a part of their squares, (column,)."""
+    """Return the mask of columns that correlate up to this part of their squares, (column,)."""
     along = np.einsum("ij,ij->j", here, there)
     return along >= np.sqrt(1.0 - tolerance) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)

@@ -184,7 +184,7 @@ def _whitened(search: Search) -> list[float]:
 
 
 def _selected_at(search: Search, symbol: str) -> int:
-    """The selection step after which an effect came into the model for good."""
+    """Return the selection step after which an effect remained in the model."""
     absent = [symbol not in {t.force.symbol for t in s.model.trials} for s in search.screenings]
     return max((at for at, out in enumerate(absent[:-1]) if out), default=0)
 

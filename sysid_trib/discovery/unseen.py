@@ -35,7 +35,7 @@ Prediction = tuple[Array, float]
 def start_forces(
     asked: ForceLibrary, reference_frequency: float | None, constraints: Constraints
 ) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
-    """The forces of the start model: all, those that are fitted, those held with their coefficients."""
+    """Return the forces of the start model: all, the fitted ones, and held ones with coefficients."""
     if not len(asked):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
     model = forces_to_identify(asked, reference_frequency)
@@ -70,7 +70,7 @@ class RecordPart(NamedTuple):
 def search_parts(
     runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset], per_period: int
 ) -> tuple[list[xr.Dataset], list[RecordPart], list[RecordPart]]:
-    """Runs with as many samples as a search needs, what models are fitted to, and what they predict.
+    """Return the decimated runs, the parts to which models are fitted, and the parts that they predict.
 
     A driven record is as dense as its inputs ask for.
 
@@ -139,7 +139,7 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
 def predicted(
     model: FittedModel, parts: Sequence[RecordPart], runs: Sequence[int], frequency: float
 ) -> Prediction:
-    """Predict parts of records by a model that has not seen them.
+    """Predict parts of records that the model has not used.
 
     Parameters
     ----------
@@ -257,7 +257,7 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
 
 
 def noise_p_value(model: FittedModel, runs: Sequence[xr.Dataset], unseen: Callable[[], float]) -> float:
-    """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
+    """Return the p-value that the residual of every run is sensor noise or a random force.
 
     1 where the free motion follows them and what was held out to the noise (`unseen`: the RMS of that), 0
     where it does not follow them and nothing pushes it. With a random force a free motion wanders off and

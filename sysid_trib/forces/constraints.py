@@ -88,7 +88,7 @@ class Constraints:
         bounds: Mapping[str, Bounds] | None = None,
         ties: Mapping[str, str] | None = None,
     ) -> "Constraints":
-        """The table of three, one of each kind; a parameter that is held within its bounds is held.
+        """Return one table from three of one kind each; a parameter held within its bounds is held.
 
         Raises
         ------
@@ -269,7 +269,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
 
 
 def tied_value(tie: Formula, values: Mapping[str, float]) -> float:
-    """Value of a tied parameter by those of the parameters; nan where it has none."""
+    """Return the value of a tied parameter from the parameters; nan if it cannot be computed."""
     with np.errstate(all="ignore"):
         value = float(tie.evaluate(values))
     return value if np.isfinite(value) else np.nan

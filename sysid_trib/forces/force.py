@@ -117,7 +117,7 @@ class Force:
         return tuple(dict.fromkeys(surface for f in formulas for surface in f.surfaces))
 
     def with_instead(self, name: str, text: str, over: float = 1.0) -> "Force":
-        """The force with an expression in the place of a name; rates of states are divided by a number."""
+        """Return the force with a name replaced by an expression; rates of states are divided by a number."""
         state, memory, start = (
             {key: notation.with_instead(formula, name, text, by) for key, formula in table.items()}
             for table, by in ((self.state, over), (self.memory, 1.0), (self.start, 1.0))
@@ -126,7 +126,7 @@ class Force:
         return replace(self, formula=formula, state=state, memory=memory, start=start)
 
     def counted_from(self, seconds: float) -> "Force":
-        """The force with `t` of its formulas moved, for a motion that starts so much later."""
+        """Return the force with `t` of its formulas shifted, for a motion that starts later."""
         if seconds == 0.0 or not any("t" in f.names for f in (*self.formulas, *self.start.values())):
             return self
         return self.with_instead("t", f"t + {seconds!r}")

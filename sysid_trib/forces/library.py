@@ -25,12 +25,12 @@ Checks: TypeAlias = Mapping[str, tuple[Callable[[Any], Any], str]]
 
 
 def is_number(value: object) -> bool:
-    """True if a value of a TOML file is a number that arithmetic bears."""
+    """Return true if a value of a TOML file is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_CONSTANT
 
 
 def is_line(value: object) -> bool:
-    """True if a value is a text for tables and figures; control characters could steer a terminal."""
+    """Return true if a value is a text without control characters, which could affect a terminal."""
     return isinstance(value, str) and " ".join(value.split()).isprintable()
 
 

@@ -181,7 +181,7 @@ def _at(force: "Force", names: Mapping[str, Any]) -> NDArray[np.float64]:
 def _degree_in(
     force: "Force", powers: Mapping[str, float], shapes: ShapeValues | None = None
 ) -> float | None:
-    """Degree as variables grow with these powers of one factor; None without one, and of zero."""
+    """Return the degree if variables grow with these powers of one factor; None without one, or of zero."""
     points = force.test_points | dict(shapes or {})
     # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
     degree = force.formula.degree_in(powers, points, (2.0, 4.0, 1e-3, 1e-6))

@@ -93,7 +93,7 @@ class Lines:
 
 
 def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
-    """Lines of a deviation above a frequency in units of the motion's; weak rows see those below.
+    """Return the spectral lines above a frequency (in units of that of the motion); rows include those below.
 
     None where the steps of time differ.
 
@@ -215,7 +215,7 @@ def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
 
 
 def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
-    """Noise of the order beyond which lines are no more likely, with a response to a random force."""
+    """Return the noise of the best order, with a response to a random force."""
     best = _whittle(lines, response, 0)
     for order in range(1, MAX_COLOUR + 1):
         fit = _whittle(lines, response, order)

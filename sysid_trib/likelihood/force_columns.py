@@ -178,7 +178,7 @@ def derivatives_along(
 
 
 def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coefficient: float) -> Array:
-    """Slope of a force by x or v along a motion, with what jumps at zero as a bump.
+    """Return the derivative of a force by x or v along a motion, with jumps at zero as bumps.
 
     What is left of the rise within `STEEP` of the amplitude by the tangents at its ends is the jump.
     """

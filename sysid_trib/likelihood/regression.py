@@ -267,7 +267,7 @@ def begin(
 
 
 def _as_forces(run: RunRegression) -> Array:
-    """Columns of the first path, (sample, force): in place of a sensor's term the force that shows alike."""
+    """Return the columns of the first path, (sample, force): sensor terms as equivalent forces."""
     columns, tau = run.columns.copy(), run.form.tau
     if run.of_sensor.any():
         terms = columns[:, run.of_sensor]

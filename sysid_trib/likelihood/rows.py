@@ -270,7 +270,7 @@ def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> So
 def select(
     rows: Rows, constraints: ConstraintMap, optimizer: Any = None, significance: float | None = None
 ) -> Mask:
-    """Forces that are kept by an optimiser and at a level of significance, by all where neither is given.
+    """Return the forces kept by an optimiser and at a significance level; all without either.
 
     Parameters
     ----------

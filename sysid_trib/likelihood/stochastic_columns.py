@@ -179,7 +179,7 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution,
 
 
 def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap) -> tuple[Array, Array]:
-    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself.
+    """Average coefficients and reference frequency over the plausible ratios of each run.
 
     What that moves them by, and adds to their covariance.
     """

@@ -235,7 +235,7 @@ def _refined(
 
 
 def ratio_span(duration: float, step: float) -> tuple[float, float]:
-    """Ratios between which a random force is neither invisible nor all there is in each sample.
+    """Return the ratios between which a random force is neither invisible nor dominant in each sample.
 
     Parameters
     ----------

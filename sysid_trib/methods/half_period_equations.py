@@ -147,7 +147,7 @@ class EquationSolution:
         return float(sum(white @ white for white in whites))
 
     def without_bias(self, simulated: "EquationSolution") -> "EquationSolution":
-        """The solution of a simulated motion, with what this residual is beyond that motion's."""
+        """Return the solution of a simulated motion with the residual of this one beyond that motion's."""
         runs = []
         for run, other in zip(self.runs, simulated.runs, strict=True):
             kept = slice(min(len(run.residual), len(other.residual)))
@@ -291,7 +291,7 @@ def _plain_weights(design: Array, *, last: bool) -> Array:
 
 
 def _check_rank(design: Array, names: Sequence[str], instants: int) -> None:
-    """Refuse what the equations cannot decide, by name where there are names."""
+    """Raise an error naming the parameters that the equations cannot determine."""
     of_what = f"{len(names)} forces" if names else f"{design.shape[1]} unknowns"
     if len(design) < design.shape[1] + 2:
         raise DecayError(f"{instants} amplitudes cannot decide {of_what}; give a longer record or fewer.")

@@ -1,4 +1,4 @@
-"""Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
+"""Indirect inference: removal of the bias of a simplified model by fits to its own motions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -154,7 +154,7 @@ def _corrected(
     measured: Sequence[xr.Dataset],
     first: Groups,
 ) -> tuple[Array, Groups]:
-    """Values whose motions give the same fit as the records; the fit of these motions.
+    """Return the values whose simulated motions give the same fit as the records, and that fit.
 
     Its residuals are those of the records beyond those of the motions.
 

@@ -103,7 +103,7 @@ def without_old_arguments(
     *,
     stacklevel: int,
 ) -> ConstraintTable:
-    """The table of what was given as `fix`, `bounds` and `tie`, with a warning where any was."""
+    """Merge the deprecated arguments `fix`, `bounds` and `tie` into one table, with a warning."""
     if fix is None and bounds is None and tie is None:
         return {}
     table = Constraints.merged(fix, bounds, tie).table
@@ -135,7 +135,7 @@ def constrained(method: Method, constraints: Constraints) -> Method:
 
 
 def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Method) -> Constraints:
-    """Constraints, with the coefficients held that a library of one's own states if nothing else is asked.
+    """Add held coefficients that a user's library states, unless constraints say otherwise.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def with_random_force(method: Method, random_force: RandomForceOption) -> Method
 
 
 def scope_of(method: Method) -> MethodScope:
-    """The scope of a method; of one that states none, its class as label and nothing else."""
+    """Return the scope of a method; by default its class as label."""
     stated = getattr(method, "scope", None)
     return stated if isinstance(stated, MethodScope) else MethodScope(type(method).__name__.lower())
 

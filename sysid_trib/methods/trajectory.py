@@ -195,7 +195,7 @@ class Trajectory(Constrained):
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
-    """The direct identification, first guess and colour of the sensor's noise.
+    """Return the direct identification, its first guess and the colour of the sensor noise.
 
     None where it fails and a start model is given.
     """
@@ -259,7 +259,7 @@ def _with_random_force(
 
 
 def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tuple[Fit, Array, Iterate]:
-    """The fit in noise of the colours of the records or in white noise, whose innovations are likelier."""
+    """Return the more likely of the fits in coloured and in white noise."""
     fit = fit_random_motion(problem, values, method.random_force)
     white = [np.ones(1)] * len(problem.records)
     if all(len(record.filter_) == 1 for record in problem.records):

@@ -229,5 +229,5 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tup
 
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
-    """Coefficients of the model, and their covariance with the reference frequency behind them."""
+    """Return the coefficients of the model, and their covariance with the reference frequency as last."""
     return tuple(result.force.values.tolist()), np.nan_to_num(schema.covariance_with_frequency(result))

@@ -128,7 +128,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
 
 
 def _settled(tracked: TrackedRecord) -> TrackedRecord:
-    """The record about the motion at which its smoothing comes to rest."""
+    """Return the record about the motion at which its smoothing converges."""
     # The path is settled where it moves by less than this part of the sensor's noise.
     tolerance = 0.01 * tracked.noise
     changes: list[float] = []

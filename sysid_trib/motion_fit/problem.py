@@ -154,7 +154,7 @@ class WhitenedRecord:
 
 
 def _penalty(far: float, distance: float, count: int) -> Array:
-    """A residual above `far` whose least squares are where the distance is zero."""
+    """Return a residual larger than `far` whose squares are smallest at distance zero."""
     residual = np.full(count, np.sqrt(2.0) * far)
     residual[::2] = far * distance
     return residual

@@ -226,7 +226,7 @@ def fit_random_motion(
 
 
 def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
-    """The fit after the last step, which is among its errors; so is a density that is not known exactly."""
+    """Return the fit after the last step, with this step and an uncertain density in its errors."""
     step, covariance = best.solution
     covariance = covariance + np.outer(step, step)
     for run in range(len(best.linear)) if density is None else ():
@@ -238,7 +238,7 @@ def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit
 
 
 def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
-    """The part of the step to go: less where it turns back on the last one, more where it goes on."""
+    """Return the relative step length: shorter after a turn back, longer in the same direction."""
     if before is None:
         return part
     # In the metric of the errors.

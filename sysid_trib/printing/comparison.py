@@ -210,7 +210,7 @@ def _noise(table: xr.Dataset) -> str:
 
 
 def _by_accident(table: xr.Dataset) -> Iterator[str]:
-    """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
+    """Warn that a poor model may still follow the last swings, and that errors can be wide."""
     ratios = table.residual_over_noise.fillna(np.inf)
     best, least = table.attrs["best"], ratios.idxmin("model").item()
     ratio = (ratios.sel(model=best) / ratios.min()).item()

@@ -44,7 +44,7 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 
 
 def _closed(tree: xr.DataTree) -> Iterator[str]:
-    """Nothing more stands out of the residual."""
+    """Report that the residual contains nothing more."""
     effects = " and ".join(map(tables.effect_with_ties, steps_taken(tree)))
     after, residual, ratio = tree["after"].to_dataset(), tables.residual_text(tree), held_out_excess(tree)
     held = f"{tables.times_noise(ratio)} of what was held out ({tree.attrs['held_out']})" if ratio else ""

@@ -208,7 +208,7 @@ def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
 
 
 def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]:
-    """The best run, what it is expected to tell, and how many are left out that tell as much as others."""
+    """Describe the best run, its expected information, and the number of equivalent runs left out."""
     best, unit, repeats = data.isel(run=0), data.amplitude.attrs["units"], int(data.attrs["repeats"])
     run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""

@@ -56,7 +56,7 @@ def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The test that the final model of a discovery holds for all runs; nothing of a single run."""
+    """Describe the test whether the final model of a discovery fits all runs; nothing for one run."""
     if GROUP in tree.children:
         last = tree[GROUP].to_dataset().isel(model=-1)
         yield _test_of_runs(last, last.most.item() if last.differ else "")
@@ -106,7 +106,7 @@ EFFECTIVE = "These coefficients are effective values of a model that is not comp
 
 
 def answer_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that a cross-check stands by; None where its method failed."""
+    """Return the preferred identification of a cross-check; None if its method failed."""
     return findings.kept_results(tree).get(findings.answer_of(tree))
 
 

@@ -1,4 +1,4 @@
-"""Two samples held against each other: in which coefficients they differ, by how much, and how surely."""
+"""Comparison of two samples: differences of coefficients, their size and significance."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -33,7 +33,7 @@ def difference(
     *,
     level: float = cross_check.HOMOGENEITY_LEVEL,
 ) -> xr.Dataset:
-    """Contrast of two samples: a contact and none, or two materials, say.
+    """Return the difference of two samples: a contact and none, or two materials.
 
     Parameters
     ----------

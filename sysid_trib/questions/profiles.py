@@ -106,7 +106,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
 
 
 def _at_limit(value: Array, limit: Array, error: Array) -> Array:
-    """Values, those that are a limit but for rounding as the limit itself."""
+    """Return values, with those that equal a limit up to rounding set to the limit."""
     return np.where(np.abs(value - limit) < ROUNDING_OF_A_LIMIT * error, limit, value)
 
 

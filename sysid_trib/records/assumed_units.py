@@ -1,4 +1,4 @@
-"""Units of times and signals: as the user or the file says, else what numbers and names let one assume."""
+"""Units of times and signals: as stated by the user or the file, else assumed from numbers and names."""
 
 from dataclasses import replace
 
@@ -79,7 +79,7 @@ def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
 def unit_of(
     table: tables.FileTable, column: Column, how: reading.Reading, time: Array, values: Array
 ) -> tuple[lab.SignalUnit, str]:
-    """Unit of a signal without bad samples, and why that one where neither user nor file says it.
+    """Return the unit of a signal without bad samples, and the reason if it is not stated.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
 
 
 def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
-    """Unit of what swings so far to either side as an angle, and why."""
+    """Return the unit of an angle with this range, and the reason."""
     if half > np.pi:
         return "deg", f"in degrees, since an angle does not swing to {half:.3g} rad"
     # rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it
@@ -308,7 +308,7 @@ def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
 
 
 def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
-    """Unit of what moves on a circle, and why."""
+    """Return the unit of a motion on a circle, and the reason."""
     periods = half_periods.dominant_periods(time, values)
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):

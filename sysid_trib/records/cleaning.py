@@ -1,4 +1,4 @@
-"""Samples that are no motion: spikes, outliers, frames that are held, a wrapped angle."""
+"""Removal of samples that are no motion: spikes, outliers, repeated frames, a wrapped angle."""
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
@@ -81,7 +81,7 @@ _STEP_WITHIN_CUBIC = np.linalg.pinv(np.column_stack([_AT**0, _AT, _AT**2, _AT**3
 
 
 def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, int]:
-    """A signal that was cut at a whole turn, or at the end of its sensor's range, put together again.
+    """Unwrap a signal that was cut at a full turn or at the end of its sensor range.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ MOST_OUTLIERS = 0.05
 
 
 def outliers(time: Array, signal: Array, period: float) -> Index:
-    """Indices of samples that are off what the others say, wherever in the swing they are.
+    """Return the indices of samples that deviate from their neighbours.
 
     Parameters
     ----------

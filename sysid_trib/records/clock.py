@@ -86,7 +86,7 @@ def seconds_between(first: Origin, other: Origin) -> float | None:
 def read_clock(
     stamps: Array, factor: float, source: str, values: Array, numbered: Index | None = None
 ) -> Clock:
-    """Times from stamps.
+    """Return the times from time stamps.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ Swings: TypeAlias = dict[Column, tuple[equilibrium.Swing | None, str]]
 
 
 def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> list[Chosen]:
-    """The columns of each run in a table: as given, or where one alone can be meant.
+    """Return the columns of each run in a table: as given, or the only plausible ones.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
 
 
 def _refuse_levels(columns: list[Column]) -> None:
-    """Refuse columns of levels in dB: what swings is not in them."""
+    """Raise an error for columns of levels in dB, which contain no oscillation."""
     level = next((column for column in columns if column.is_level), None)
     if level is not None:
         raise RecordError(
@@ -143,7 +143,7 @@ def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
 
 
 def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> Chosen:
-    """The column that alone can be meant, its times, and why."""
+    """Return the only plausible signal column, its times, and the reason."""
     own = {signal: _time_of(table, signal, times) for signal in signals}
     # Columns that are looked at.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
@@ -214,7 +214,7 @@ def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | 
 
 
 def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, str]:
-    """The one column that can be meant, and why."""
+    """Return the only plausible signal column, and the reason."""
     moving = [c for c in swings if c.amplitude > 0.0] or [*swings]
     moving = [c for c in moving if not _is_magnitude(c.values)] or moving
     pool = [c for c in moving if swings[c][0]] or moving

@@ -115,7 +115,7 @@ def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
 
 
 def slow_part(x: Array, v: Array) -> tuple[int, Callable[[Array], float]]:
-    """The part of noise that changes amplitude and phase of a motion (x, v) little by little.
+    """Return the part of noise that slowly changes amplitude and phase of a motion (x, v).
 
     How many numbers describe it, and what takes the sum of its squares from noise: of white noise of one, a
     chi square of so many.

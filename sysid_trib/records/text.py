@@ -228,7 +228,7 @@ def _without_labels(lines: list[str]) -> list[str]:
 
 
 def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | None:
-    """Labels, numbers and units of the cells of a line; None if a cell is anything else.
+    """Return labels, numbers and units of the cells of a line; None if a cell is anything else.
 
     Either each cell has a label of its own, or none has one.
     """

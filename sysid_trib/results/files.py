@@ -28,7 +28,7 @@ LISTS = (
 
 
 def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
-    """A tree as it was before it was written.
+    """Convert a tree of an earlier file to the present format.
 
     Parameters
     ----------

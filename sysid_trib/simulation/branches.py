@@ -76,7 +76,7 @@ def signs_and_values(program, c, out):
 
 @inner
 def signs_ahead(program, c):
-    """Signs of a motion that goes on from here: near a surface, those where it will be a little later."""
+    """Set the signs of a motion that continues: near a surface, those shortly after."""
     J, y, later = c.aside[at.TRIAL], c.v[at.STATE], c.v[at.STATE_LATER]
     state_at(program, c, J, y, 0.0)
     signs_and_values(program, c, c.v[at.SIGNS_FAR])

@@ -26,7 +26,7 @@ FROZEN = 1e300
 
 
 def watched(force: Force, shapes: ShapeValues | None, frequency: float) -> Model:
-    """A model in which a force has its history and does not act; `t` counts tau over this frequency."""
+    """Return a model in which a force has its history but does not act; `t` counts tau over a frequency."""
     idle = replace(force, formula=NO_FORCE, kind="force")
     values = {f"{force.symbol}.{k}": value for k, value in force.shape_values(shapes).items()}
     return Model(ForceLibrary("watched", (idle,)), {force.symbol: 0.0}, frequency, values)
@@ -152,7 +152,7 @@ def is_stepped(force: Force) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_linear(force: Force) -> bool:
-    """True if a force follows the motion as springs and dashpots do: in proportion, constant coefficients."""
+    """Return true if a force is linear in the motion with constant coefficients."""
     formulas, names = [force.formula, *force.state.values()], ["x", "v", "t", *force.state]
     at_rest = force.test_points | dict.fromkeys(names, 0.0)
     with np.errstate(all="ignore"):

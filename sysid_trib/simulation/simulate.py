@@ -200,7 +200,7 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
 
 
 def bends_of(model: Model) -> Vector:
-    """Times at which what is given begins another polynomial, (knot,), s."""
+    """Return the times at which an input begins another polynomial, (knot,), s."""
     names = {channel.input for channel in model.driven} & {*model.inputs}
     return np.unique(np.concatenate([*(model.inputs[name].bends for name in names), []]))
 

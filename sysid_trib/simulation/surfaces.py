@@ -84,7 +84,7 @@ def _rest_lasts(program, c, n, h, near):
 
 @inner
 def _pulls(program, c, other, n, memory, signs, grip):
-    """Series in `other` of what would move a held body, by its grip, to one side of where it is held.
+    """Write the series of the force that moves a held body to one side into `other`.
 
     Its slots are those along the states in J, with another memory and other signs.
     """
@@ -130,7 +130,7 @@ def stop(c):
 
 @inner
 def switched(program, c, which, n, h):
-    """Go on from a surface, with the jump of the derivatives; by what the motion is held there."""
+    """Continue from a surface with the jump of the derivatives; return what holds the motion there."""
     size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
     moves, way = c.v[at.SWITCHING_MOVES], c.v[at.SIGNS, 0]
     if count > 0:
@@ -160,7 +160,7 @@ def switched(program, c, which, n, h):
 
 @inner
 def _settled(program, c):
-    """Set signs, and at a reversal the memory, for the motion from here; by what it is held."""
+    """Set the signs, and at a reversal the memory, of the motion from here; return what holds it."""
     if not settle(program, c):
         stop(c)
         return np.int64(at.RESTS)
@@ -216,7 +216,7 @@ def after(program, c, moves, turned, held):
 
 @inner
 def begun(program, c):
-    """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
+    """Return the signs of a motion that starts or gets an impulse, what holds it, and whether it turned."""
     way = c.v[at.SIGNS, 0] if len(program.signs) > 0 else 0.0
     held = _settled(program, c)
     if held > at.RESTS:

@@ -279,7 +279,7 @@ def length(program, c, n):
 
 @inner
 def look_ahead(c, h):
-    """Value and slope of what is given over time, so much after where its polynomials count from."""
+    """Set value and slope of the inputs at a time after the start of their polynomials."""
     for m in range(len(c.drive)):
         c.drive[m, FORCING_NUMBERS] = value(c.drive[m], np.int64(FORCING_NUMBERS - 1), h)
         c.drive[m, FORCING_NUMBERS + 1] = slope(c.drive[m], np.int64(FORCING_NUMBERS - 1), h)

@@ -1,4 +1,4 @@
-"""Every method on the same runs: what each identifies, how well it predicts, what it neglects."""
+"""Comparison of all methods on the same runs: coefficients, predictions, neglected forces."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
@@ -280,7 +280,7 @@ def _not_separable(
 
 
 def _bias(result: xr.Dataset | None) -> str:
-    """A bias of its own that a method says it has left in."""
+    """Return the bias that a method reports."""
     if result is None:
         return ""
     removed = str(result.attrs.get("first_order_bias_removed", "yes"))

@@ -1,4 +1,4 @@
-"""Two identifications of a decay held against each other, and what they cannot tell apart."""
+"""Cross-check of two identifications of a decay, and the forces that they cannot separate."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -70,7 +70,7 @@ def cross_check(
     *,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Hold two identifications of one decay, or of the same runs, against each other.
+    """Compare two identifications of one decay, or of the same runs.
 
     Parameters
     ----------
@@ -231,8 +231,8 @@ def explained_by(compared: xr.Dataset) -> str:
 def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
     """Return the index of the preferred identification, by the residuals and by `better_of`.
 
-    What makes averaging immune to forces that are missing does not help against a line (hum), which moves
-    extrema and their times: a second method that leaves no more, and but noise or a line, is the answer.
+    A spectral line (hum) moves extrema and their times, so that averaging loses its advantage. The second
+    method is then preferred if its residual is not larger and contains only noise or a line.
     """
     rms, over_noise = compared.residual_rms.values, compared.residual_over_noise.values
     line = np.isfinite(compared.line_frequency.values[1])

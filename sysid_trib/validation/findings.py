@@ -104,12 +104,12 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 
 def holds(tree: xr.DataTree) -> bool:
-    """True if the model of a cross-check follows the record: what follows from its coefficients is given."""
+    """Return true if the model of a cross-check is adequate: then its consequences are given."""
     return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
 
 
 def answer_of(tree: xr.DataTree) -> str:
-    """The method of a cross-check whose numbers the result stands by."""
+    """Return the preferred method of a cross-check."""
     return str(tree["comparison"].attrs["answer"])
 
 
@@ -119,7 +119,7 @@ def second_of(tree: xr.DataTree) -> xr.Dataset:
 
 
 def failures(tree: xr.DataTree) -> dict[str, str]:
-    """The methods of a cross-check whose models broke down, and why."""
+    """Return the methods of a cross-check whose models failed, and why."""
     reasons = tree["comparison"].failure
     return {name: why for name, why in zip(reasons.model.values, reasons.values.tolist(), strict=True) if why}
 
@@ -149,7 +149,7 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 
 def main_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that stands for a result: the best, the final or the answer; None without one."""
+    """Return the main identification of a result: the best, final or preferred one; None without one."""
     if kind_of(tree) == "identify":
         return tree.to_dataset()
     if kind_of(tree) in ("", "difference"):

@@ -108,7 +108,7 @@ class RunNoise:
 
 @dataclass(frozen=True)
 class WeakRows:
-    """Rows of the equation in weak form, which see a part of the samples' noise; as `RunNoise` to a fit.
+    """Rows of the equation in weak form, which contain part of the noise; interface as `RunNoise`.
 
     Attributes
     ----------

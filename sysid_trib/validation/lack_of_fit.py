@@ -66,7 +66,7 @@ Departure = tuple[str, float, tuple[float, float]]
 
 
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:
-    """Ranges of amplitude in which a model of `lack_of_fit` leaves the bands, the farthest first."""
+    """Return the ranges of amplitude in which a model of `lack_of_fit` is outside of the bands."""
     amplitude, those = lack.amplitude.values, []
     for name in bands.CURVES:
         deviation = lack[f"{name}_deviation"].sel(model=model).values
@@ -291,7 +291,7 @@ def without_line(time: Array, residual: Array, frequency: float) -> Array:
 
 
 def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
-    """`spectral_line` of what the harmonics of the motion leave, if it is little else than a line.
+    """Return the `spectral_line` of the residual without harmonics, if it is little else than a line.
 
     In a short record the harmonics leak into all of the spectrum. Here they are columns, of an amplitude that
     goes with the motion's and changes slowly, and a line counts that takes most of the rest (F test).

@@ -1,4 +1,4 @@
-"""Values with known errors that scatter by more than these: between runs, and laboratories (ISO 5725-2).
+"""Random effects: values that scatter beyond their errors, between runs and laboratories (ISO 5725-2).
 
 Value i of n is x_i' b + u_i + e_i: conditions x_i with effects b, a scatter u_i of variance tau^2 that is
 sought, an error e_i of variance s_i^2 that is stated (random-effects meta-regression; DerSimonian and Laird

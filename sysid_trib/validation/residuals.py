@@ -48,7 +48,7 @@ class FollowedRuns:
     _made: dict[str, Any] = field(default_factory=dict)
 
     def with_result(self, result: xr.Dataset) -> "FollowedRuns":
-        """The runs with a result of the same model whose errors are others."""
+        """Return the runs with a result of the same model with other errors."""
         return replace(self, result=result)
 
     def once(self, name: str, make: Callable[[], Any]) -> Any:

@@ -106,7 +106,7 @@ class RunRows:
         return self.path.columns(trials, self.operator)
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
-        """Columns of trials from a fifth of the points, as far as they serve to compare."""
+        """Return columns of trials from a fifth of the points, for comparisons."""
         settings = self.path.settings
         # Not kept: of a long record it is tens of MB for the rows of each model.
         fewer = replace(settings, points_per_period=settings.points_per_period // 5)

@@ -203,7 +203,7 @@ def _stepped_value(
 
 
 def _single(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
-    """The only state, (1, sample): in one go, or by Newton's iteration on its whole course."""
+    """Compute a single state, (1, sample): directly, or by Newton's iteration on its whole course."""
     ((name, rate),) = force.state.items()
 
     def change_and_pull(stages: Any) -> tuple[Array, Array]:
