@@ -5,7 +5,8 @@ from collections.abc import Mapping
 
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, command_after
+from sysid_trib.commands.app import command_after
+from sysid_trib.commands.options import FileOptions, MeasuredOptions, RecordOptions
 from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
@@ -150,7 +151,7 @@ def _after_discovery(tree: xr.DataTree) -> State:
     return "nothing missing of a driven record" if driven else "nothing missing", options
 
 
-def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
+def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
     """Further commands that may follow, each after the words that say when: none of them is needed."""
     made = list[tuple[str, str, Mapping[str, str | None]]]()
     if kind_of(tree) == "discover":
@@ -168,7 +169,8 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
             when = "For a force with memory, or one that changes in time"
             made.append((when, "discover", {}))
         # A simulated record has no rig to make another one.
-        if vars(given).get("test") is None and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
+        tested = isinstance(given, MeasuredOptions) and given.test is not None
+        if not tested and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
             when = "To see whether another record of the rig follows these laws"
             made.append((when, "laws", {"test": SECOND_RECORD}))
     elif scale := _scale_error(tree, given):
@@ -177,7 +179,7 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
     return [f"{when}: {command_after(command, options, given)}" for when, command, options in made]
 
 
-def _scale_error(tree: xr.DataTree, given: Asked) -> str:
+def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
     """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
     unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
     groups = record_groups(tree)
@@ -214,7 +216,7 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
 KEPT = "result.nc"
 
 
-def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
+def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | None:
     """The step after a driven identification, or the whole command; None where it is that of any other.
 
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
@@ -222,11 +224,15 @@ def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
     """
     if not (_moves_freely(tree) or findings.verdict_of(tree).startswith("explained")):
         return None
-    if (output := vars(given).get("output")) is not None:
-        page = output.with_suffix(".html")
-        words = ["sysid-trib", "report", str(output), "-o", str(page)]
+    if isinstance(given, FileOptions) and given.output is not None:
+        page = given.output.with_suffix(".html")
+        words = ["sysid-trib", "report", str(given.output), "-o", str(page)]
         return f"{readable(shlex.join(words))} # figures and tables on one page"
-    taken = {name: _as_text(vars(given)[name]) for name in ("test", "warm_up") if vars(given).get(name)}
+    taken = dict[str, str | None]()
+    if isinstance(given, MeasuredOptions) and given.test:
+        taken["test"] = str(given.test)
+    if isinstance(given, MeasuredOptions) and given.warm_up:
+        taken["warm_up"] = f"{given.warm_up:g}"
     return "identify", "keeps the result, for report and response", {**taken, "output": KEPT}
 
 
@@ -243,18 +249,14 @@ def _moves_freely(tree: xr.DataTree) -> bool:
     return is_free_to_move(library_of(result), held)
 
 
-def _as_text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def keep_next(tree: xr.DataTree, given: Asked) -> None:
+def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
     """Keep the command that follows from a result as its attribute `next`, and others as `alternatives`.
 
     Parameters
     ----------
     tree : DataTree
         Result of a command.
-    given : Asked
+    given : RecordOptions
         What the command was given; the next command takes over the options that it knows.
     """
     step = next_step(tree)
