@@ -20,6 +20,7 @@ from sysid_trib.validation.samples import difference as difference
 from . import (
     campaigns as campaigns,
     control as control,
+    errors as errors,
     forces as forces,
     methods as methods,
     physics as physics,
@@ -28,6 +29,7 @@ from . import (
     validation as validation,
 )
 from .campaigns.campaign import campaign as campaign
+from .forces.from_python import library as library
 from .forces.library import load_library as load_library
 from .forces.selection import system as system
 from .simulation.model import Model as Model
@@ -38,7 +40,7 @@ from .validation.steady_response import forced_response as forced_response
 
 __version__: str
 
-# What a newcomer needs. The other names above stay here, as others' programs have them from here.
+# What a newcomer needs; the other names above are public too.
 __all__ = [
     "Model",
     "backbone",
@@ -50,6 +52,7 @@ __all__ = [
     "free_decay",
     "identify",
     "laws",
+    "library",
     "load",
     "load_library",
     "methods",

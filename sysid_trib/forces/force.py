@@ -4,7 +4,8 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, overload
+from pathlib import Path
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -334,3 +335,11 @@ class ForceLibrary:
         kinds = {channel.input: channel.kind for channel in self.channels}
         inputs = f"inputs = {notation.toml_value(kinds)}\n" if kinds else ""
         return f"title = {notation.toml_value(self.title)}\n{inputs}{blocks}"
+
+
+# A formula, or a force as a table of the library format: formula, name, state, shape and so on.
+ForceTable: TypeAlias = str | Force | Mapping[str, Any]
+# What may stand for a library: itself, its name or file, a force, formulas by symbol, or several of these.
+LibraryLike: TypeAlias = (
+    ForceLibrary | str | Path | Force | Mapping[str, ForceTable] | Sequence[str | Force | ForceLibrary]
+)

@@ -1,23 +1,16 @@
 """Force libraries made in Python: from formulas, forces, other libraries and their names."""
 
 import itertools
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
 
 from sysid_trib.errors import UsageError, did_you_mean
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.force import Force, ForceLibrary, ForceTable, LibraryLike
 from sysid_trib.forces.library import is_library, known_libraries, load_library, parse_library
 from sysid_trib.forces.selection import SHIPPED_LIBRARIES, SystemModel
 
 # How messages name a library that was made in Python.
 MADE_IN_PYTHON = "library(...)"
-# A formula, or a force as a table of the library format: formula, name, state, shape and so on.
-ForceTable: TypeAlias = str | Force | Mapping[str, Any]
-# What may stand for a library: itself, its name or file, a force, formulas by symbol, or several of these.
-LibraryLike: TypeAlias = (
-    ForceLibrary | str | Path | Force | Mapping[str, ForceTable] | Sequence[str | Force | ForceLibrary]
-)
 
 
 def library(

@@ -1,8 +1,7 @@
 """What a method says of itself, and what follows from it for the forces of a library."""
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import Field, InitVar, dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -10,7 +9,7 @@ import xarray as xr
 
 from sysid_trib.cycles.signatures import averages, exactly_dependent, indistinguishable
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.constraints import Bounds, Constraints, ConstraintTable
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import known_coefficients
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
@@ -78,40 +77,9 @@ class Constrained:
     ----------
     constraints : mapping of str to float, (float, float) or str
         See `Constraints`.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
     """
 
     constraints: ConstraintTable = field(default_factory=dict)
-    fix: InitVar[Mapping[str, float] | None] = None
-    bounds: InitVar[Mapping[str, Bounds] | None] = None
-    tie: InitVar[Mapping[str, str] | None] = None
-
-    def __post_init__(
-        self,
-        fix: Mapping[str, float] | None,
-        bounds: Mapping[str, Bounds] | None,
-        tie: Mapping[str, str] | None,
-    ) -> None:
-        old = without_old_arguments(type(self).__name__, fix, bounds, tie, stacklevel=5)
-        object.__setattr__(self, "constraints", {**self.constraints, **old})
-
-
-def without_old_arguments(
-    where: str,
-    fix: Mapping[str, float] | None,
-    bounds: Mapping[str, Bounds] | None = None,
-    tie: Mapping[str, str] | None = None,
-    *,
-    stacklevel: int,
-) -> ConstraintTable:
-    """The table of what was given as `fix`, `bounds` and `tie`, with a warning where any was."""
-    if fix is None and bounds is None and tie is None:
-        return {}
-    table = Constraints.merged(fix, bounds, tie).table
-    message = f"{where}: fix, bounds and tie are one argument now, constraints={dict(table)}."
-    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
-    return table
 
 
 def constrained(method: Method, constraints: Constraints) -> Method:

@@ -2,7 +2,7 @@
 
 import os
 from collections.abc import Hashable, Iterable, Mapping
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,11 +14,6 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.signal import ANGLE_UNIT
 
 ANGLE, TIME = "angle", "time"
-# What may stand for a record: a Dataset with angle(time), or times and angles in any usual form.
-RecordLike: TypeAlias = (
-    xr.Dataset | xr.DataArray | pd.DataFrame | pd.Series | np.ndarray | tuple[Any, Any]  # type: ignore[type-arg]
-)
-RecordsLike: TypeAlias = RecordLike | Iterable[RecordLike]
 # How a record is given, for messages.
 GIVE_A_RECORD = "give (t, angle), a pandas Series or DataFrame with times, or a Dataset with angle(time)"
 
@@ -98,7 +93,8 @@ def _of_pair(times: Any, signal: Any) -> xr.Dataset:
         name = getattr(given, "name", None)
         values = given if hasattr(given, "dtype") else np.asarray(given)
         columns.append(_column(usual if name is None else name, values))
-    return _of_columns(*columns, "pair")
+    time, angle = columns
+    return _of_columns(time, angle, "pair")
 
 
 def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
@@ -118,7 +114,7 @@ def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
     """
     if _is_record(given):
         return _checked_record(given, function)
-    if isinstance(given, Iterable) and not isinstance(given, str | bytes | Mapping):
+    if isinstance(given, Iterable) and not isinstance(given, str | bytes | Mapping | xr.DataTree):
         return [_checked_record(one, function) for one in given]
     return _checked_record(given, function)
 
