@@ -6,6 +6,8 @@ from sysid_trib.discovery.discover import discover as discover
 from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound as cramer_rao_bound
 from sysid_trib.printing.numbers import summary as summary
+from sysid_trib.questions.difference import difference as difference
+from sysid_trib.questions.steady_response import forced_response as forced_response
 from sysid_trib.records.free_decay import free_decay as free_decay
 from sysid_trib.records.half_sines import envelope as envelope
 from sysid_trib.records.read import read_record as read_record
@@ -15,7 +17,6 @@ from sysid_trib.simulation.simulate import simulate as simulate
 from sysid_trib.smooth_laws.laws import laws as laws
 from sysid_trib.validation.cross_check import cross_check as cross_check
 from sysid_trib.validation.findings import best as best
-from sysid_trib.validation.samples import difference as difference
 
 from . import (
     campaigns as campaigns,
@@ -36,7 +37,6 @@ from .simulation.model import Model as Model
 from .validation.compare import compare as compare
 from .validation.driven import predict as predict
 from .validation.identify import identify as identify
-from .validation.steady_response import forced_response as forced_response
 
 __version__: str
 

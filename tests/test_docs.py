@@ -21,7 +21,7 @@ from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.identification import identification_json
 from sysid_trib.printing.laws import laws_json
 from sysid_trib.printing.layout import mapped
-from sysid_trib.validation.samples import held_against
+from sysid_trib.questions.difference import held_against
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"

@@ -7,10 +7,10 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.discovery.engine.start_model import fit_start_model
 from sysid_trib.discovery.unseen import search_parts
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.start_model import fit_start_model
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.records.smoothing import first_frequency

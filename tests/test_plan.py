@@ -13,8 +13,8 @@ from benchmarks.plan import step
 from sysid_trib import Model, free_decay, identify, plots, save, simulate
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
+from sysid_trib.questions.rivals import ODDS, Rival, informed, log_odds, parting_of
 from sysid_trib.validation import plan
-from sysid_trib.validation.rivals import ODDS, Rival, informed, log_odds, parting_of
 
 RUN = paper_run(FIVE, duration=15.0)
 SAME = {"amplitude": (0.3, 0.3), "duration": (15.0, 15.0), "sampling_rate": 100.0}

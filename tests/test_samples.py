@@ -12,8 +12,8 @@ from sysid_trib import difference, identify, load, plots
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
 from sysid_trib.printing.campaign import difference_blocks
+from sysid_trib.questions.difference import held_against
 from sysid_trib.validation import sensitivity
-from sysid_trib.validation.samples import held_against
 
 RUN = paper_run(FIVE, duration=15.0)
 LIBRARY = RUN.model.library

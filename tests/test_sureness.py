@@ -16,8 +16,8 @@ from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
 from sysid_trib.printing import Layer
 from sysid_trib.printing.sureness import sureness_blocks
+from sysid_trib.questions.profiles import free_likelihood
 from sysid_trib.validation import curve_bands, log_likelihood, profile, sensitivity
-from sysid_trib.validation.profiles import free_likelihood
 
 RUN = paper_run(FIVE, duration=10.0)
 LIBRARY = RUN.model.library

@@ -10,6 +10,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.campaigns import task
+from sysid_trib.campaigns.between_runs import between_runs, without_collinear
 from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.rows import counts_of
@@ -21,7 +22,6 @@ from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import check_output, command_line, print_blocks, print_json
 from sysid_trib.errors import RecordError, Tell, UsageError
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
-from sysid_trib.validation.between_runs import between_runs, without_collinear
 
 
 def campaign(tell: Tell, given: Asked) -> Callable[[], None]:

@@ -21,16 +21,17 @@ from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks, difference_json
+from sysid_trib.questions import profiles
+from sysid_trib.questions.difference import held_against
+from sysid_trib.questions.law_difference import laws_held_against
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
 from sysid_trib.results.variables import record_groups
-from sysid_trib.smooth_laws.samples import laws_held_against
-from sysid_trib.validation import findings, profiles, refits
+from sysid_trib.validation import findings, refits
 from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.identify import identify as identified, usual_methods
-from sysid_trib.validation.samples import held_against
 
 # The end of a refusal by `identify`.
 OR_FEWER = "give a longer record or fewer."

@@ -13,10 +13,10 @@ from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.printing import driven, layout
+from sysid_trib.questions.next_run import plan as best_run
+from sysid_trib.questions.steady_response import forced_response
 from sysid_trib.results.files import kind_of, load
 from sysid_trib.validation.identify import identify
-from sysid_trib.validation.next_run import plan as best_run
-from sysid_trib.validation.steady_response import forced_response
 
 
 def plan(tell: Tell, given: Asked) -> Callable[[], None]:

@@ -12,6 +12,9 @@ import xarray as xr
 
 from sysid_trib import forces, records
 from sysid_trib.discovery import parts, to_xarray
+from sysid_trib.discovery.engine import start_model
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.law_rival import held_out_by_laws
@@ -29,9 +32,6 @@ from sysid_trib.forces.selection import (
     offered_forces,
     viscous_model,
 )
-from sysid_trib.likelihood import start_model
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.records import smoothing
 from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_for, inputs_of

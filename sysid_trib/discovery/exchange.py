@@ -6,11 +6,11 @@ from itertools import combinations
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import likelihood
 from sysid_trib.discovery.fits import Fits, evidence, least_penalty, log_rows
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import correlation_of, each_column, projected
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
 
 # A score, relative to the present model's evidence along its path, and the trials that have it.
 Scored = tuple[float, list[int]]

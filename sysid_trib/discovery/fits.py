@@ -10,13 +10,13 @@ from scipy.special import log_ndtr, softmax
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discovery import single_columns, unseen
+from sysid_trib.discovery.engine import model_fit, start_model
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.trials import TrialEffect, reference_power
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.plain_start import PlainStart, residual_of_motions
 from sysid_trib.discovery.screen import Screening, screen
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood import model_fit, start_model
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.trials import TrialEffect, reference_power
 
 
 def evidence(model: FittedModel) -> float:

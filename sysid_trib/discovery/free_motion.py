@@ -8,11 +8,11 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.paths import RecordPath
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.paths import RecordPath
 from sysid_trib.likelihood.random_force import RandomForce, random_force_variables
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.variance_ratio import p_value_of_gain

@@ -9,12 +9,12 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_products import RunProducts, products_of
+from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.single_columns import each_column, known_directions, known_finely, strengths
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts, products_of
-from sysid_trib.likelihood.run_rows import RunRows
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
 # Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family

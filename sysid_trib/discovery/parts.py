@@ -9,13 +9,13 @@ import scipy
 from scipy.linalg import block_diag
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.start_model import refitted
 from sysid_trib.discovery.fits import evidence, probabilities
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search, may_gain
 from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.start_model import refitted
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.effects import NAMED
 

@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discovery import single_columns as single
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.discovery.engine.run_products import RunProducts
+from sysid_trib.discovery.engine.trials import TrialEffect, frequencies_of, trials_of
 from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.likelihood.run_products import RunProducts
-from sysid_trib.likelihood.trials import TrialEffect, frequencies_of, has_frequency_parameter, trials_of
+from sysid_trib.forces.shape_parameters import has_frequency_parameter
 from sysid_trib.records.decay import root_mean_square
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"

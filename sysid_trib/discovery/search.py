@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid_trib.discovery import exchange, free_motion
+from sysid_trib.discovery.engine import model_fit, start_model
+from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import projected
 from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import Tell, silent
 from sysid_trib.forces.library import load_library
-from sysid_trib.likelihood import model_fit, start_model
-from sysid_trib.likelihood.fitted_model import FittedModel
 
 Rivals = dict[str, dict[str, float]]
 # Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named.

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import RIDGE, Likelihood, likelihood, most_likely_variance
+from sysid_trib.discovery.engine.run_products import RunProducts, has_products
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import RIDGE, Likelihood, likelihood, most_likely_variance
-from sysid_trib.likelihood.run_products import RunProducts, has_products
-from sysid_trib.likelihood.trials import TrialEffect
 
 
 def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:

@@ -7,18 +7,18 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_rows import decimated, run_rows
+from sysid_trib.discovery.engine.start_model import default_shapes, path_like
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.discovery.free_motion import free_motion, free_motions, model_identification, model_of_fit
 from sysid_trib.discovery.omnibus_test import FAMILIES
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_rows import decimated, run_rows
 from sysid_trib.likelihood.sensor_noise import white_p_value
-from sysid_trib.likelihood.start_model import default_shapes, path_like
-from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.likelihood.weak_form import whiten
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of

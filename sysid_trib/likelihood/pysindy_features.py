@@ -200,7 +200,7 @@ def _check_columns(x: Any, inputs: Sequence[str]) -> None:
 class WhitenedLeastSquares(BaseOptimizer):
     """Least squares of rows whose noise has a known covariance up to a factor, with standard errors.
 
-    `Direct` solves its rows by it; it is for `pysindy.SINDy(optimizer=...)` as well.
+    The least squares by which `Direct` solves its rows, for `pysindy.SINDy(optimizer=...)`.
 
     Parameters
     ----------

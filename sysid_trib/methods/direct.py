@@ -50,7 +50,7 @@ FEWEST_RADIANS = 120.0
 
 @dataclass(frozen=True)
 class Direct(Constrained):
-    """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by a pysindy optimiser.
+    """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by whitened least squares.
 
     The columns are those of `ForceFeatures`, a feature library of pysindy, averaged over the samples' cells,
     and they are solved by `WhitenedLeastSquares`, one of its optimisers.

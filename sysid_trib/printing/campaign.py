@@ -21,9 +21,9 @@ from sysid_trib.printing.law_difference import (
     sample_names,
 )
 from sysid_trib.printing.verdict import error_parts_sentence
+from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.effects import at_bound, sufficient_forces
 from sysid_trib.results.files import identifications_of
-from sysid_trib.validation.samples import SIDES
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.

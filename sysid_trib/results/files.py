@@ -15,10 +15,8 @@ import xarray as xr
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records import inputs, tables
 from sysid_trib.records.probe import check_binary
-from sysid_trib.results.variables import record_groups
+from sysid_trib.results.variables import FORMAT_VERSION, record_groups
 
-# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 4
 # An older format that is read too: its dimension `method` is `model` now.
 FORMAT_WITH_METHODS = 3
 

@@ -15,8 +15,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.files import FORMAT_VERSION
-from sysid_trib.results.variables import Variable, described, variable
+from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.

@@ -17,7 +17,6 @@ from sysid_trib.methods.scope import (
     Method,
     by_unique_label,
     constrained,
-    force_scope,
     scope_of,
     with_stated,
 )
@@ -27,6 +26,7 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale, variables
 from sysid_trib.validation import cross_check, findings, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven
+from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")

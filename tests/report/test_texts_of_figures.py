@@ -11,10 +11,10 @@ import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.cycles.look import look
 from sysid_trib.plots.figure import figures_of, new_figure
+from sysid_trib.questions.difference import held_against
+from sysid_trib.questions.profiles import profile
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.files import kind_of
-from sysid_trib.validation.profiles import profile
-from sysid_trib.validation.samples import held_against
 
 # mm, as journals have them.
 WIDTHS = (88.0, 180.0)

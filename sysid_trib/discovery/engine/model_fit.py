@@ -7,13 +7,13 @@ from functools import partial
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel, table_of
+from sysid_trib.discovery.engine.likelihood import Likelihood, likeliest_near, likelihood
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_products import RunProducts
+from sysid_trib.discovery.engine.run_rows import run_rows
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.fitted_model import FittedModel, table_of
-from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near, likelihood
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts
-from sysid_trib.likelihood.run_rows import run_rows
-from sysid_trib.likelihood.trials import TrialEffect
 
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.run_products import RunProducts, spline_over_ratios
+from sysid_trib.discovery.engine.run_products import RunProducts, spline_over_ratios
 
 # Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
 BETWEEN_STEP = 0.03

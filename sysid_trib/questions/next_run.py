@@ -11,11 +11,12 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.likelihood.random_force import random_force_of
+from sysid_trib.questions import rivals as models
+from sysid_trib.questions.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
 from sysid_trib.results import files, signal_scale
 from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
-from sysid_trib.validation import findings, holdout, rivals as models
-from sysid_trib.validation.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
+from sysid_trib.validation import findings, holdout
 
 Span: TypeAlias = tuple[float | None, float | None]
 # Releases and durations that are tried between the limits, in equal ratios.

@@ -8,12 +8,13 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.engine import likelihood, model_fit
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.paths import RecordPath, Terms
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings, TrialEffect, reference_power
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Channel, Force
-from sysid_trib.likelihood import colour, likelihood, model_fit, sensor_noise, weak_form
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.paths import RecordPath, Terms
-from sysid_trib.likelihood.trials import DEFAULTS, Settings, TrialEffect, reference_power
+from sysid_trib.likelihood import colour, sensor_noise, weak_form
 from sysid_trib.records import signal, smoothing
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
 

@@ -11,11 +11,11 @@ import xarray as xr
 from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.likelihood import Likelihood
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios, unresolved
+from sysid_trib.discovery.engine.likelihood import Likelihood
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_products import RunProducts, products_of, tried_ratios, unresolved
+from sysid_trib.discovery.engine.trials import DEFAULTS, TrialEffect
 from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.trials import DEFAULTS, TrialEffect
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, log_determinant, whiten
 from sysid_trib.records import equilibrium, sensor, signal, smoothing
 
