@@ -7,11 +7,13 @@ from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeature
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound as cramer_rao_bound
 from sysid_trib.printing.numbers import summary as summary
 from sysid_trib.questions.difference import difference as difference
+from sysid_trib.questions.next_run import plan as plan
 from sysid_trib.questions.steady_response import forced_response as forced_response
 from sysid_trib.records.free_decay import free_decay as free_decay
 from sysid_trib.records.half_sines import envelope as envelope
 from sysid_trib.records.read import read_record as read_record
 from sysid_trib.reporting.page import report as report
+from sysid_trib.reporting.shown import show as show
 from sysid_trib.results.files import load as load, save as save
 from sysid_trib.simulation.simulate import simulate as simulate
 from sysid_trib.smooth_laws.laws import laws as laws
@@ -47,7 +49,6 @@ __all__ = [
     "best",
     "campaign",
     "compare",
-    "cross_check",
     "discover",
     "free_decay",
     "identify",
@@ -60,6 +61,7 @@ __all__ = [
     "read_record",
     "report",
     "save",
+    "show",
     "simulate",
     "summary",
 ]

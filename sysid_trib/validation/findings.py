@@ -23,7 +23,7 @@ LAST_THIRD = "the last third"
 
 
 def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
-    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
+    """The record with `simulated_angle(model, time)`, its `residual` and the sensor's `noise`, rad: the record's own.
 
     It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
     record, whose motion no spline follows, no more than a model leaves.
@@ -32,7 +32,7 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
         noise = float(np.nanmin(remains, initial=noise))
-    values = {"simulated_angle": simulated, "noise": noise}
+    values = {"simulated_angle": simulated, "residual": decay.angle.values - simulated, "noise": noise}
     return decay.assign_coords(model=list(names)).assign(described("record", values))
 
 
