@@ -1,4 +1,4 @@
-"""The same forces fitted anew in every other defensible way, compared at one reference frequency."""
+"""Refits of the same forces in every other defensible way, compared at one reference frequency."""
 
 from collections.abc import Callable, Iterator, Sequence
 
