@@ -1,6 +1,7 @@
 # The public names and where each lives: the one list, read by type checkers and by the package itself.
 from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.cycles.backbone import backbone as backbone
+from sysid_trib.cycles.look import look as look
 from sysid_trib.cycles.signatures import signature as signature
 from sysid_trib.discovery.discover import discover as discover
 from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
