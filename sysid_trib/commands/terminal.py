@@ -30,15 +30,9 @@ if TYPE_CHECKING:
 
 def print_table(table: "Table") -> None:
     """Print a table whole."""
-    from rich.console import Console
+    from sysid_trib.printing.written import write_table
 
-    # Markup would take a bracket in the name of a force for a command.
-    console = Console(highlight=False, markup=False, emoji=False)
-    # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
-    if not console.is_terminal:
-        # Columns of a table that is not cut short.
-        console.width = console.measure(table, options=console.options.update(width=2000)).maximum
-    console.print(table, crop=False)
+    write_table(table)
 
 
 def print_blocks(
@@ -47,26 +41,10 @@ def print_blocks(
     ends: Iterable[str] = (),
     written: Iterable[Path | None] = (),
 ) -> None:
-    """Print the blocks of a layer, with an empty line between two; `--explain` has headings.
+    """Print the blocks of a layer as `write_blocks`; below them stand the files that were written."""
+    from sysid_trib.printing.written import write_blocks
 
-    Below them stand the lines `ends`, and the files and folders that were written.
-    """
-    shown = [block for block in blocks if layer in block.layers and (block.sentences or block.table)]
-    section = ""
-    for at, block in enumerate(shown):
-        if at:
-            print()
-        if block.title not in ("", section) and layer is Layer.EXPLAIN:
-            print(block.title)
-        section = block.title
-        for sentence in block.sentences:
-            print(printable(sentence))
-        if block.table is not None:
-            if block.caption:
-                print(block.caption)
-            print_table(block.table)
-    for sentence in ends:
-        print(sentence)
+    write_blocks(blocks, layer, ends)
     print_written(*written)
 
 

@@ -9,10 +9,12 @@ import xarray as xr
 from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
+from sysid_trib import records
 from sysid_trib.arrays import Array, Variables, variable, with_error
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
+from sysid_trib.records.decay import RecordLike
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
@@ -100,13 +102,13 @@ QUANTILES, FINE = 17, 801
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 
-def backbone(decay: xr.Dataset) -> xr.Dataset:
+def backbone(decay: RecordLike) -> xr.Dataset:
     """Frequency and damping ratio of a free decay against its amplitude, without a model.
 
     Parameters
     ----------
-    decay : Dataset
-        ``angle(time)`` about its equilibrium, as `free_decay` returns it.
+    decay : record
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it, or ``(t, angle)``.
 
     Returns
     -------
@@ -132,7 +134,7 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
     """
-    return smoothed_backbone(decay)[0]
+    return smoothed_backbone(records.one_record(decay, "backbone"))[0]
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:

@@ -63,6 +63,11 @@ def forces_to_identify(
     DecayError
         None remains, or there is a sensor term that the method does not know.
     """
+    if not isinstance(library, ForceLibrary):
+        raise UsageError(
+            "A method's identify takes a ForceLibrary, st.load_library('contact_forces'); st.identify(decay, "
+            "library, method) takes a name too."
+        )
     if not sensors:
         refuse_sensors(library)
     stiffness = library.role("x")
@@ -357,9 +362,14 @@ def known_coefficients(library: ForceLibrary) -> dict[str, float]:
     Those of the package's libraries are free where their force is asked for by name: a record then says
     whether they hold.
     """
-    if library.source in {f"{name}.toml" for name in SHIPPED_LIBRARIES}:
+    shipped = {f"{name}.toml": name for name in SHIPPED_LIBRARIES}
+    sources = library.source.split(" + ")
+    if all(source in shipped for source in sources):
         return {}
-    return {force.symbol: force.coefficient for force in library if force.coefficient is not None}
+    # Of a sum of libraries.
+    free = {force for source in sources if source in shipped for force in load_library(shipped[source])}
+    stated = (force for force in library if force.coefficient is not None and force not in free)
+    return {force.symbol: force.coefficient for force in stated if force.coefficient is not None}
 
 
 def load_systems() -> dict[str, System]:

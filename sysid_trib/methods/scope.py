@@ -1,14 +1,13 @@
 """Scope of a method, and its consequences for the forces of a library."""
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import Field, InitVar, dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, Protocol
 
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.constraints import Bounds, Constraints, ConstraintTable
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import known_coefficients
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
@@ -76,40 +75,9 @@ class Constrained:
     ----------
     constraints : mapping of str to float, (float, float) or str
         See `Constraints`.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
     """
 
     constraints: ConstraintTable = field(default_factory=dict)
-    fix: InitVar[Mapping[str, float] | None] = None
-    bounds: InitVar[Mapping[str, Bounds] | None] = None
-    tie: InitVar[Mapping[str, str] | None] = None
-
-    def __post_init__(
-        self,
-        fix: Mapping[str, float] | None,
-        bounds: Mapping[str, Bounds] | None,
-        tie: Mapping[str, str] | None,
-    ) -> None:
-        old = without_old_arguments(type(self).__name__, fix, bounds, tie, stacklevel=5)
-        object.__setattr__(self, "constraints", {**self.constraints, **old})
-
-
-def without_old_arguments(
-    where: str,
-    fix: Mapping[str, float] | None,
-    bounds: Mapping[str, Bounds] | None = None,
-    tie: Mapping[str, str] | None = None,
-    *,
-    stacklevel: int,
-) -> ConstraintTable:
-    """Merge the deprecated arguments `fix`, `bounds` and `tie` into one table, with a warning."""
-    if fix is None and bounds is None and tie is None:
-        return {}
-    table = Constraints.merged(fix, bounds, tie).table
-    message = f"{where}: fix, bounds and tie are one argument now, constraints={dict(table)}."
-    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
-    return table
 
 
 def constrained(method: Method, constraints: Constraints) -> Method:

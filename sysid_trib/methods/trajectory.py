@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import xarray as xr
@@ -71,8 +71,6 @@ class Trajectory(Constrained):
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
         value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
 
     Notes
     -----
@@ -99,8 +97,7 @@ class Trajectory(Constrained):
     own: tuple[str, ...] = ()
     warm_up: float = 0.0
 
-    def __post_init__(self, *old: Any) -> None:
-        super().__post_init__(*old)
+    def __post_init__(self) -> None:
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and self.noise == "coloured":
             raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")

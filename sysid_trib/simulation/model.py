@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid_trib import forces
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
 from sysid_trib.forces.formulas import Formula
@@ -29,7 +30,7 @@ class Model:
 
     Parameters
     ----------
-    library : ForceLibrary
+    library : ForceLibrary, str, or what `library` takes
         Forces to choose from.
     coefficients : mapping of str to float
         By symbol, dimensionless with angles in rad; forces left out are absent.
@@ -56,6 +57,8 @@ class Model:
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.library, ForceLibrary):
+            object.__setattr__(self, "library", forces.as_library(self.library, "Model"))
         for symbol, value in self.coefficients.items():
             if not np.isfinite(value):
                 raise LibraryError(f"Coefficient {symbol} = {value} of a model must be a finite number.")

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import smoothed_backbone
 from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
@@ -16,7 +17,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit import bands, innovations
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.decay import Decays, RecordsLike, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import described, group_names
@@ -64,7 +65,7 @@ def agreement_of(p_value: float) -> str:
 
 @signal_scale.in_units_of_the_motion
 def cross_check(
-    decay: Decays,
+    decay: RecordsLike,
     first: xr.Dataset,
     second: xr.Dataset,
     *,
@@ -112,7 +113,7 @@ def cross_check(
     has nan for its angle and residual. The residual of a result with a random force is what it predicts
     wrongly one sample ahead, over its own error.
     """
-    together = dict(enumerate(as_runs(decay)))
+    together = dict(enumerate(as_runs(records.as_decays(decay, "cross_check"))))
     followed = [FollowedRuns(together, result) for result in (first, second)]
     return _checked(followed, tell=tell)
 

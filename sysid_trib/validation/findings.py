@@ -23,16 +23,16 @@ LAST_THIRD = "the last third"
 
 
 def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
-    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
+    """Return a record with `simulated_angle(model, time)`, `residual(model, time)` and its `noise`, rad.
 
-    It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
-    record, whose motion no spline follows, no more than a model leaves.
+    Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
+    whose motion no spline follows, it is no more than the residual of a model.
     """
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
         noise = float(np.nanmin(remains, initial=noise))
-    values = {"simulated_angle": simulated, "noise": noise}
+    values = {"simulated_angle": simulated, "residual": decay.angle.values - simulated, "noise": noise}
     return decay.assign_coords(model=list(names)).assign(described("record", values))
 
 

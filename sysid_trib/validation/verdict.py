@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
@@ -168,7 +169,7 @@ def p_value_of_dependence(tested: xr.Dataset) -> float:
 
 
 def checked_library(
-    function: str, library: ForceLibrary | None, methods: Iterable[Any], decay: Decays
+    function: str, library: LibraryLike | None, methods: Iterable[Any], decay: Decays
 ) -> ForceLibrary:
     """The library that is offered; what is no method is refused.
 
@@ -184,12 +185,11 @@ def checked_library(
         of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
         names = [name for known in of_runs for name in known if name != inputs.INPUT]
         library = with_inputs_acting(load_library(), names)
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(f"{function} wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    offered = forces.as_library(library, function)
     for method in methods:
         if isinstance(method, type) or not hasattr(method, "identify"):
             raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
-    return library
+    return offered
 
 
 @signal_scale.in_units_of_the_motion
