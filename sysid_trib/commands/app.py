@@ -178,7 +178,7 @@ def _options(
         False, "--version", callback=_show_version, is_eager=True, help="Show the version."
     ),
 ) -> None:
-    """Which forces act in an oscillator, learned from its free decay."""
+    """Identify the forces of an oscillator from its free decay."""
 
 
 def _add(name: str, home: str, options: list[str], help: str, examples: list[str]) -> None:

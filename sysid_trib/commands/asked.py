@@ -1,4 +1,4 @@
-"""What is asked of a method or of a search: its forces, shapes, constraints and frequencies."""
+"""Options of a method or of a search: forces, shapes, constraints and frequencies."""
 
 from collections.abc import Collection
 from contextlib import suppress
@@ -46,7 +46,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
 
 @dataclass(frozen=True)
 class AskedModel:
-    """The model that a command is to identify.
+    """Return the model to be identified, with the forces that the system always has.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Const
 def asked_search(
     given: SearchOptions, inputs: Collection[str] = ()
 ) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
-    """The start model, what it may lack, and how to search, as `discover` takes them.
+    """Return start model, candidates and options of the search, as `discover` takes them.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What `sysid-trib campaign` does, and what it does with each record, as its options have it."""
+"""Command `campaign`, and its options as the task of each record."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -135,7 +135,7 @@ def _conditions(given: CampaignOptions, names: list[str]) -> Any:
 
 
 def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dataset | None:
-    """What varies between the records, by the identification that is reported; None of too few."""
+    """Return the variation between records by the reported identification; None if there are too few."""
     estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
         return None

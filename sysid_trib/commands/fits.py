@@ -1,4 +1,4 @@
-"""What `sysid-trib identify`, `discover`, `compare` and `difference` do: fits, and what they lack."""
+"""Commands `identify`, `discover`, `compare` and `difference`."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -52,7 +52,7 @@ def names_in(text: str | None) -> list[str]:
 
 
 def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Callable[[], str]]:
-    """What stands in the files of text of a result, by their places."""
+    """Return the text files of a result, by their paths."""
     return {given.csv: partial(exported.csv_text, tree), given.latex: partial(exported.latex_text, tree)}
 
 
@@ -128,7 +128,7 @@ def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
 
 
 def measured_given(given: MeasuredOptions) -> dict[str, tuple[float, float]]:
-    """What gives SI units, with its errors; refused where it is too little for what it is for."""
+    """Return the values that give SI units, with errors; raise an error if one is missing."""
     texts = {"inertia": given.inertia, "mass": given.mass, "load": given.load, "radius": given.radius}
     pairs = {name: parse_value_with_error(text, f"--{name}") for name, text in texts.items()}
     known = {name: pair for name, pair in pairs.items() if pair is not None}
@@ -151,7 +151,7 @@ def _add_sureness(
 
 
 def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
-    """What is printed of an identification, of free decays or with inputs."""
+    """Return the blocks of an identification, of free decays or with inputs."""
     sentences = record_sentences(tree, sources)
     of_kind = driven.driven_blocks if kind_of(tree) == "driven" else identification.identification_blocks
     return [*of_kind(tree, sentences), driven.prediction_block(predicted)]
@@ -182,7 +182,7 @@ def discover(tell: Tell, given: DiscoverOptions) -> Callable[[], None]:
 
 
 def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dataset], list[xr.Dataset], str]:
-    """What is learned from, what is kept for prediction: a window of each decay, and its words."""
+    """Split decays into a part to learn from and a held-out window, with its description."""
     if window is None:
         return decays, [], ""
     low, high = parse_window(window, "--holdout")

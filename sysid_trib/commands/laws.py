@@ -1,4 +1,4 @@
-"""What `sysid-trib laws` does: friction and restoring force as curves, without a formula."""
+"""Command `laws`: friction and restoring force as curves, without a formula."""
 
 from collections.abc import Callable
 from functools import partial

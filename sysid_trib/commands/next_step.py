@@ -1,4 +1,4 @@
-"""What to do after a result: the next command, and why."""
+"""Next step after a result: the command, and the reason."""
 
 import shlex
 from collections.abc import Mapping
@@ -112,7 +112,7 @@ def _after_identification(tree: xr.DataTree) -> StateOfResult:
 
 
 def _undetermined(result: xr.Dataset) -> StateOfResult:
-    """After a record that decides none of its forces: with fewer of them."""
+    """Return the step after a record that determines no force: fewer forces."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
         return StateOfResult("undetermined", {"forces": viscous[0], "window": None})
@@ -138,7 +138,7 @@ def _largest_library(tree: xr.DataTree) -> ForceLibrary:
 
 
 def _search_options(library: ForceLibrary) -> dict[str, str]:
-    """What is missing beside the forces that were given; terms of the sensor are candidates alone."""
+    """Return the forces given, as options, if others are missing; sensor terms are only candidates."""
     forces = [force.symbol for force in library if force.kind != "sensor"]
     return {"forces": ",".join(forces)} if len(forces) < len(library) else {}
 
@@ -198,7 +198,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
 
 
 def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
-    """The factor on the signal that a pendulum's frequency wants; empty if it wants none, or has one."""
+    """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
     unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
@@ -221,7 +221,7 @@ def _tied(tree: xr.DataTree) -> list[str]:
 
 
 def _swings_unexplained(tree: xr.DataTree) -> bool:
-    """True if a model does not explain records whose backbones are those of a pendulum."""
+    """Return true if a model does not explain records of pendulums."""
     if kind_of(tree) == "discover":
         unexplained = tree.attrs["verdict"] == "unknown effect"
     else:
@@ -255,7 +255,7 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
 
 
 def _moves_freely(tree: xr.DataTree) -> bool:
-    """True if the body of a driven record has no restoring force; a search weighs forces by that."""
+    """Return true if the body of a driven record has no restoring force, which a search needs."""
     result = findings.main_result(tree)
     if result is None or not files.is_of_driven(tree):
         return False

@@ -1,4 +1,4 @@
-"""What `sysid-trib plan` and `response` do: runs that were not made, as models predict them."""
+"""Commands `plan` and `response`: predictions of runs."""
 
 from collections.abc import Callable
 from functools import partial

@@ -39,7 +39,7 @@ class RunsOfFile(NamedTuple):
 
 
 def what_else(path: Path) -> str:
-    """What a file is that is no record, and what shows it; empty where it is none of this package's.
+    """Describe a file of this package that is not a record, and how to show it; else empty.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def _is_printed(path: Path) -> bool:
 
 
 def _maker_of(path: Path) -> str:
-    """The command that wrote a result, or its method; empty of what is no result."""
+    """Return the command or method that wrote a result; empty if it is no result."""
     try:
         tree = load(path)
     except SysidTribError:
@@ -172,7 +172,7 @@ def decays_within(
 
 
 def calibration_of(given: RecordOptions) -> tuple[float, float]:
-    """By which the signal of the records is multiplied, and its standard error."""
+    """Return the scale of the signal and its standard error."""
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
@@ -231,7 +231,7 @@ def _decays(given: RecordOptions, record: xr.Dataset, *, as_it_is: bool = False)
 def _as_it_is(
     given: RecordOptions, record: xr.Dataset, limits: tuple[float | None, float | None], centre: float | str
 ) -> str:
-    """How to take a record as it is that is no decay; empty if it is too short for that, too."""
+    """Describe how to take a record that is no decay as it is; empty if it is too short."""
     try:
         for decay in free_decays(record, window=limits, equilibrium=centre, as_it_is=True):
             envelope(decay)

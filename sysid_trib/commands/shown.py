@@ -1,4 +1,4 @@
-"""What `sysid-trib look`, `backbone`, `report`, `export`, `forces` and `simulate` do: what takes no fit."""
+"""Commands without a fit: `look`, `backbone`, `report`, `export`, `forces` and `simulate`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -49,7 +49,7 @@ def backbone(tell: Tell, given: BackboneOptions) -> Callable[[], None]:
 
 
 def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
-    """What is in files."""
+    """Show the contents of files."""
     tell("reading")
     if given.input_ is not None:
         return _look_at_driven(tell, given)
@@ -106,7 +106,7 @@ def _is_driven_within(given: LookOptions, decays: list[xr.Dataset]) -> bool:
 
 
 def _look_at_driven(tell: Tell, given: LookOptions) -> Callable[[], None]:
-    """What is in driven records, and which forces fit them."""
+    """Show the contents of driven records, and the forces that fit them."""
     sources = read_sources(given, driven=True)
     runs = [run for source in sources for run in decays_within(given, source)[0]]
     sentences = [sentence for _, of_file, sentence in sources for _ in of_file]
@@ -206,7 +206,7 @@ def _settings(
 
 
 def _simulated(model: Model, motion: SimulateOptions) -> xr.Dataset:
-    """What `simulate` returns, with the noise in `angle`; numbers from which no record comes are refused."""
+    """Return the result of `simulate`, with noise in `angle`; raise an error for impossible numbers."""
     duration, sampling_rate, noise = motion.duration, motion.sampling_rate, motion.noise
     samples = round(duration * sampling_rate)
     if not 2 <= samples <= MAX_SAMPLES:

@@ -1,4 +1,4 @@
-"""Where the result of a command goes: text and tables on the terminal, files, figures; and its progress."""
+"""Output of a command: text and tables on the terminal, files, figures; and its progress."""
 
 import json
 import os
@@ -30,15 +30,9 @@ if TYPE_CHECKING:
 
 def print_table(table: "Table") -> None:
     """Print a table whole."""
-    from rich.console import Console
+    from sysid_trib.printing.written import write_table
 
-    # Markup would take a bracket in the name of a force for a command.
-    console = Console(highlight=False, markup=False, emoji=False)
-    # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
-    if not console.is_terminal:
-        # Columns of a table that is not cut short.
-        console.width = console.measure(table, options=console.options.update(width=2000)).maximum
-    console.print(table, crop=False)
+    write_table(table)
 
 
 def print_blocks(
@@ -47,26 +41,10 @@ def print_blocks(
     ends: Iterable[str] = (),
     written: Iterable[Path | None] = (),
 ) -> None:
-    """Print the blocks of a layer, with an empty line between two; `--explain` has headings.
+    """Print the blocks of a layer as `write_blocks`; below them stand the files that were written."""
+    from sysid_trib.printing.written import write_blocks
 
-    Below them stand the lines `ends`, and the files and folders that were written.
-    """
-    shown = [block for block in blocks if layer in block.layers and (block.sentences or block.table)]
-    section = ""
-    for at, block in enumerate(shown):
-        if at:
-            print()
-        if block.title not in ("", section) and layer is Layer.EXPLAIN:
-            print(block.title)
-        section = block.title
-        for sentence in block.sentences:
-            print(printable(sentence))
-        if block.table is not None:
-            if block.caption:
-                print(block.caption)
-            print_table(block.table)
-    for sentence in ends:
-        print(sentence)
+    write_blocks(blocks, layer, ends)
     print_written(*written)
 
 
@@ -79,7 +57,7 @@ def print_written(*places: Path | None) -> None:
 
 @contextmanager
 def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
-    """How a command works: it says what is under way, computes in one thread, and names what is refused.
+    """Run a command: show progress, use one thread, and name the records in errors.
 
     Parameters
     ----------
@@ -100,7 +78,7 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
 
 @contextmanager
 def progress() -> Iterator[Tell]:
-    """What is under way, on stderr, gone when all is done; nothing where no terminal is.
+    """Show progress on stderr, removed at the end; nothing where no terminal is.
 
     To import what computes takes longer than a reader likes to see nothing: a command begins with this.
 

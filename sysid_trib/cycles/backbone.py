@@ -9,10 +9,12 @@ import xarray as xr
 from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
+from sysid_trib import records
 from sysid_trib.arrays import Array, Variables, variable, with_error
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
+from sysid_trib.records.decay import RecordLike
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
@@ -34,7 +36,7 @@ class Smoothed(NamedTuple):
 def period_rows(
     measured: xr.Dataset, slopes: dict[str, Array] | None = None
 ) -> tuple[Array, dict[str, CurveRows]]:
-    """Rows of an envelope, a half period apart, without what differs between the two sides.
+    """Return rows of an envelope, a half period apart, without the differences between the two sides.
 
     Parameters
     ----------
@@ -103,13 +105,13 @@ QUANTILES, FINE = 17, 801
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 
-def backbone(decay: xr.Dataset) -> xr.Dataset:
+def backbone(decay: RecordLike) -> xr.Dataset:
     """Frequency and damping ratio of a free decay against its amplitude, without a model.
 
     Parameters
     ----------
-    decay : Dataset
-        ``angle(time)`` about its equilibrium, as `free_decay` returns it.
+    decay : record
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it, or ``(t, angle)``.
 
     Returns
     -------
@@ -135,11 +137,11 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
     """
-    return smoothed_backbone(decay).curves
+    return smoothed_backbone(records.one_record(decay, "backbone")).curves
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
-    """The `backbone` of a decay, and how its periods weigh in it."""
+    """Return the `backbone` of a decay, and the weights of its periods in it."""
     measured = half_sines.envelope(decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
@@ -172,7 +174,7 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
-    """What averaging leaves open of a curve to second order in damping."""
+    """Return the second-order error of averaging of a curve, from the damping."""
     return np.asarray(SECOND_ORDER[name] * np.abs(damping_ratio) ** 2 * np.abs(value))
 
 
@@ -218,7 +220,7 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
 
 
 def _over_time(measured: xr.Dataset, noise: float, unit: str) -> Variables:
-    """The amplitude at the extrema but two at either end; noise in units of that of their errors."""
+    """Return the amplitude at the extrema without two at either end; noise relative to their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import xarray as xr
@@ -68,8 +68,6 @@ class Averaging(Constrained):
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
         held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
 
     Notes
     -----
@@ -85,8 +83,7 @@ class Averaging(Constrained):
     curve: Literal["half-sines", "analytic-signal"] = "half-sines"
     random_force: RandomForceOption = "auto"
 
-    def __post_init__(self, *old: Any) -> None:
-        super().__post_init__(*old)
+    def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):
             raise UsageError(f"frequency='{self.frequency}' is neither 'fit' nor 'last'.")
         check_random_force(self.random_force)
@@ -202,7 +199,7 @@ class Averaging(Constrained):
 
     @property
     def scope(self) -> MethodScope:
-        """What the method says of itself; the paper's rule is for one record."""
+        """Scope of the method; the paper's rule takes one record."""
         return replace(SCOPE, several_runs=self.frequency == "fit")
 
     def _auxiliary(self, library: ForceLibrary, free: ConstraintMap) -> AuxiliaryModel:

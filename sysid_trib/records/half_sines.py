@@ -8,9 +8,11 @@ import numpy as np
 import scipy.sparse as sp
 import xarray as xr
 
+from sysid_trib import records
 from sysid_trib.arrays import Array, Index, Variables, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import equilibrium, signal
+from sysid_trib.records.decay import RecordLike
 from sysid_trib.records.half_periods import HalfPeriods, analytic_extrema, noise_of_record
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
@@ -108,7 +110,7 @@ EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, 
 }
 
 
-def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
+def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
     """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
 
     Parameters
@@ -148,6 +150,7 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     """
     if curve not in EXTREMA:
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
+    decay = decay if isinstance(decay, xr.Dataset) else records.one_record(decay, "envelope")
     time, angle, halves = equilibrium.with_half_periods(decay)
     # A half-sine of known frequency has two unknowns.
     if np.diff(halves.samples(time)[0]).min() < 2:
@@ -168,7 +171,7 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
 
 
 def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
-    """How much more values scatter than their errors say; 1 where that may be chance.
+    """Return the scatter of values over their errors; 1 where the excess may be chance.
 
     `decay_ratio` : of extrema a period apart. Differences are between half periods of one sign: whatever
     differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line
