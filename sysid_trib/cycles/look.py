@@ -131,7 +131,7 @@ def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
         # The first is the one that is offered. Part of the forces of a system makes no alternative.
         if model.remains < 1.0 and (at == 0 or model.systems):
             systems = f" ({', '.join(model.systems)})" if model.systems else ""
-            parts.append(f"{model.words}{' leaves' * (not parts)} {100.0 * model.remains:.2g} %{systems}")
+            parts.append(f"{model.words} {100.0 * model.remains:.2g} %{systems}")
     return ", ".join(parts)
 
 

@@ -24,8 +24,8 @@ from sysid_trib.records import half_sines
 from sysid_trib.results.signal_scale import counts_angles
 
 # By formula, as libraries may name them otherwise; in words.
-FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "drag"}
-ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
+FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "quadratic drag"}
+ELASTIC = {"x*abs(x)": "a quadratic spring", "x**3": "a cubic spring"}
 VISCOUS_FORMULA = "2*v"
 USUAL_LIBRARY = "contact_forces"
 
@@ -152,7 +152,7 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
     part = np.square(_scatter(decay, curves))
     friction = _friction(curves, library, part)
     words = [FRICTION[formula] for formula in friction]
-    parts = [f"damping as of {_listed(words)}"] if words else []
+    parts = [f"the decay looks like {' plus '.join(words)}"] if words else []
     symbols = [force.symbol for formula in friction if (force := library.role(formula)) is not None]
     ranking = _ranking(curves, part, angle=counts_angles(decay))
     chosen, scale, pointed = _chosen(ranking), None, _by_columns(decay)
@@ -160,11 +160,11 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
         system = chosen.systems[0]
         pointed = Pointed(system=system)
         held = _listed([force.name for force, _ in chosen.held])
-        parts.append(f"amplitude and frequency as of a {system} under {held}")
+        parts.append(f"the frequency shift looks like that of a {system} ({held})")
         scale = chosen.scale
     elif chosen is not None:
         symbols += [force.symbol for force in chosen.free]
-        parts.append(f"frequency as of {chosen.words}")
+        parts.append(f"the frequency shift looks like {chosen.words}")
     ordered = tuple(sorted(ranking, key=lambda model: model is not chosen))
     pointed = replace(pointed, forces=tuple(symbols), words="; ".join(parts))
     return replace(pointed, ranking=ordered, scale=scale)
