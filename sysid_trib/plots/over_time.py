@@ -227,7 +227,7 @@ def weights(
     """
     if quantity not in weighed:
         raise UsageError(
-            f"plots.weights shows {quantity} of the result of physics.weights(result, amplitudes); give that, and "
+            f"plots.weights shows {quantity} from physics.weights(result, amplitudes); give that, and "
             "peak_force, decay, frequency_shift, decay_share or frequency_share."
         )
     ax, attrs = style.axes(ax), weighed[quantity].attrs
