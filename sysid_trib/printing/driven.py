@@ -254,7 +254,7 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
         errors = (f"{error:.2g}" for error in run.standard_error.values)
         rows.append(row | dict(zip(heads, errors, strict=True)))
-    # Of runs that are said to tell as much the shorter one comes first.
+    # Of runs with the same numbers keep the shorter one, which comes first.
     table = pd.DataFrame(rows)
     return list(table.drop_duplicates(table.columns.drop([release, DURATION])).to_dict("records"))
 

@@ -173,7 +173,7 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     of_record = systems.pop() if len(systems) == 1 else ""
     moving = load_system(system or of_record or None)
     if system is not None:
-        # What moves is what the user says; its forces are those of the system, if the record decides them.
+        # The user names the system; use its forces, if the record determines them.
         pointed = [*moving.forces]
     elif of_record:
         pointed = [symbol for symbol in pointed if symbol in moving.forces]

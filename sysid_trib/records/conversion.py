@@ -33,7 +33,7 @@ WITHOUT_PREFIXES: dict[str, Parsed] = {
     "lbf": (4.4482216152605, NEWTON),
     "kgf": (STANDARD_GRAVITY, NEWTON),
     "gf": (1e-3 * STANDARD_GRAVITY, NEWTON),
-    # As signals have it, not a gram.
+    # The unit g of signals, not a gram.
     "g": (STANDARD_GRAVITY, {"m": 1, "s": -2}),
     "mg": (1e-3 * STANDARD_GRAVITY, {"m": 1, "s": -2}),
     "rpm": (RADIANS["rev"] / 60.0, {"rad": 1, "s": -1}),
