@@ -92,7 +92,7 @@ def averages(
         return unit[0] * scale, unit[1] * scale
     # NumPy's numbers: a shape parameter of zero gives a value that is not finite, not an exception.
     shape_values = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
-    # What drives is at rest.
+    # Inputs are at rest.
     shape_values |= {channel.name: np.float64(0.0) for channel in force.channels}
     times = np.broadcast_to(np.asarray(time, dtype=float), a.shape)
     cuts = range(CHUNK, a.size, CHUNK)
@@ -140,7 +140,7 @@ def _panels(
     # Compared with the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
     size = max(np.abs(series).max(initial=1e-300), CANCELLATION / SERIES_TOLERANCE * 2.0**high)
     last = np.abs(series[-3:]).max() / size
-    # Of an octave: a signature with a kink, as where a slip begins, is halved no further.
+    # Smallest part of an octave: a signature with a kink, as at the onset of slip, is halved no further.
     if last < SERIES_TOLERANCE or high - low < 0.01 or 0.5 * before < last < ROUNDING_ERROR:
         yield OctavePart(low, high, series)
     else:

@@ -342,7 +342,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
         """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
         return evidence(model) + start_model.colour_penalty(model)
 
-    # Else what is left of the record is no noise yet.
+    # Otherwise the residual is not noise yet.
     settled = done.converged or not done.effects
     with_names = start_model.recoloured(last) if done.effects and settled else last
     without_names = start_model.recoloured(start, with_names)

@@ -65,7 +65,7 @@ def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[ScoredTrial
     columns = [current.first_trial + at for at in current.replacing]
     part, rest = projected(current.products, model.likelihood, kept, [0, *columns])
     trials = _testable(current, part[1:])
-    # Of the target, and of these among all that may stand in the place of effects.
+    # Products of the target and of all trials that may replace effects.
     place = {at: 1 + number for number, at in enumerate(current.replacing)}
     inside = [0, *(place[at] for at in trials)]
     gains = _gains_of_pairs(current, trials, rest[np.ix_(inside, inside)])

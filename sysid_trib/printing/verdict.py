@@ -151,7 +151,7 @@ def test_sentences(tree: xr.DataTree) -> Iterator[str]:
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     """The two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *findings.error_parts(result), strict=True)
-    # What is held, or follows from the frequency, has no parts of its own.
+    # Held values, and those that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
     return f"Errors of {name} by the noise and by the model: {texts}."
 

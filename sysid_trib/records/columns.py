@@ -120,13 +120,13 @@ def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | 
     """The time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
     order = table.columns
     fitting = [time for time in times if time.cells.size == signal.cells.size] or times
-    # What names share behind their first word.
+    # Common part of the names after the first word.
     rest = {c: re.sub(r"^[^\W\d_]+", "", c.name.rpartition(".")[2]) for c in (signal, *fitting)}
     mates = [time for time in fitting if "[" in time.name and rest[signal].startswith(rest[time])]
     before = [time for time in fitting if order.index(time) < order.index(signal)]
     if mates or not before:
         return next(iter(mates or fitting), None)
-    # Of clocks in neighbouring columns the one that stands still least often; else the next one.
+    # Of clocks in neighbouring columns take the one with the fewest repeated values; else the next one.
     clocks = [before[-1]]
     while (at := order.index(clocks[0])) and order[at - 1] in before:
         clocks.insert(0, order[at - 1])
@@ -148,7 +148,7 @@ def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[
     return runs
 
 
-# What runs are called in a line above their columns.
+# Words for runs in a line above their columns.
 _RUN = re.compile(
     r"\b(?:run|trial|test|try|rep|repeat|take|messung|versuch|lauf|essai|prova|ensayo|pomiar)\b"
 )
@@ -264,7 +264,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         return pool[0], f"of the columns that swing alike, {others}"
     largest, second = sorted(pool, key=lambda c: c.amplitude)[:-3:-1]
     one_unit = len({c.unit_text for c in pool}) == 1
-    # Of columns in one unit, one is the signal if it swings so many times as far as any other.
+    # A column is the signal if its range exceeds that of others in its unit by this factor.
     if one_unit and largest.amplitude > 5.0 * second.amplitude:
         times = f"{largest.amplitude / second.amplitude:.2g}"
         return largest, f"it swings {times} times as far as any other"
@@ -297,7 +297,7 @@ def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> No
     for other in moving:
         swing, reason = swings[other]
         alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)
-        # What is so many times as large as the column that swings is no noise of it, and is asked about.
+        # A column larger than the oscillating one by this factor is not noise: ask about it.
         if alike and swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
                 f"{other.source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far "
@@ -375,6 +375,6 @@ def _is_magnitude(values: Array) -> bool:
     if good.size < 2 or good.min() < 0.0:
         return False
     parts = [part for part in np.array_split(good, 4) if part.size]
-    # Of its range: a magnitude comes back to zero as near as this in every swing.
+    # Part of its range: a magnitude comes as near to zero as this in every swing.
     allowed = 0.05 * max(float(part.max()) for part in parts)
     return all(part.min() < allowed for part in parts)

@@ -41,7 +41,7 @@ WITHOUT_PREFIXES: dict[str, UnitSize] = {
     "lbf": UnitSize(4.4482216152605, NEWTON),
     "kgf": UnitSize(STANDARD_GRAVITY, NEWTON),
     "gf": UnitSize(1e-3 * STANDARD_GRAVITY, NEWTON),
-    # As signals have it, not a gram.
+    # The unit g of signals, not a gram.
     "g": UnitSize(STANDARD_GRAVITY, {"m": 1, "s": -2}),
     "mg": UnitSize(1e-3 * STANDARD_GRAVITY, {"m": 1, "s": -2}),
     "rpm": UnitSize(RADIANS["rev"] / 60.0, {"rad": 1, "s": -1}),

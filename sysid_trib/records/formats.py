@@ -100,7 +100,7 @@ def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict):
         names, rows = value.get("columns"), value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
-            # As pandas writes a table that is split.
+            # The format of pandas for a split table.
             yield from _json_columns([dict(zip(map(str, names), row, strict=False)) for row in rows], name)
         elif value and all(key.isdigit() for key in value):
             yield from _json_columns(list(value.values()), name)
@@ -152,7 +152,7 @@ def read_netcdf(path: Path) -> Contents:
 
     with path.open("rb") as file:
         engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
-    # Of HDF5 without dimensions, so that it has some.
+    # Give dimensions to HDF5 variables without them.
     named: dict[str, Any] = {"phony_dims": "sort"} if engine == "h5netcdf" else {}
     with xr.open_dataset(path, engine=engine, decode_times=False, **named) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}

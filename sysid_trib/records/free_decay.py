@@ -194,7 +194,7 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         if decays and (not _alike(decay, decays[0]) or checks.is_held(decay, decays[0])):
             continue
         decays.append(decay)
-        # What comes after it and before it.
+        # Search after it and before it.
         ends = slice(decay.free.stop, None), slice(decay.free.start)
         waiting = [*(Piece(decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:

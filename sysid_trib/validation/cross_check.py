@@ -146,7 +146,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     if moving and not biased:
         covariance, errors = _covariance(pair, moving[0], kept)
     error = np.sqrt(np.diag(covariance))
-    # What neither leaves free does not differ.
+    # Quantities that both hold do not differ.
     z = np.divide(difference, error, out=np.zeros_like(difference), where=error != 0.0)
     chi_square = float("nan")
     if np.all(np.isfinite(covariance)):
@@ -280,7 +280,7 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
             continue
         tracked = followed.tracked(at)
         groups[of_innovations] = innovations.innovations_of(decay, tracked)
-        # Of a record too short to predict anything there is no figure.
+        # A record too short for predictions has no figure.
         with suppress(SysidTribError):
             groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
     return groups

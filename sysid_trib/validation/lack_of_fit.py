@@ -370,7 +370,7 @@ def _harmonics(
     low, high = min(np.abs(rates)), max(np.abs(rates))
     # Means of quarters: a frequency that goes on evenly is beyond them at either end.
     low, high = low - (high - low) / 6.0, high + (high - low) / 6.0
-    # What drifts slowly is no line.
+    # A slow drift is no line.
     excluded = at <= slowest * resolution
     for harmonic in range(1, most + 1):
         middle, half = 0.5 * harmonic * (low + high), 0.5 * harmonic * (high - low)

@@ -125,7 +125,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
     estimate, held = result.coefficient.values, references.held(result)
-    # What is held is the same in every fit, whatever its reference frequency.
+    # Held values are the same in every fit, at any reference frequency.
     values = np.where(held & np.isfinite(values), estimate, values)
     errors = np.where(held & np.isfinite(errors), 0.0, errors)
     everything = np.vstack([estimate, values])
