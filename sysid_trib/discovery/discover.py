@@ -150,7 +150,7 @@ NEARER = 0.95
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """How a search goes on.
+    """Plan of a search.
 
     Attributes
     ----------
@@ -216,17 +216,11 @@ def _discovery(
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
-    options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-    options |= {
-        "refit": how.refit,
-        "reference_frequency": reference_frequency,
-        "constraints": dict(constraints),
-    }
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
         **schema.provenance(None, one_or_all(runs), model),
         "method": "discover",
-        "options": json.dumps(options),
+        "options": json.dumps(_options_of(how, constraints)),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         **_outcome(done, closing),
@@ -242,6 +236,18 @@ def _discovery(
     if refused or effects.misnamed_effects(tree):
         tree.attrs["verdict"] = "unknown effect"
     return tree
+
+
+def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]:
+    """Return the options of a search as they are kept in its result."""
+    return {
+        "max_effects": how.settings.max_effects,
+        "level": how.settings.level,
+        "seed": how.settings.seed,
+        "refit": how.refit,
+        "reference_frequency": how.reference_frequency,
+        "constraints": dict(constraints),
+    }
 
 
 def _outcome(done: Search, closing: str) -> dict[str, Any]:

@@ -16,9 +16,10 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.forces import library, notation
+from sysid_trib.forces import notation
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.results.variables import PER_FORCE_UNIT
 
@@ -278,7 +279,7 @@ def _forces(given: Any) -> Iterator[Force]:
         elif isinstance(part, xr.Dataset):
             for name in ("library", "candidates"):
                 if name in part.attrs:
-                    yield from library.library_of_text(str(part.attrs[name]), "")
+                    yield from library_of_text(str(part.attrs[name]), "")
 
 
 def _power(name: str, units: str, old: str) -> int:
