@@ -134,8 +134,8 @@ def _named(text: str) -> ForceLibrary:
         known = known_libraries()
         nearest = did_you_mean(not_shipped[0] if not_shipped else text, [*known, *shipped])
         raise UsageError(
-            f"There is no library or force '{not_shipped[0] if not_shipped else text}'; give a TOML file, one "
-            f"of the libraries {', '.join(known)}, or the symbol of a force.{nearest}"
+            f"There is no library or force '{not_shipped[0] if not_shipped else text}'; give a TOML file, "
+            f"one of the libraries {', '.join(known)}, or the symbol of a force.{nearest}"
         )
     return ForceLibrary(
         ", ".join(symbols), tuple(shipped[symbol] for symbol in symbols), "contact_forces.toml"
