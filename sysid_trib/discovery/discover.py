@@ -215,6 +215,7 @@ def _discovery(
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
+    groups["/"] = xr.Dataset(variables.described("search", {"converged": done.converged}))
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
@@ -257,7 +258,6 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
-        "converged": str(done.converged),
         "failed_fits": done.failed,
     }
 
