@@ -1,4 +1,4 @@
-"""Options of the commands with their types and defaults; `commands.toml` has what the help says of each."""
+"""Options of the commands with their types and defaults; `commands.toml` has their help."""
 
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -19,7 +19,7 @@ OptionRows = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class CommandOptions:
-    """What a command was given: one attribute for each of its options."""
+    """Values of the options of a command, one attribute for each option."""
 
     def but(self, **values: Any) -> Self:
         """Return the options with some values replaced."""
@@ -74,7 +74,7 @@ class ConstraintOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions(ForcesOptions, ConstraintOptions):
-    """What is to be identified."""
+    """Options of the model to identify."""
 
     omega0: str | None = None
     random_force: str = "auto"
@@ -91,7 +91,7 @@ class StartOptions(ForcesOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions(ForcesOptions):
-    """What a search adds to its start model."""
+    """Options of a search: effects to add to its start model."""
 
     candidates: str | None = None
     max_effects: int = 4
@@ -102,7 +102,7 @@ class SearchOptions(ForcesOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredOptions(CommandOptions):
-    """What gives SI units, and another record to predict."""
+    """Measured quantities for SI units, and another record to predict."""
 
     inertia: str | None = None
     mass: str | None = None
@@ -114,7 +114,7 @@ class MeasuredOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ShownOptions(CommandOptions):
-    """How a result is shown."""
+    """Options of the presentation of a result."""
 
     as_json: bool = False
     plot: Path | None = None
@@ -131,7 +131,7 @@ class FileOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class DestinationOptions(FileOptions, ShownOptions):
-    """How much of a result is printed, and its tables for LaTeX."""
+    """Amount of printed text, and tables for LaTeX."""
 
     latex: Path | None = None
     explain: bool = False
