@@ -1,4 +1,4 @@
-"""What varies between runs: exact cases, statistics over seeds, other people's numbers, refusals."""
+"""Variation between runs: exact cases, statistics over seeds, published numbers, refusals."""
 
 import numpy as np
 import pandas as pd

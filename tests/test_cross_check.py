@@ -50,7 +50,7 @@ def test_the_difference_is_taken_at_one_reference_frequency():
 
 
 def simulated_pairs(seeds):
-    """Both methods on records of one model: differences, their stated errors, and p-values."""
+    """Run both methods on records of one model: differences, their stated errors, and p-values."""
     run, exact, found = paper_run(FIVE), paper_run(FIVE).angle, []
     for seed in seeds:
         compared = checked(decay(run.time, exact, 100 + seed))["comparison"]

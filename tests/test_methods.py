@@ -1,4 +1,4 @@
-"""What holds for every method of the list, and that Python's defaults are the command's."""
+"""Properties of every method of the list, and equal defaults in Python and in the command."""
 
 from dataclasses import fields, is_dataclass
 from inspect import signature
