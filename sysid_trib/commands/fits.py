@@ -280,5 +280,5 @@ def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:
     if len(marks) == 1 and 0 < marks[0] < len(records) - 1:
         return records[: marks[0]], records[marks[0] + 1 :]
     raise UsageError(
-        "difference wants two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
+        "difference needs two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
     )

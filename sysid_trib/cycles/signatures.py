@@ -7,7 +7,7 @@ averaging can separate, and those that depend on each other in any motion nothin
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -24,7 +24,14 @@ from sysid_trib.simulation.internal_states import states_along
 CHUNK = 128
 # Of series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
 CHEBYSHEV_NODES, SERIES_TOLERANCE = 16, 1e-11
-OctavePart: TypeAlias = tuple[float, float, Array]
+
+
+class OctavePart(NamedTuple):
+    """A series of averages between two amplitudes, in parts of an octave."""
+
+    low: float
+    high: float
+    coefficients: Array
 
 
 def signature(
@@ -135,7 +142,7 @@ def _panels(
     last = np.abs(series[-3:]).max() / size
     # Smallest part of an octave: a signature with a kink, as at the onset of slip, is halved no further.
     if last < SERIES_TOLERANCE or high - low < 0.01 or 0.5 * before < last < ROUNDING_ERROR:
-        yield low, high, series
+        yield OctavePart(low, high, series)
     else:
         middle = 0.5 * (low + high)
         yield from _panels(force, shapes, low, middle, last)

@@ -126,7 +126,7 @@ def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -
     refuse_sensors(library)
     forces = {formula: library.role(formula) for formula in formulas}
     if missing := [formula for formula, force in forces.items() if force is None]:
-        raise DecayError(f"{method} wants a force of formula {missing[0]}, and the library has none.")
+        raise DecayError(f"{method} needs a force of formula {missing[0]}, and the library has none.")
     return library.select(force.symbol for force in forces.values() if force is not None)
 
 

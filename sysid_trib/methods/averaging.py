@@ -336,7 +336,7 @@ class FrequencyShift:
         asked = library.select(force.symbol for force in shifting if force is not stiffness)
         if not len(asked):
             label = self.scope.sentence_label
-            raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
+            raise DecayError(f"{label} needs a nonlinear conservative force, and the library has none.")
         auxiliary = _damped_model(asked, self.shapes)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
         forces, reference, count = asked.forces, self.reference_frequency, len(asked)

@@ -227,8 +227,8 @@ def weights(
     """
     if quantity not in weighed:
         raise UsageError(
-            f"plots.weights shows {quantity} of what physics.weights(result, amplitudes) returns; "
-            "give that and peak_force, decay, frequency_shift, decay_share or frequency_share."
+            f"plots.weights shows {quantity} from physics.weights(result, amplitudes); give that, and "
+            "peak_force, decay, frequency_shift, decay_share or frequency_share."
         )
     ax, attrs = style.axes(ax), weighed[quantity].attrs
     unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"

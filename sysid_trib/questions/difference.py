@@ -188,7 +188,7 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
     results = [main_result(member) if isinstance(member, xr.DataTree) else member for member in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
     if not kept or len(kept) < len(results):
-        raise UsageError("difference wants two identifications, or lists of them, as identify returns them.")
+        raise UsageError("difference needs two identifications, or lists of them, as identify returns them.")
     return kept
 
 

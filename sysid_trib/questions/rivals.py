@@ -100,7 +100,7 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     """
     main = findings.main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
-        raise UsageError("plan wants a result that identified a model.")
+        raise UsageError("plan needs a result that identified a model.")
     stated = _stated(main)
     tree = result if isinstance(result, xr.DataTree) and files.kind_of(result) == "discover" else None
     if tree is None or not effects.added_effects(tree):

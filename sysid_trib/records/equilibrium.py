@@ -111,7 +111,7 @@ def with_half_periods(
     source = str(decay.attrs.get("source", "decay"))
     halves = _whole_half_periods(time.tobytes(), angle.tobytes(), equilibrium)
     if halves is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise.")
+        raise DecayError(f"{source}: no oscillation is visible above the noise.")
     count = halves.sign.size
     if count < fewest:
         raise DecayError(f"{source}: only {count} whole half periods; at least {fewest} needed.")

@@ -196,7 +196,7 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         decays.append(decay)
         # Search after it and before it.
         ends = slice(decay.free.stop, None), slice(decay.free.start)
-        waiting = [*((decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
+        waiting = [*(Piece(decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
         raise _naming_modes(refusals[0], longest, source)
     return sorted(decays, key=lambda decay: decay.time[decay.free.start])
@@ -240,7 +240,7 @@ def _swing(time: Array, signal: Array, mended: str, value: float | None, source:
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
     swing = find_swing(time, signal, value)
     if swing is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise; check column and window.")
+        raise DecayError(f"{source}: no oscillation is visible above the noise; check column and window.")
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)
@@ -282,7 +282,8 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     longest = max(range(len(parts)), key=lambda at: parts[at].size)
     mended = [swing.mended] * len(parts)
     mended[longest] = "; ".join(text for text in (swing.mended, said) if text)
-    return [(swing.time[part], swing.signal[part], text) for part, text in zip(parts, mended, strict=True)]
+    pairs = zip(parts, mended, strict=True)
+    return [Piece(swing.time[part], swing.signal[part], text) for part, text in pairs]
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:

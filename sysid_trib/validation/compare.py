@@ -129,7 +129,7 @@ def compare(
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
     offered = verdict.checked_library("compare", library, [method for _, method in pairs], runs)
     if not pairs:
-        raise UsageError("compare wants at least one method, such as methods.Direct().")
+        raise UsageError("compare needs at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
     return _compared(runs, offered, named, contactless, constraints, tell)
 

@@ -210,9 +210,9 @@ def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) 
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
         with suppress(DecayError):
-            backbone, weights = smoothed_backbone(run)
-            groups[of_record] = backbone
-            groups[of_models] = lack_of_fit(run, results, (backbone, weights))
+            smoothed = smoothed_backbone(run)
+            groups[of_record] = smoothed.curves
+            groups[of_models] = lack_of_fit(run, results, smoothed)
     return groups
 
 

@@ -188,7 +188,7 @@ def checked_library(
     offered = forces.as_library(library, function)
     for method in methods:
         if isinstance(method, type) or not hasattr(method, "identify"):
-            raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
+            raise UsageError(f"{function} needs a method such as methods.Direct(), not {method!r}.")
     return offered
 
 
