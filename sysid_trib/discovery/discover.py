@@ -150,7 +150,7 @@ NEARER = 0.95
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """How a search goes on.
+    """Options of a search.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ from sysid_trib.validation.residuals import FollowedRuns
 
 
 class Prediction(NamedTuple):
-    """How a model predicts parts that it has not seen.
+    """Prediction of parts that the model has not used.
 
     Attributes
     ----------

@@ -115,7 +115,7 @@ class SimulatedMotion:
 
 
 class Forcing(NamedTuple):
-    """What is given over time.
+    """Forcing over time.
 
     Attributes
     ----------
