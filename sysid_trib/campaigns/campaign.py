@@ -252,8 +252,8 @@ def _interrupts_held() -> Iterator[None]:
 def _without_current_folder() -> Iterator[None]:
     """Keep processes that start in this context from importing from the current folder.
 
-    A file `signal.py` next to the records would be executed. What a script of the user imports they find by
-    the path of this process, which they are given.
+    A file `signal.py` next to the records would be executed. They get the path of this process, and find the
+    imports of the user's script by it.
     """
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"

@@ -24,7 +24,7 @@ from sysid_trib.validation.findings import main_result
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
     """The forces that are asked for, the linear elastic one among them where alpha is wanted.
 
-    What is asked for by name and the library lacks is taken from those that come with the package.
+    A named force that the library lacks is taken from the libraries of the package.
     """
     whole = load_library(library)
     symbols = list(whole.symbols)

@@ -359,8 +359,8 @@ def system(
 def known_coefficients(library: ForceLibrary) -> dict[str, float]:
     """Return the coefficients that a user's library states, by symbol; they are held.
 
-    Those of the package's libraries are free where their force is asked for by name: a record then says
-    whether they hold.
+    The known coefficients of the package's libraries are free if their force is named: the record then tests
+    them.
     """
     shipped = {f"{name}.toml": name for name in SHIPPED_LIBRARIES}
     sources = library.source.split(" + ")

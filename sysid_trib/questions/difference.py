@@ -266,7 +266,7 @@ def _held_apart(
 ) -> xr.Dataset:
     """`difference`, where the error of the model is what the differences themselves move between parts.
 
-    What both samples lack alike moves both alike, and no difference.
+    A force missing in both samples changes both alike, but not the difference.
     """
     return _difference(sides, level, _model_error_of_difference(sides, runs, library))
 

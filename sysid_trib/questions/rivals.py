@@ -63,8 +63,8 @@ def predicted(
 ) -> tuple[RunPrediction, float]:
     """Predict a rival after a start (rad, rad/s), in units of the noise, and return its stop time (s).
 
-    Beside it when the motion stops (s), infinite if it does not. `forcing` : the model about whose motion a
-    random force acts, and its ratio to the noise of a sample: then innovations are predicted.
+    The stop time is infinite if the motion goes on. `forcing` : the model with a random force, and its ratio
+    to the noise of a sample; then innovations are predicted.
 
     Raises
     ------

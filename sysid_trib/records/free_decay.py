@@ -31,7 +31,7 @@ def free_decay(
 ) -> xr.Dataset:
     """Cut a record to its free decay and centre it on its equilibrium.
 
-    Of several decays in one record it is the one that travels farthest; `free_decays` gives them all.
+    If a record has several decays, this is the one with the longest travel; `free_decays` gives all.
 
     Parameters
     ----------

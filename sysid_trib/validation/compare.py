@@ -121,8 +121,8 @@ def compare(
     centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
     A method that does not apply keeps its row: nan, and why in `reason`.
 
-    Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
-    the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
+    The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
+    each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
     runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
