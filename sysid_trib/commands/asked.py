@@ -190,7 +190,7 @@ def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
     """The identification that stands for a saved result; refused where there is none."""
     answer = main_result(tree)
     if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} compares samples and is no model of either; give what identify wrote.")
+        raise UsageError(f"{result} compares samples and is no model of either; give a result of identify.")
     if answer is None:
         raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
     return answer

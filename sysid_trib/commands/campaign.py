@@ -85,7 +85,7 @@ def _task(given: CampaignOptions) -> task.Task:
         raise UsageError(f"{idle[0]} is no option of --task {name}; leave it out, or give another task.")
     if name == "discover":
         if given.methods is not None:
-            raise UsageError("--methods are of identify and compare; discover has one of its own.")
+            raise UsageError("--methods is for identify and compare; discover has its own method.")
         start, offered, how = asked_search(given)
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     asked = asked_model(given)
