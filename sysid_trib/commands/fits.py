@@ -71,9 +71,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
     if driven and (measured or given.methods_text):
-        raise UsageError(
-            "SI units and --methods-text are for free decays; leave them out for a driven record."
-        )
+        raise UsageError("SI units and --methods-text are for free decays; omit them for a driven record.")
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
     if "inertia" in measured:

@@ -137,8 +137,8 @@ def discover(
     constraints = known_coefficients(model) | dict(constraints)
     if is_free_to_move(model, Constraints(constraints).fixed):
         raise UsageError(
-            "discover needs a restoring force, and this body has none; identify it with several sets of forces, "
-            "and compare the residuals."
+            "discover needs a restoring force, and this body has none; identify it with several sets of "
+            "forces, and compare the residuals."
         )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
     return _discovery(runs, model, offered, constraints, unseen, how)

@@ -150,7 +150,7 @@ def usual_methods(
         return [Direct(**asked, own=own), Trajectory(**asked, own=own, warm_up=warm_up)]  # type: ignore
     if own:
         raise UsageError(
-            "Individual coefficients of runs need driven records (--input); identify each free decay separately."
+            "Individual coefficients of runs need driven records (--input); identify free decays one by one."
         )
     # Amplitudes and frequencies tell no term of the sensor from a force, and not all forces from each other.
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
