@@ -74,7 +74,7 @@ ALIASES = {"Array", "Vector", "Index", "Mask"}
 
 
 def wrong(found_in, is_wrong):
-    """Where a module says what it must not; `found_in` gives words and their lines."""
+    """Return the places where a module has something wrong; `found_in` gives words and their lines."""
     return [
         f"{name}:{line}: {word}"
         for name, module in modules().items()
@@ -118,7 +118,7 @@ def said(tree, text):
 
 
 def first_lines(tree, _):
-    """How docstrings begin."""
+    """Yield the first lines of docstrings."""
     for node in ast.walk(tree):
         holds = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         if holds and (text := ast.get_docstring(node)):

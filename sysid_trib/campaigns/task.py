@@ -123,7 +123,7 @@ class Task:
             usual = {"averaging": Averaging(), "direct": Direct()}
             object.__setattr__(self, "methods", compare.every_method() if self.name == "compare" else usual)
         if self.judged and len(self.methods) != 2:
-            raise UsageError("Two methods are held against each other; give two, or judged=False.")
+            raise UsageError("A cross-check needs two methods; give two, or judged=False.")
 
     @property
     def labels(self) -> list[str]:

@@ -137,8 +137,8 @@ def discover(
     constraints = known_coefficients(model) | dict(constraints)
     if is_free_to_move(model, Constraints(constraints).fixed):
         raise UsageError(
-            "A candidate is weighed by the restoring force, which this body has none of; identify it with "
-            "forces that may act, and compare the residuals."
+            "discover needs a restoring force, and this body has none; identify it with several sets of "
+            "forces, and compare the residuals."
         )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
     return _discovery(runs, model, offered, constraints, unseen, how)
@@ -334,9 +334,9 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
 def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     """Return the search, or that with coloured noise if it explains the record better.
 
-    What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
-    must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
-    all of them; else the colour with what was named is tried, of which that of the search is outside.
+    The named effects, or the residual, may be coloured noise that the lines above the motion did not show.
+    Noise of another colour without any name must be outside of the credible set of all names, as chance must
+    be outside of that of each effect. Otherwise the colour together with the names is tried.
     """
     done = search(fits, growing=True, tell=tell)
     if parts.verdict_of(done) == "nothing missing":

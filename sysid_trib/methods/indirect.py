@@ -208,7 +208,7 @@ def _motion_from_start(
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
     """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
-    Of a motion that is pushed far the steps themselves converge slowly, or lead away.
+    With a strong random force the plain steps converge slowly, or diverge.
     """
     # Corrections by whose differences the next is shortened or lengthened.
     recent = slice(-5, None)

@@ -121,15 +121,15 @@ def compare(
     centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
     A method that does not apply keeps its row: nan, and why in `reason`.
 
-    Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
-    the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
+    The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
+    each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
     runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
     offered = verdict.checked_library("compare", library, [method for _, method in pairs], runs)
     if not pairs:
-        raise UsageError("compare wants at least one method, such as methods.Direct().")
+        raise UsageError("compare needs at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
     return _compared(runs, offered, named, contactless, constraints, tell)
 

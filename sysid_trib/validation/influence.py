@@ -306,7 +306,7 @@ def _of_motion(
 ) -> list[Array] | None:
     """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run.
 
-    Of all that the samples tell, or of what the rows of `Direct` hold of it.
+    The fit uses all information of the samples, or only that in the rows of `Direct`.
     """
     tables: list[Array] = []
     seen: list[RunNoise | WeakRows] = []
