@@ -17,8 +17,8 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LogarithmicDecrement
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.judged import column_power
 from sysid_trib.validation.compare import every_method
-from sysid_trib.validation.findings import column_power
 from sysid_trib.validation.holdout import split
 
 FORCES = load_library()

@@ -14,7 +14,7 @@ from sysid_trib.forces import ForceLibrary
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.records.smoothing import first_frequency
-from sysid_trib.validation.findings import record_noise
+from sysid_trib.results.judged import record_noise
 
 W, NOISE = 9.9, 2e-4
 INPUTS, CONTACT = st.load_library("inputs"), st.load_library("contact_forces")

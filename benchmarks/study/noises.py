@@ -73,7 +73,7 @@ def verdict_of(decay: xr.Dataset, method) -> dict:
     result = st.identify(decay, OFFERED, method)
     tree = st.cross_check(decay, result, result)
     p = tree["random_force"].p_value.item() if "random_force" in tree.children else np.nan
-    return {"verdict": tree["comparison"].attrs["verdict_on_record"], "p": p}
+    return {"verdict": tree["judged"].attrs["verdict"], "p": p}
 
 
 def with_effect(force: st.forces.Force, random: np.random.Generator, noise: float) -> st.Model | None:

@@ -15,8 +15,8 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.results.files import kind_of
-from sysid_trib.validation.findings import main_result
+from sysid_trib.results.judged import main_result
+from sysid_trib.results.kinds import kind_of
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:

@@ -18,7 +18,7 @@ from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results import effects, variables
-from sysid_trib.validation.findings import with_noise_and_models
+from sysid_trib.validation.residuals import with_noise_and_models
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))

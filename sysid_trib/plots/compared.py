@@ -14,8 +14,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, shows
 from sysid_trib.plots.style import INK, ORANGE
+from sysid_trib.results.judged import column_power
 from sysid_trib.results.schema import library_of
-from sysid_trib.validation.findings import column_power
 
 # Marks of the families that methods state (see `MethodScope`).
 OTHER_FAMILY = "other"

@@ -18,8 +18,8 @@ from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, TALLEST, TWO_COLUMNS,
 from sysid_trib.plots.over_time import draw_in_time, held_out_sentence
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.effects import credible_set, or_others, replacing_pairs, steps_taken, strongest
+from sysid_trib.results.judged import record_noise, residual_of
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
-from sysid_trib.validation.findings import record_noise, residual_of
 
 # A cell of fewer samples has no mean; colours end where so many percent of the cells lie within; a dot marks
 # cells of more standard errors.

@@ -11,8 +11,8 @@ from rich.table import Table
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.verdict import EFFECTIVE, constraint_sentences, identifiability_warnings
+from sysid_trib.results.judged import LARGE, applied_methods, column_power, given_results
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.validation.findings import LARGE, applied_methods, column_power, given_results
 from sysid_trib.validation.verdict import is_found
 
 FREQUENCY_SYMBOL = "w_inf"

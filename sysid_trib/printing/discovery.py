@@ -14,8 +14,8 @@ from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results import effects
+from sysid_trib.results.judged import given_results, record_noise, residual_of
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import given_results, record_noise, residual_of
 from sysid_trib.validation.verdict import MARKED
 
 Item = TypeVar("Item")

@@ -11,8 +11,8 @@ from sysid_trib.printing import layout
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results import effects
+from sysid_trib.results.judged import record_noise, residual_of, residual_over_noise
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.validation.findings import record_noise, residual_of, residual_over_noise
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3

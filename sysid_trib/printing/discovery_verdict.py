@@ -18,8 +18,8 @@ from sysid_trib.results.effects import (
     misnamed_effects,
     steps_taken,
 )
+from sysid_trib.results.judged import held_out_excess, record_noise
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import held_out_excess, record_noise
 
 # Forces of the omnibus test, and candidates, that are named where they stand out.
 MOST_NAMED = 3

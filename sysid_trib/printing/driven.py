@@ -41,15 +41,15 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     """What is said of an identification with inputs, in its order; `record` says what was read."""
-    compared, unit = tree["comparison"].to_dataset(), signal_units(tree)
-    answer = compared.attrs["answer"]
+    compared, unit = tree["judged"].to_dataset(), signal_units(tree)
+    answer = compared.attrs["preferred"]
     best = compared.sel(model=answer)
     remains = f"{best.residual_rms.item():.3g} {unit}, {100.0 * best.residual_over_motion.item():.2g} %"
-    first = DRIVEN_VERDICTS[compared.attrs["verdict_on_record"]].format(remains)
+    first = DRIVEN_VERDICTS[compared.attrs["verdict"]].format(remains)
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
     others = [name for name in results if name != answer]
     why = f"whose motion leaves less than that of {others[0]}" if others else ""
-    if others and compared.attrs["verdict_on_record"] == "explained with a random force":
+    if others and compared.attrs["verdict"] == "explained with a random force":
         why = "which needs no free motion that follows the record"
     own = results[answer].attrs.get("compared_in", "")
     if own and not others:
@@ -57,7 +57,7 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     why = why or "since no motion by the other method follows the record"
     # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
-    tested = dict(compared.z.to_series()) if "z" in compared else {}
+    tested = dict(tree["agreement"].z.to_series()) if "agreement" in tree.children else {}
     z = {label: value if value else np.nan for label, value in tested.items()}
     for name in layout.FREQUENCY_ROWS:
         z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
@@ -116,14 +116,15 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     """A driven result as plain data."""
-    compared = tree["comparison"].to_dataset()
-    scaled = per_input(tree[compared.attrs["answer"]].to_dataset())
+    compared = tree["judged"].to_dataset()
+    scaled = per_input(tree[compared.attrs["preferred"]].to_dataset())
     return {
-        **{name: compared.attrs[name] for name in ("answer", "verdict_on_record")},
+        "verdict": compared.attrs["verdict"],
+        "answer": compared.attrs["preferred"],
         "methods": {
-            name: layout.mapped(tree[name].to_dataset(), "driven") | layout.mapped(row, "driven_motion")
-            for name, row in layout.by_label(compared, "model").items()
+            name: layout.mapped(tree[name].to_dataset(), "driven") for name in compared.model.values.tolist()
         },
+        **layout.judged_json(tree),
         "per_input": {} if scaled is None else layout.mapped(scaled, "per_input"),
     }
 

@@ -10,15 +10,14 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.physics.si_laws import LAWS_SI
-from sysid_trib.physics.si_units import MU
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
-from sysid_trib.results.files import is_of_driven
+from sysid_trib.results import judged
+from sysid_trib.results.kinds import MU, is_of_driven
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.fits import NO_BETTER
 from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
-from sysid_trib.validation import findings
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
 SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
@@ -68,8 +67,8 @@ def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Return how far the motion of the laws follows the record."""
-    checked, answer = tree["comparison"], findings.answer_of(tree)
-    decided = findings.verdict_of(tree)
+    checked, answer = tree["judged"], judged.preferred_of(tree)
+    decided = judged.verdict_of(tree)
     curves = not checked.attrs["reason"]
     name = "The laws" if curves else "Laws of the named forces"
     if decided == "explained":
@@ -80,7 +79,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
         if not is_of_driven(tree):
             lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
             periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
-            ratio = findings.residual_over_noise(tree, answer)
+            ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
     # Where curves follow it no better.
@@ -89,20 +88,20 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
     """Why the record decides no curve."""
-    if reason := tree["comparison"].attrs["reason"]:
+    if reason := tree["judged"].attrs["reason"]:
         yield f"The record decides no curve. {reason}"
 
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Which method is preferred and why, what each leaves, and which failed."""
-    attrs, results = tree["comparison"].attrs, findings.kept_results(tree)
+    attrs, results = tree["judged"].attrs, judged.kept_results(tree)
     if attrs["averaging_failed"]:
         name = "Trajectory" if is_of_driven(tree) else "Averaging"
         yield f"{name} failed: {_ended(attrs['averaging_failed'])} The laws are those of direct alone."
-    for name, why in findings.failures(tree).items():
+    for name, why in judged.failures(tree).items():
         yield f"{name.capitalize()} failed: {why}. Its laws are not given."
     if len(results) == 2:
-        yield f"Preferred: {findings.answer_of(tree)}, {_why(tree)}."
+        yield f"Preferred: {judged.preferred_of(tree)}, {_why(tree)}."
     yield from _residual_sentence(tree, list(results))
 
 
@@ -111,12 +110,12 @@ def _residual_sentence(tree: xr.DataTree, names: Sequence[str]) -> Iterator[str]
     if not names:
         return
     if is_of_driven(tree):
-        parts = tree["comparison"].residual_over_motion
+        parts = tree["judged"].residual_over_motion
         texts = [f"{name} {100.0 * parts.sel(model=name).item():.3g} %" for name in names]
         yield f"Residuals (RMS): {' and '.join(texts)} of the motion."
     else:
-        noise = layout.in_small_units(findings.record_noise(tree), signal_units(tree))
-        texts = [f"{name} {findings.residual_over_noise(tree, name):.3g}" for name in names]
+        noise = layout.in_small_units(judged.record_noise(tree), signal_units(tree))
+        texts = [f"{name} {judged.residual_over_noise(tree, name):.3g}" for name in names]
         yield f"Residuals (RMS): {' and '.join(texts)} times the noise, which is {noise}."
 
 
@@ -126,13 +125,13 @@ def _ended(text: str) -> str:
 
 def _why(tree: xr.DataTree) -> str:
     """Why the preferred one of two methods is."""
-    answer, results = findings.answer_of(tree), findings.kept_results(tree)
+    answer, results = judged.preferred_of(tree), judged.kept_results(tree)
     (other,) = (name for name in results if name != answer)
     if is_of_driven(tree):
         return "whose motion leaves less of the record"
     held_out = {name: float(result.get("held_out_rms", np.nan)) for name, result in results.items()}
     if np.isnan(held_out[answer]):
-        at_bound = answer == tree["comparison"].attrs["second"]
+        at_bound = answer == tree["judged"].model.values[-1]
         return "whose residual is nothing but noise" + ", at the smallest errors" * at_bound
     if np.isnan(held_out[other]):
         return f"since {other} predicts no part that was held out"
@@ -148,7 +147,7 @@ def _why(tree: xr.DataTree) -> str:
 
 def law_table(tree: xr.DataTree, law: str) -> Table:
     """A law by each method at some places, their difference, and the band of the preferred one."""
-    answer, curves = findings.answer_of(tree), _chosen_curves(tree, law)
+    answer, curves = judged.preferred_of(tree), _chosen_curves(tree, law)
     if not curves:
         return layout.text_table([])
     main, deviations = curves[answer], _beyond_known(tree, law, curves)
@@ -181,8 +180,8 @@ def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> d
 
 def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
     """The law by each method at the places that are shown."""
-    answer = findings.answer_of(tree)
-    curves = shown.curves_of(findings.kept_results(tree), law, answer)
+    answer = judged.preferred_of(tree)
+    curves = shown.curves_of(judged.kept_results(tree), law, answer)
     if answer not in curves:
         return {}
     both = bool(np.any(curves[answer].places < 0.0))
@@ -217,7 +216,7 @@ def _caption(tree: xr.DataTree, law: str) -> str:
 def _power(tree: xr.DataTree, law: str) -> int:
     """Power of ten of the columns of a table."""
     curves = _beyond_known(tree, law, _chosen_curves(tree, law))
-    size = float(np.median(np.abs(curves[findings.answer_of(tree)].values))) if curves else 0.0
+    size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values))) if curves else 0.0
     power = floor(log10(size)) if size > 0.0 else 0
     return 0 if -3 < power < 4 else power
 
@@ -238,7 +237,7 @@ def _spans(spans: Sequence[tuple[float, float]], unit: str) -> str:
 
 
 def _preferred(tree: xr.DataTree) -> xr.Dataset:
-    return tree[findings.answer_of(tree)].to_dataset()
+    return tree[judged.preferred_of(tree)].to_dataset()
 
 
 def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
@@ -261,10 +260,10 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
     """How the methods agree, which parts are even, and which errors of the sensor were fitted."""
-    results = findings.kept_results(tree)
+    results = judged.kept_results(tree)
     if len(results) == 2:
         yield from _differences(tree)
-    attrs = tree["comparison"].attrs
+    attrs = tree["judged"].attrs
     if any(np.any(_preferred(tree)[place].values < 0.0) for place in shown.LAW_PLACES.values()):
         yield NOT_ODD + f" {ODD_COMPARED}" * ("averaging" in results)
     if attrs["sensor"]:
@@ -277,7 +276,7 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
         if law == "restoring" and not shown.restores(_preferred(tree)):
             continue
-        places, z = shown.apart(findings.kept_results(tree), law)
+        places, z = shown.apart(judged.kept_results(tree), law)
         far = shown.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
         largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
         if far:
@@ -289,7 +288,7 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     if max(largest.values()) <= LARGE_DIFFERENCE:
         texts = " and ".join(f"{size:.2g} ({word})" for word, size in largest.items())
         yield f"The methods agree: they differ by at most {texts} standard errors of both."
-    elif "averaging" in findings.kept_results(tree):
+    elif "averaging" in judged.kept_results(tree):
         yield (
             "Direct reads a law within the cycle, averaging from amplitude to amplitude: what the model "
             "lacks misleads them differently."
@@ -298,7 +297,7 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
 
 def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Say which sums of library forces stay within the bands, and whether the force is a sum of both laws."""
-    if tree["comparison"].attrs["reason"]:
+    if tree["judged"].attrs["reason"]:
         return
     for law, words in (("friction", "the friction law"), ("restoring", "the restoring-force law")):
         name = f"{law}_formulas"
@@ -330,7 +329,7 @@ def _formula_text(formula: xr.Dataset) -> str:
 
 def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
     """The terms of the sensor that were fitted, each run with its own."""
-    result = tree[str(tree["comparison"].attrs["second"])].to_dataset()
+    result = tree[str(tree["judged"].model.values[-1])].to_dataset()
     library = library_of(result, whole=True)
     known = result.force.values.tolist()
     texts = []
@@ -359,7 +358,7 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
         texts.append(f"displacements up to {reached['displacement']:.3g} {signal_units(tree)}")
     smallest = ""
     if not is_of_driven(tree):
-        least = float(np.min(np.abs(findings.amplitudes(tree))))
+        least = float(np.min(np.abs(judged.amplitudes(tree))))
         smallest = f", with amplitudes from {least:.2g} {signal_units(tree)} on"
     yield (
         f"The record visits {' and '.join(texts)}{smallest}. Beyond, {100.0 * extrapolated:.0f} % of what is "
@@ -384,7 +383,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
     if held:
         values = ", ".join(f"{name} = {result.coefficient.sel(force=name).item():g}" for name in sorted(held))
         yield f"Held: {values}."
-    p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
+    p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
     yield f"The residual as white noise: p {p_value}."
     for law in shown.laws_in(result):
         curve = shown.curve_of(result, law)
@@ -419,27 +418,19 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
 
 def laws_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `laws` as plain data: keys are the names of the variables."""
-    checked = tree["comparison"].to_dataset()
-    results = findings.kept_results(tree)
+    checked = tree["judged"].to_dataset()
+    results = judged.kept_results(tree)
     methods = {name: layout.mapped(result, "laws") for name, result in results.items()}
-    models = {
-        name: layout.mapped(checked.sel(model=name), "motion")
-        | {
-            "residual_rms": findings.residual_of(tree, name),
-            "residual_over_noise": findings.residual_over_noise(tree, name),
-        }
-        for name in results
-    }
-    compared = {
-        name: checked[name] for name in checked.data_vars if str(name).endswith(("_difference", "_z"))
-    }
-    preferred = results.get(findings.answer_of(tree))
+    preferred = results.get(judged.preferred_of(tree))
     return {
         **layout.records_json(tree),
-        "answer": findings.answer_of(tree) if preferred is not None else None,
-        "verdict_on_record": findings.verdict_of(tree),
+        "answer": judged.preferred_of(tree) if preferred is not None else None,
+        "verdict": judged.verdict_of(tree),
         "methods": methods,
-        "comparison": {"models": models, "noise": findings.record_noise(tree), **compared, **checked.attrs},
+        **layout.judged_json(tree),
+        "agreement": dict(tree["agreement"].data_vars) if "agreement" in tree.children else {},
+        "noise": judged.record_noise(tree),
+        **{name: checked.attrs[name] for name in ("even", "sensor", "reason", "averaging_failed", "options")},
         "feeds_energy": shown.feeding(preferred) if preferred is not None else {},
     }
 
@@ -468,7 +459,7 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """The preferred laws, a row each place."""
-    result, answer = _preferred(tree), findings.answer_of(tree)
+    result, answer = _preferred(tree), judged.preferred_of(tree)
     for law in shown.laws_in(result):
         variable, curve = shown.LAW_PLACES[law], shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values
@@ -500,7 +491,7 @@ def laws_csv(tree: xr.DataTree) -> str:
 
 def laws_latex(tree: xr.DataTree) -> str:
     r"""The preferred laws at some places as a table (`booktabs`)."""
-    answer = findings.answer_of(tree)
+    answer = judged.preferred_of(tree)
     tables = []
     for law in shown.laws_in(_preferred(tree)):
         curves = _chosen_curves(tree, law)

@@ -16,9 +16,9 @@ from sysid_trib.methods import method_of, scope
 from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.effects import at_bound
+from sysid_trib.results.judged import error_parts, main_result
 from sysid_trib.results.variables import Variables, described, group_names, signal_units
 from sysid_trib.validation import cross_check, random_effects, refits
-from sysid_trib.validation.findings import error_parts, main_result
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
 

@@ -6,11 +6,10 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
 
-from sysid_trib.arrays import Array, variable, with_error
+from sysid_trib.arrays import Array, root_mean_square as root_mean_square, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks, half_periods, inputs
 from sysid_trib.records.driven_parts import driven_parts
@@ -311,8 +310,3 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
 def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
     """The decay itself where there is but one."""
     return runs[0] if len(runs) == 1 else list(runs)
-
-
-def root_mean_square(values: ArrayLike) -> float:
-    """RMS of numbers."""
-    return float(np.sqrt(np.mean(np.square(values))))

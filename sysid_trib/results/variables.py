@@ -17,7 +17,7 @@ from sysid_trib.arrays import (
 )
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 4
+FORMAT_VERSION = 5
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
 # What validation and physics return, by their names.

@@ -18,8 +18,8 @@ from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
+from sysid_trib.validation.judge import RESIDUAL_LEVEL
 from sysid_trib.validation.residuals import FollowedRuns, residuals
-from sysid_trib.validation.verdict import RESIDUAL_LEVEL
 
 # Forces that differ between directions and sides, and errors that cameras, encoders and potentiometers have.
 EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
@@ -56,7 +56,7 @@ class LawFit:
     @property
     def is_white(self) -> bool:
         """True if the residual is nothing but noise."""
-        return bool(self._residuals.residual_p_value.item() >= RESIDUAL_LEVEL)
+        return bool(self._residuals.p_value.item() >= RESIDUAL_LEVEL)
 
     @property
     def residual_rms(self) -> float:

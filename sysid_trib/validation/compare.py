@@ -23,7 +23,7 @@ from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale, variables
-from sysid_trib.validation import cross_check, findings, holdout, residuals, verdict
+from sysid_trib.validation import cross_check, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
@@ -174,11 +174,11 @@ def _compared(
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
         shown = [] if motion is None else [run.angle.values - motion.residual.values]
         simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
-        groups[name] = findings.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
+        groups[name] = residuals.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
-        residuals = [motion.residual.values for motion in of_best.get("residual", [])]
-        p_value = len(runs) * min(map(white_p_value, residuals), default=0.0)
+        of_runs = [motion.residual.values for motion in of_best.get("residual", [])]
+        p_value = len(runs) * min(map(white_p_value, of_runs), default=0.0)
         table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
     table.attrs |= _not_separable(runs, list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})

@@ -20,11 +20,17 @@ from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation import findings
+from sysid_trib.validation import judge
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
-from sysid_trib.validation.verdict import RESIDUAL_LEVEL, decided, is_found, tested_runs, verdict_on_record
+from sysid_trib.validation.verdict import (
+    decided,
+    evidence_of_models,
+    is_found,
+    p_value_of_dependence,
+    tested_runs,
+)
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
@@ -156,7 +162,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     values |= {"chi_square": chi_square, "degrees_of_freedom": len(difference)}
     values["p_value"] = float(scipy.stats.chi2.sf(chi_square, len(difference)))
     coords = {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]}
-    return xr.Dataset(described("cross_check", values), coords, {"errors": errors})
+    return xr.Dataset(described("agreement", values), coords, {"errors": errors})
 
 
 def _covariance(pair: Sequence[FollowedRuns], truth: FollowedRuns, kept: Sequence[str]) -> tuple[Array, str]:
@@ -181,25 +187,26 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
     followed = dict(zip(names, pair, strict=True))
-    compared = comparison(pair)
+    agreement = comparison(pair)
     tell("residuals")
     records = with_motions(followed)
-    over_motion = {"residual_over_motion": residual_over_motion(records)}
-    compared = compared.merge(residuals(followed, results[1])).assign(described("cross_check", over_motion))
-    compared = compared.assign(findings.failure_of_models(records))
-    verdict = agreement_of(compared.p_value.item())
-    made = {"first": names[0], "second": names[1], "verdict": verdict}
-    explained, answer = explained_by(compared), names[_chosen(results, compared)]
+    of_names = dict(zip(names, results, strict=True))
     stochastic = random_force_groups(pair[1])
-    unexplained = compared.residual_over_motion.sel(model=answer).item()
-    compared.attrs = (
-        made | compared.attrs | {"explained": explained, "answer": answer} | ties(runs, results[1])
-    )
-    compared.attrs["verdict_on_record"] = verdict_on_record(explained, unexplained, pair[1], stochastic)
+    p_value = float("nan")
+    if "random_force" in stochastic:
+        p_value = p_value_of_dependence(stochastic["random_force"])
+    table = judge.judged(records, of_names, residuals(followed, results[1]), random_force_p=p_value)
+    preferred = names[_chosen(results, table)]
+    table = judge.with_verdicts(table, evidence_of_models(table, followed), preferred, "identify")
+    agreement.attrs |= {
+        "first": names[0],
+        "second": names[1],
+        "verdict": agreement_of(agreement.p_value.item()),
+        **ties(runs, results[1]),
+    }
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
-    of_names = dict(zip(names, results, strict=True))
-    groups |= of_names | {"comparison": compared} | backbones_of(runs, of_names)
+    groups |= of_names | {"judged": table, "agreement": agreement} | backbones_of(runs, of_names)
     return xr.DataTree.from_dict({**groups, **stochastic})
 
 
@@ -215,27 +222,14 @@ def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) 
     return groups
 
 
-def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
-    """RMS of record minus motion over that of the record, of each model; nan without a motion."""
-    missed = sum(((run.angle - run.simulated_angle) ** 2).sum("time", skipna=False).values for run in records)
-    return np.sqrt(missed / sum(float((run.angle**2).sum()) for run in records))
-
-
-def explained_by(compared: xr.Dataset) -> str:
-    """`yes` if no departure from white noise is found in the better residual, `partly` if a small one."""
-    if np.nanmax(compared.residual_p_value.values) >= RESIDUAL_LEVEL:
-        return "yes"
-    return "partly" if np.any(compared.residual_over_noise.values <= findings.LARGE) else "no"
-
-
-def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
+def _chosen(results: Sequence[xr.Dataset], table: xr.Dataset) -> int:
     """Which of two identifications is the answer, by their residuals and by `better_of`.
 
     What makes averaging immune to forces that are missing does not help against a line (hum), which moves
     extrema and their times: a second method that leaves no more, and but noise or a line, is the answer.
     """
-    rms, over_noise = compared.residual_rms.values, compared.residual_over_noise.values
-    line = np.isfinite(compared.line_frequency.values[1])
+    rms, over_noise = table.tested_rms.values, table.tested_over_noise.values
+    line = np.isfinite(table.spectral_line.values[1])
     if rms[1] <= 1.02 * rms[0] and (line or over_noise[1] <= 1.0):
         return 1
     return better_of(*results)

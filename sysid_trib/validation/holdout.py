@@ -12,10 +12,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import least_squares_spline
-from sysid_trib.results import references, schema, variables
+from sysid_trib.results import judged, references, schema, variables
 from sysid_trib.simulation import internal_states
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation import findings, refits
+from sysid_trib.validation import judge, refits
 from sysid_trib.validation.residuals import fitted_motion, motion_residual
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
@@ -67,7 +67,7 @@ def in_all_runs(
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
     """Why a model that neglects nothing says nothing of the records, by what `in_all_runs` gives; or none."""
     if not motions:
-        return findings.DIVERGES
+        return judge.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
         of_run = f" of run {at + 1}" if len(runs) > 1 else ""
         thirds = (np.array_split(values, 3) for values in (run.angle.values, motion.residual.values))
@@ -201,7 +201,7 @@ def _common_frequency(results: Results, labels: Sequence[str], whole: Array, bes
     known = [result for result in results if result is not None]
     given = [r for r in known if r.reference_frequency_standard_error == 0.0]
     least = int(np.nanargmin(whole))
-    owner = least if whole[best] > findings.LARGE * whole[least] else best
+    owner = least if whole[best] > judged.LARGE * whole[least] else best
     of = given[0] if given else results[owner]
     return of.reference_frequency.item(), "given" if given else labels[owner]  # type: ignore[union-attr]
 

@@ -1,6 +1,6 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -20,14 +20,14 @@ from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
-from sysid_trib.validation import findings, lack_of_fit
+from sysid_trib.validation import lack_of_fit
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
 # What is said of each model.
 RESIDUALS = (
-    *("residual_rms", "residual_over_noise", "departure_time", "residual_p_value"),
-    *("line_frequency", "line_amplitude"),
+    *("tested_rms", "tested_over_noise", "departure_time", "p_value"),
+    *("spectral_line", "spectral_line_amplitude"),
 )
 
 
@@ -108,8 +108,22 @@ def with_motions(models: Mapping[str, FollowedRuns]) -> list[xr.Dataset]:
     for run, *motions in zip(runs, *(followed.motions for followed in models.values()), strict=True):
         none = np.full(run.sizes["time"], np.nan)
         simulated = np.stack([none if motion is None else motion.x + motion.offset for motion in motions])
-        records.append(findings.with_noise_and_models(run, list(models), simulated))
+        records.append(with_noise_and_models(run, list(models), simulated))
     return records
+
+
+def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
+    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
+
+    It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
+    record, whose motion no spline follows, no more than a model leaves.
+    """
+    noise = smoothing.sensor_noise(decay)
+    if inputs.inputs_of(decay):
+        remains = np.std(decay.angle.values - simulated, axis=1)
+        noise = float(np.nanmin(remains, initial=noise))
+    values = {"simulated_angle": simulated, "noise": noise}
+    return decay.assign_coords(model=list(names)).assign(described("record", values))
 
 
 def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.Dataset:
@@ -152,7 +166,7 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
     values = dict(zip(RESIDUALS, whole, strict=True))
     if count > 1:
         values |= {f"run_{name}": of for name, of in zip(RESIDUALS, columns, strict=True)}
-    return xr.Dataset(described("cross_check", values), {"model": list(followed)})
+    return xr.Dataset(described("judged", values), {"model": list(followed)})
 
 
 def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise: float) -> tuple[float, ...]:
