@@ -222,7 +222,7 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
-        "converged": str(done.converged),
+        "converged": int(done.converged),
         "failed_fits": done.failed,
     }
 

@@ -13,6 +13,7 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
+from sysid_trib.discovery.judged_models import judged_models
 from sysid_trib.discovery.plain_start import PlainStart
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
@@ -59,6 +60,7 @@ def groups_of(
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
     groups["holdout"] = _holdout(search, motions[-1])
+    groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]})
     if len(seen) > 1:
         groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
     return groups

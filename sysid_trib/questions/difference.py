@@ -13,11 +13,10 @@ from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import method_of, scope
-from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.effects import at_bound
 from sysid_trib.results.judged import error_parts, main_result
-from sysid_trib.results.variables import Variables, described, group_names, signal_units
+from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names, signal_units
 from sysid_trib.validation import cross_check, random_effects, refits
 from sysid_trib.validation.identify import identify
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
@@ -242,7 +241,7 @@ def _model_error_of_difference(
         return means[0] - means[1], np.sqrt(variances[0] + variances[1])
 
     (whole, stated), changes, errors = contrast(sides), [], []
-    for limits in RECORD_PARTS.values():
+    for limits in PARTS_OF_RECORD.values():
         parts = [
             [part_fit(method_of(m), [run], library, limits, m) for m, run in zip(side, of_side, strict=True)]
             for side, of_side in zip(sides, runs, strict=True)

@@ -256,9 +256,6 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
 
-# Of each run, by which it shows how far names and coefficients hold.
-RECORD_PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
-
 
 def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
     """The runs as a list, also if there is but one.

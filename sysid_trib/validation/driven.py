@@ -244,17 +244,14 @@ def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
     return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 
 
-def _tree(models: dict[str, FollowedRuns], random_explains: bool) -> xr.DataTree:
+def _tree(models: Mapping[str, FollowedRuns], random_explains: bool) -> xr.DataTree:
     names, results = list(models), [followed.result for followed in models.values()]
-    sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
-    over_motion = sizes.pop("residual_over_motion")
-    tested = xr.Dataset(described("judged", sizes), {"model": names})
     records = with_motions(models)
     of_names = dict(zip(names, results, strict=True))
     p_value = float("nan")
     if random_explains:
         p_value = verdict.p_value_of_dependence(verdict.tested_runs(models["direct"]))
-    table = judge.judged(records, of_names, tested, over_motion=over_motion, random_force_p=p_value)
+    table = judged_driven(models, records, random_force_p=p_value)
     # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
     least = names[int(np.argmin(table.tested_rms.values))]
     preferred = "direct" if random_explains else least
@@ -274,6 +271,25 @@ def _tree(models: dict[str, FollowedRuns], random_explains: bool) -> xr.DataTree
     if len(names) == 2:
         groups["agreement"] = _difference(*results)
     return xr.DataTree.from_dict(groups)
+
+
+def judged_driven(
+    models: Mapping[str, FollowedRuns], records: Sequence[xr.Dataset], random_force_p: float = float("nan")
+) -> xr.Dataset:
+    """Judge models of driven records: their residuals are white where nothing is missing.
+
+    Parameters
+    ----------
+    models : mapping of str to FollowedRuns
+        All runs of each identification, by the name of its model.
+    records, random_force_p
+        As of `judge.judged`.
+    """
+    sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
+    over_motion = sizes.pop("residual_over_motion")
+    tested = xr.Dataset(described("judged", sizes), {"model": list(models)})
+    results = {name: followed.result for name, followed in models.items()}
+    return judge.judged(records, results, tested, over_motion=over_motion, random_force_p=random_force_p)
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
