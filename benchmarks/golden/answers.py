@@ -43,7 +43,8 @@ def _compact(found: Mapping[str, Any]) -> Answer:
     check = found.get("cross_check") or {}
     words |= {f"cross-check {key}": check[key] for key in ("verdict", "errors") if key in check}
     p_values |= {"cross-check": check["p_value"]} if "p_value" in check else {}
-    p_values |= {f"{name} residual": model["p_value"] for name, model in found.get("judged", {}).items()}
+    judged = found["judged"] if "answer" in found else {}
+    p_values |= {f"{name} residual": model["p_value"] for name, model in judged.items()}
     for number, step in enumerate(found.get("steps", ())):
         words[f"step {number}"] = step["symbol"]
         words[f"beside step {number}"] = sorted(one["symbol"] for one in step["indistinguishable_from"])

@@ -107,7 +107,7 @@ def _after_laws(tree: xr.DataTree) -> State:
 
 
 def _after_comparison(tree: xr.DataTree) -> State:
-    if ratio_of_best(tree["comparison"].to_dataset()) <= judged.LARGE:
+    if ratio_of_best(judged.comparison_of(tree)) <= judged.LARGE:
         return "compared, explained", {}
     return "compared, not explained", _search_options(_largest_library(tree))
 

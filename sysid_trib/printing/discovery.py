@@ -85,14 +85,15 @@ def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
         more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
         odds = step.pair_odds.item()
         how = "better than" if odds > OUTSIDE_OF_SET else "as well as"
+        named = f"{', '.join(pairs[:COMPETING_PAIRS])}{more}"
         yield (
-            f"These pairs would explain the record {how} {symbol}: {', '.join(pairs[:COMPETING_PAIRS])}{more}; "
-            f"the odds of the first pair to {symbol} are {odds:.2g}, with equal prior probabilities."
+            f"These pairs would explain the record {how} {symbol}: {named}; the odds of the first pair to "
+            f"{symbol} are {odds:.2g}, with equal prior probabilities."
         )
     if (probability := step.chance_probability.item()) > 0.0:
         yield (
-            f"The probability of no force in place of {symbol}, with the misfit attributed to a random force, "
-            f"is {_probability(probability)}."
+            f"The probability of no force in place of {symbol}, with the misfit attributed to a random "
+            f"force, is {_probability(probability)}."
         )
     if failed := effects.failed_competitors(step):
         yield f"The fits of these alternatives to {symbol} failed: {', '.join(failed)}."
@@ -196,7 +197,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         "not_testable": {symbol: reason for symbol, reason in reasons.items() if reason.item()},
         "options": json.loads(attrs["options"]),
     }
-    said = layout.records_json(tree) | layout.mapped(tree, "discover", computed)
+    said = layout.records_json(tree) | layout.mapped(tree, "discover", computed) | layout.judged_json(tree)
     if GROUP in tree.children:
         said["run_differences"] = layout.mapped(tree[GROUP].to_dataset(), "run_differences")
     return said

@@ -11,28 +11,28 @@ from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
-    "Errors: where what is left is white, by its size; with a random force that explains the record, by both "
-    "noises, and by how far the coefficient of an input is too small if that force is noise of the measured "
-    "input; else by blocks of the record (trajectory) or by rows two periods apart (direct), and by the "
-    "distance to the fit with a random force. Differences are over the larger error of both."
+    "Standard errors: of a white residual, from its size; with a random force that explains the record, from "
+    "both noises, and from the bias of the input coefficient if that force is noise of the measured input; "
+    "otherwise from blocks of the record (trajectory) or rows two periods apart (direct), and from the "
+    "distance to the fit with a random force. Differences are divided by the larger error of both."
 )
 DRIVEN_VERDICTS = {
-    "explained": "The record is explained: what its motion leaves is white.",
+    "explained": "The model explains the record: the residual is white.",
     "explained with a random force": (
-        "The record is explained with a random force, as noise of the measured input is one: what is "
-        "predicted wrongly one sample ahead is white. Its free motion leaves {} (RMS)."
+        "The model explains the record with a random force, such as noise of the measured input: the "
+        "one-step prediction errors are white. The residual of the free motion is {} (RMS)."
     ),
-    "approximate": "The model follows the record to {} (RMS); more than noise is left.",
-    "not explained": "The model does not explain the record: its motion leaves {} (RMS).",
+    "approximate": "The model is approximate: the residual is {} (RMS), which is more than noise.",
+    "not explained": "The model does not explain the record: the residual is {} (RMS).",
 }
 # A coefficient of less than so many of its errors may be zero.
 SIGNIFICANT = 2.0
-BEYOND = "Beyond the amplitudes of the record the forces may have another form."
+BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion here: friction holds it, or it grows."
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
 PRINTED = 4
@@ -48,13 +48,13 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     first = DRIVEN_VERDICTS[compared.attrs["verdict"]].format(remains)
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
     others = [name for name in results if name != answer]
-    why = f"whose motion leaves less than that of {others[0]}" if others else ""
+    why = f"its residual is smaller than that of {others[0]}" if others else ""
     if others and compared.attrs["verdict"] == "explained with a random force":
-        why = "which needs no free motion that follows the record"
+        why = "it does not need a free motion that follows the record"
     own = results[answer].attrs.get("compared_in", "")
     if own and not others:
-        why = f"which compares the {own} itself"
-    why = why or "since no motion by the other method follows the record"
+        why = f"it is fitted to the {own} itself"
+    why = why or "the motion of the other method does not follow the record"
     # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
     tested = dict(tree["agreement"].z.to_series()) if "agreement" in tree.children else {}
@@ -64,10 +64,10 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
     over = ("", " over w", " over w^2")[int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))]
     compared_with = f"RMS of {own}{over} minus motion" if own else "RMS of record minus motion"
-    what = {"force": f"left ({unit})", "formula": compared_with}
+    what = {"force": f"residual ({unit})", "formula": compared_with}
     table = layout.coefficient_table(results, z, [what | sizes])
     return [
-        Block([first, f"The answer is {answer}'s, {why}.", *_negative_damping(results[answer])], ALWAYS),
+        Block([first, f"Preferred method: {answer} ({why}).", *_negative_damping(results[answer])], ALWAYS),
         Block(record),
         Block(title="At a glance"),
         Block([ERRORS], Layer.EXPLAIN, "Forces", table),
@@ -87,11 +87,11 @@ def _negative_damping(result: xr.Dataset) -> Iterator[str]:
             continue
         said = f"The damping is negative: {symbol} = {layout.value_with_error(value, error)}"
         if value > -SIGNIFICANT * error:
-            yield f"{said}, by no more than its error; --bound {symbol}=0: excludes it."
+            yield f"{said}, but not significantly; --bound {symbol}=0: excludes it."
         else:
             yield (
-                f"{said}, as if the motion gained energy. Look whether the input is late or early "
-                f"(offer gain_delay), whether a friction is missing, or exclude it: --bound {symbol}=0:."
+                f"{said}, as if the motion gained energy. Check whether the input is delayed (offer "
+                f"gain_delay) or friction is missing, or exclude it: --bound {symbol}=0:."
             )
 
 
@@ -136,12 +136,12 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
         start = f"to its first {warm_up:g} s, which do not count" if warm_up else "to all of it"
         sentences.append(
-            f"Predicted: {record.attrs.get('source', 'record')}, its start fitted {start}: "
-            f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
+            f"Prediction of {record.attrs.get('source', 'record')}, its start fitted {start}: residual "
+            f"{record.residual_rms.item():.3g} {unit} (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
         if terms := record.attrs.get(REFITTED_SENSORS):
-            sentences.append(f"The errors of its sensor ({terms}) are its own: they were fitted to it too.")
+            sentences.append(f"The errors of its sensor ({terms}) were fitted to this record too.")
         if note := record.attrs.get("note"):
             sentences.append(f"{note}.")
     return Block(sentences, ALWAYS)
@@ -216,7 +216,7 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
     if len(models) > 1:
         yield (
-            f"{run}: of {', '.join(models[:-1])} and {models[-1]} the right one will have odds of "
+            f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will have odds of "
             f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
@@ -229,13 +229,13 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
-        yield f"In these is the error of what the model lacks, which no further run takes away: {listed}."
+        yield f"The model error is included; more data cannot reduce it: {listed}."
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Left out: {runs} longer than another that tells as much, by the digits shown."
+        yield f"Left out: {runs} longer than another with the same result, by the digits shown."
 
 
 def _size(run: xr.Dataset) -> str:

@@ -61,7 +61,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     details["noise"] = f"{judged.record_noise(tree):.2g} {details['units']}"
     if kind == "compare":
         best = str(tree["comparison"].attrs["best"])
-        rows = tree["comparison"].to_dataset().sel(model=best)
+        rows = judged.comparison_of(tree).sel(model=best)
         parts = {"residual": rows.residual_over_noise, "residual held out": rows.holdout_over_noise}
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written

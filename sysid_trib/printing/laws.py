@@ -28,18 +28,16 @@ SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 
 # A motion that is larger by more leaves the visited range.
 LARGER_MOTION = 1.02
 REMAINING = (
-    "What is left is not a function of speed or of displacement alone: a force with memory, one that changes "
-    "with time or depends on both, or an error of the sensor. sysid-trib discover tests for these."
+    "The residual is not a function of speed or displacement alone. It may come from a force with memory, from "
+    "one that changes with time or depends on both, or from an error of the sensor. sysid-trib discover tests "
+    "for these."
 )
 NOT_ODD = (
-    "The record asks for laws that are not odd: friction differs between the directions of motion, or the "
+    "The laws are not odd: friction differs between the directions of motion, or the "
     "restoring force between the sides."
 )
-ODD_COMPARED = "Averages over a cycle see the odd parts alone: the methods are compared by these."
-ACTIVE_FRICTION = (
-    "A passive contact cannot do that: it is the sign of an error of the sensor within the cycle, or of "
-    "another force."
-)
+ODD_COMPARED = "Averages over a cycle depend on the odd parts alone; the methods are compared by these."
+ACTIVE_FRICTION = "A passive contact cannot do that. The cause is an error of the sensor within the cycle, or another force."
 
 
 def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
@@ -72,10 +70,10 @@ def verdict_sentence(tree: xr.DataTree) -> str:
     curves = not checked.attrs["reason"]
     name = "The laws" if curves else "Laws of the named forces"
     if decided == "explained":
-        return f"{name} explain the record: what they leave is nothing but noise."
+        return f"{name} explain the record: the residual is noise."
     part, near = float(checked.residual_over_motion.sel(model=answer)), "their motion diverges"
     if np.isfinite(part):
-        near = f"their motion leaves {100.0 * part:.2g} % of the record (RMS)"
+        near = f"their simulated motion misfits the record by {100.0 * part:.2g} % (RMS)"
         if not is_of_driven(tree):
             lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
             periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
@@ -89,7 +87,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
     """Why the record decides no curve."""
     if reason := tree["judged"].attrs["reason"]:
-        yield f"The record decides no curve. {reason}"
+        yield f"The record does not determine a curve. {reason}"
 
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
@@ -101,7 +99,7 @@ def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
     for name, why in judged.failures(tree).items():
         yield f"{name.capitalize()} failed: {why}. Its laws are not given."
     if len(results) == 2:
-        yield f"Preferred: {judged.preferred_of(tree)}, {_why(tree)}."
+        yield f"Preferred method: {judged.preferred_of(tree)} ({_why(tree)})."
     yield from _residual_sentence(tree, list(results))
 
 
@@ -128,21 +126,19 @@ def _why(tree: xr.DataTree) -> str:
     answer, results = judged.preferred_of(tree), judged.kept_results(tree)
     (other,) = (name for name in results if name != answer)
     if is_of_driven(tree):
-        return "whose motion leaves less of the record"
+        return "its residual is smaller"
     held_out = {name: float(result.get("held_out_rms", np.nan)) for name, result in results.items()}
     if np.isnan(held_out[answer]):
         at_bound = answer == tree["judged"].model.values[-1]
-        return "whose residual is nothing but noise" + ", at the smallest errors" * at_bound
+        return "its residual is noise" + ", and its errors are the smallest" * at_bound
     if np.isnan(held_out[other]):
-        return f"since {other} predicts no part that was held out"
+        return f"{other} predicts no held-out part"
     factor, unit = small_units(signal_units(tree))
     sizes = {name: f"{factor * rms:.3g}" for name, rms in held_out.items()}
-    pair = f"{sizes[answer]} {unit} are left (RMS), {sizes[other]} {unit} by {other}"
+    pair = f"residual {sizes[answer]} {unit} (RMS), {other} {sizes[other]} {unit}"
     if held_out[answer] <= held_out[other]:
-        return f"which predicts parts that were held out better: {pair}"
-    return (
-        f"which predicts parts that were held out about as well ({pair}) and is immune to most sensor errors"
-    )
+        return f"it predicts the held-out parts better: {pair}"
+    return f"it predicts the held-out parts about as well, and most sensor errors do not affect it: {pair}"
 
 
 def law_table(tree: xr.DataTree, law: str) -> Table:
@@ -290,8 +286,8 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
         yield f"The methods agree: they differ by at most {texts} standard errors of both."
     elif "averaging" in judged.kept_results(tree):
         yield (
-            "Direct reads a law within the cycle, averaging from amplitude to amplitude: what the model "
-            "lacks misleads them differently."
+            "Direct uses the motion within each cycle, averaging the change from cycle to cycle: a missing force "
+            "biases them differently."
         )
 
 
@@ -340,7 +336,7 @@ def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
         texts += [f"{name} ({symbol}) {', '.join(values)}"] if own else []
     owner = ", each run with its own," if len(record_groups(tree)) > 1 else ""
     return (
-        f"Beside the laws, direct fits errors of the sensor{owner} which belong to a record: "
+        f"In addition to the laws, direct fits errors of the sensor{owner} which belong to a record: "
         f"{'; '.join(texts)}."
     )
 
@@ -361,8 +357,8 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
         least = float(np.min(np.abs(judged.amplitudes(tree))))
         smallest = f", with amplitudes from {least:.2g} {signal_units(tree)} on"
     yield (
-        f"The record visits {' and '.join(texts)}{smallest}. Beyond, {100.0 * extrapolated:.0f} % of what is "
-        "shown, the laws go on as straight lines and named forces: these are extrapolations."
+        f"The record covers {' and '.join(texts)}{smallest}. Beyond that range ({100.0 * extrapolated:.0f} % of "
+        "the curves) the laws are extrapolated by straight lines and named forces."
     )
 
 
@@ -379,12 +375,12 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
     smooth = [force.symbol for force in library if not force.curve and force.kind != "sensor"]
     free = [symbol for symbol in smooth if symbol not in held]
     if free:
-        yield f"Outside of the penalty on bends of the curves: {', '.join(free)}."
+        yield f"Not subject to the smoothness penalty: {', '.join(free)}."
     if held:
         values = ", ".join(f"{name} = {result.coefficient.sel(force=name).item():g}" for name in sorted(held))
         yield f"Held: {values}."
     p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
-    yield f"The residual as white noise: p {p_value}."
+    yield f"Test that the residual is white noise: p {p_value}."
     for law in shown.laws_in(result):
         curve = shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values[curve.visited]
@@ -392,7 +388,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
             part = float(np.max(model / curve.errors[curve.visited]))
             word = "friction" if law == "friction" else "restoring force"
             yield (
-                f"The error of the model, by how the {word} moves between parts of the record, is up to "
+                f"The model error, from the change of the {word} between parts of the record, is up to "
                 f"{100.0 * part:.0f} % of its standard error."
             )
 
@@ -409,9 +405,9 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
         largest = float(np.abs(record.predicted_angle - record.predicted_angle.mean()).max())
         if shown.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
             sentences.append(
-                f"It swings up to {largest:.3g} {signal_units(tree)}, beyond the "
-                f"{reached['displacement']:.3g} {signal_units(tree)} that the laws are known for: that part "
-                "of the prediction is an extrapolation."
+                f"This record swings up to {largest:.3g} {signal_units(tree)}, beyond the "
+                f"{reached['displacement']:.3g} {signal_units(tree)} covered by the laws: that part of the "
+                "prediction is an extrapolation."
             )
     return Block(sentences, ALWAYS)
 

@@ -10,7 +10,7 @@ from sysid_trib.arrays import root_mean_square
 from sysid_trib.printing import ALWAYS, Block, layout
 from sysid_trib.results import judged
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
-from sysid_trib.results.random_force import DENSITY_UNITS, RandomForce, random_force_of
+from sysid_trib.results.random_force import DENSITY_UNITS, DEPENDENCE_LEVEL, RandomForce, random_force_of
 from sysid_trib.results.variables import group_names, record_groups, signal_units
 
 NOISE_ALONE = (
@@ -175,8 +175,8 @@ def _whose(tested: xr.Dataset, p_value: float, explained: bool, units: str) -> I
     And that the record contradicts a density that was given in these units.
     """
     against, run = tested.density_p_value.min().item(), int(np.argmin(tested.density_p_value.values))
-    contradicted = bool(units and against < judged.DEPENDENCE_LEVEL)
-    if p_value < judged.DEPENDENCE_LEVEL:
+    contradicted = bool(units and against < DEPENDENCE_LEVEL)
+    if p_value < DEPENDENCE_LEVEL:
         yield SIGN_OF_MISSING.format(_dependences(tested))
     elif explained and not contradicted:
         yield OF_EXPERIMENT
@@ -192,7 +192,7 @@ def _dependences(tested: xr.Dataset) -> str:
     least, on = tested.dependence_p_value.min("run"), {}
     for aspect in ("force", "size"):
         p_values = least.sel(aspect=aspect).to_series()
-        below = p_values.index[p_values < judged.DEPENDENCE_LEVEL / tested.sizes["run"]].tolist()
+        below = p_values.index[p_values < DEPENDENCE_LEVEL / tested.sizes["run"]].tolist()
         if "any" in below:
             names = [f"the {name}" for name in below if name != "any"] or ["the motion"]
             on[aspect] = " and ".join(", ".join(names).rsplit(", ", 1))

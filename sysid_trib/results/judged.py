@@ -14,8 +14,6 @@ from sysid_trib.results.variables import group_names, record_groups
 
 # Beyond so many noise levels (RMS) a residual is large.
 LARGE = 1.5
-# Level at which a random force depends on something, and at which there is one at all.
-DEPENDENCE_LEVEL = 0.01
 # What `discover` holds out where nothing else is asked for.
 LAST_THIRD = "the last third"
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
@@ -26,6 +24,14 @@ JUDGED = "judged"
 def judged_of(tree: xr.DataTree) -> xr.Dataset:
     """Return what was judged of each model of a result, over `model`."""
     return tree[JUDGED].to_dataset()
+
+
+def comparison_of(tree: xr.DataTree) -> xr.Dataset:
+    """Return the table of methods of `compare` with what was judged of each, nan of one without a result."""
+    table = tree["comparison"].to_dataset()
+    judged = judged_of(tree)[["residual_rms", "residual_over_noise", "failure", "verdict"]]
+    judged = judged.reindex(model=table.model.values, fill_value={"failure": "", "verdict": ""})
+    return table.merge(judged)
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
@@ -114,7 +120,7 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     if kind_of(tree) == "discover":
         return {"start model": tree["before"].to_dataset(), "final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
-        labels = applied_methods(tree["comparison"].to_dataset()).model.values.tolist()
+        labels = applied_methods(comparison_of(tree)).model.values.tolist()
         return {label: tree[label].to_dataset() for label in labels}
     return identifications_of(tree) if kind_of(tree) == "difference" else kept_results(tree)
 

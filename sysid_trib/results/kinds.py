@@ -30,8 +30,6 @@ def kind_of(tree: xr.DataTree) -> str:
         return ""
     if {"steps", "ranking"} <= set(tree.children):
         return "discover"
-    if "comparison" in tree.children:
-        return "compare"
     made_by = tree["judged"].attrs.get("made_by", "") if "judged" in tree.children else ""
     return "cross_check" if made_by == "identify" else str(made_by)
 

@@ -6,6 +6,8 @@ import numpy as np
 import xarray as xr
 
 DENSITY_UNITS = "(rad/s^2)^2/Hz"
+# Level at which a random force depends on something, and at which there is one at all.
+DEPENDENCE_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
@@ -60,3 +62,8 @@ def random_force_of(result: xr.Dataset, run: int | None = None) -> RandomForce:
     names = ("random_force_density", "random_force_standard_error", "random_force_p_value")
     values = (result[f"run_{name}"].values[run] if of_run else result[name].item() for name in names)
     return RandomForce(*(float(value) for value in values))
+
+
+def is_found(force: RandomForce) -> bool:
+    """True if there is a random force beyond chance; one that was given is there."""
+    return bool(force) and not force.p_value >= DEPENDENCE_LEVEL

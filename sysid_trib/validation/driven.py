@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -285,11 +286,18 @@ def judged_driven(
     records, random_force_p
         As of `judge.judged`.
     """
-    sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
-    over_motion = sizes.pop("residual_over_motion")
-    tested = xr.Dataset(described("judged", sizes), {"model": list(models)})
+    tested = tested_driven(models)
     results = {name: followed.result for name, followed in models.items()}
+    over_motion = tested.residual_over_motion.values
     return judge.judged(records, results, tested, over_motion=over_motion, random_force_p=random_force_p)
+
+
+def tested_driven(models: Mapping[str, FollowedRuns]) -> xr.Dataset:
+    """Return over `model` the tests of residuals of driven records, which have no quiet end."""
+    sizes: dict[str, Any] = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
+    nothing = np.full(len(models), np.nan)
+    sizes |= dict.fromkeys(("departure_time", "spectral_line", "spectral_line_amplitude"), nothing)
+    return xr.Dataset(described("judged", sizes), {"model": list(models)})
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:

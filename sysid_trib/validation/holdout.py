@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
@@ -16,7 +16,7 @@ from sysid_trib.results import judged, references, schema, variables
 from sysid_trib.simulation import internal_states
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation import judge, refits
-from sysid_trib.validation.residuals import fitted_motion, motion_residual
+from sysid_trib.validation.residuals import FollowedRuns, fitted_motion, motion_residual
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0
@@ -146,10 +146,28 @@ TEXTS = (
     "white_noise",
 )
 
-# What came of one method: its identification; what it says of itself and of that, by the name of the column;
-# and of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
 Results: TypeAlias = Sequence[xr.Dataset | None]
-Trial: TypeAlias = tuple[xr.Dataset | None, dict[str, Any], dict[str, list[xr.Dataset]]]
+
+
+class Trial(NamedTuple):
+    """What came of one method.
+
+    Attributes
+    ----------
+    result : Dataset or None
+        Its identification.
+    row : dict
+        What the method says of itself and of its result, by the name of the column.
+    motions : dict of str to list of Dataset
+        Of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
+    followed : FollowedRuns or None
+        The runs with its identification.
+    """
+
+    result: xr.Dataset | None
+    row: dict[str, Any]
+    motions: dict[str, list[xr.Dataset]]
+    followed: FollowedRuns | None = None
 
 
 def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
@@ -164,7 +182,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     blocks : sequence of int
         Samples of a period of each run.
     """
-    labels, (results, rows, motions) = list(trials), zip(*trials.values(), strict=True)
+    labels, (results, rows, motions, _) = list(trials), zip(*trials.values(), strict=True)
     values: dict[str, Any] = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
     values |= _residuals(motions, noises)
     ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))

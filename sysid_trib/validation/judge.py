@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
-from sysid_trib.results.judged import DEPENDENCE_LEVEL, LARGE
+from sysid_trib.results.judged import LARGE
+from sysid_trib.results.random_force import DEPENDENCE_LEVEL
 from sysid_trib.results.variables import described
 
 # Significance level of a residual that is not white noise.
@@ -18,8 +19,6 @@ APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
 # A motion that grows beyond so many times the largest angle of the record is none of it.
 LARGEST_MOTION = 3.0
-# What `tested` may lack of driven records, which have neither a quiet end nor a line of their own.
-UNTESTED = ("departure_time", "spectral_line", "spectral_line_amplitude")
 
 
 @dataclass(frozen=True)
@@ -117,8 +116,6 @@ def judged(
         "random_force_p": np.full(len(results), random_force_p),
         "failure": failures_of(records),
     }
-    nothing = np.full(len(results), np.nan)
-    values |= {name: nothing for name in UNTESTED if name not in tested}
     return tested.assign(described("judged", values))
 
 

@@ -11,14 +11,14 @@ from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
-from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
+from sysid_trib.likelihood.random_force import RandomForceOption, random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results import effects, references, schema, signal_scale, variables
-from sysid_trib.results.judged import DEPENDENCE_LEVEL
+from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found as is_found
 from sysid_trib.validation import model_error
 from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
@@ -50,11 +50,6 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
     """
     stated = max(1.0, float(result.get("birge_ratio", 1.0)))
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
-
-
-def is_found(force: RandomForce) -> bool:
-    """True if there is a random force beyond chance; one that was given is there."""
-    return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
 
 
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
