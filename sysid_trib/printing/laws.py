@@ -28,16 +28,19 @@ SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 
 # A motion that is larger by more leaves the visited range.
 LARGER_MOTION = 1.02
 REMAINING = (
-    "The residual is not a function of speed or displacement alone. It may come from a force with memory, from "
-    "one that changes with time or depends on both, or from an error of the sensor. sysid-trib discover tests "
-    "for these."
+    "The residual is not a function of speed or displacement alone. It may come from a force with memory, "
+    "from one that changes with time or depends on both, or from an error of the sensor. sysid-trib discover "
+    "tests for these."
 )
 NOT_ODD = (
     "The laws are not odd: friction differs between the directions of motion, or the "
     "restoring force between the sides."
 )
 ODD_COMPARED = "Averages over a cycle depend on the odd parts alone; the methods are compared by these."
-ACTIVE_FRICTION = "A passive contact cannot do that. The cause is an error of the sensor within the cycle, or another force."
+ACTIVE_FRICTION = (
+    "A passive contact cannot do that. The cause is an error of the sensor within the cycle, or another "
+    "force."
+)
 
 
 def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
@@ -286,8 +289,8 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
         yield f"The methods agree: they differ by at most {texts} standard errors of both."
     elif "averaging" in judged.kept_results(tree):
         yield (
-            "Direct uses the motion within each cycle, averaging the change from cycle to cycle: a missing force "
-            "biases them differently."
+            "Direct uses the motion within each cycle, averaging the change from cycle to cycle: a missing "
+            "force biases them differently."
         )
 
 
@@ -357,8 +360,8 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
         least = float(np.min(np.abs(judged.amplitudes(tree))))
         smallest = f", with amplitudes from {least:.2g} {signal_units(tree)} on"
     yield (
-        f"The record covers {' and '.join(texts)}{smallest}. Beyond that range ({100.0 * extrapolated:.0f} % of "
-        "the curves) the laws are extrapolated by straight lines and named forces."
+        f"The record covers {' and '.join(texts)}{smallest}. Beyond that range ({100.0 * extrapolated:.0f} % "
+        "of the curves) the laws are extrapolated by straight lines and named forces."
     )
 
 
