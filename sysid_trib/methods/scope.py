@@ -1,14 +1,13 @@
-"""What a method says of itself, and what follows from it for the forces of a library."""
+"""Scope of a method, and its consequences for the forces of a library."""
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import Field, InitVar, dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, Protocol
 
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.constraints import Bounds, Constraints, ConstraintTable
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import known_coefficients
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
@@ -25,7 +24,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class MethodScope:
-    """What a method assumes, observes and identifies: its attribute `scope`.
+    """Assumptions, observed quantities and identified forces of a method: its attribute `scope`.
 
     Parameters
     ----------
@@ -70,46 +69,15 @@ class MethodScope:
 
 @dataclass(frozen=True, kw_only=True)
 class Constrained:
-    """What methods have in common whose parameters can be held, bounded or tied.
+    """Base of methods whose parameters can be held, bounded or tied.
 
     Parameters
     ----------
     constraints : mapping of str to float, (float, float) or str
         See `Constraints`.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
     """
 
     constraints: ConstraintTable = field(default_factory=dict)
-    fix: InitVar[Mapping[str, float] | None] = None
-    bounds: InitVar[Mapping[str, Bounds] | None] = None
-    tie: InitVar[Mapping[str, str] | None] = None
-
-    def __post_init__(
-        self,
-        fix: Mapping[str, float] | None,
-        bounds: Mapping[str, Bounds] | None,
-        tie: Mapping[str, str] | None,
-    ) -> None:
-        old = without_old_arguments(type(self).__name__, fix, bounds, tie, stacklevel=5)
-        object.__setattr__(self, "constraints", {**self.constraints, **old})
-
-
-def without_old_arguments(
-    where: str,
-    fix: Mapping[str, float] | None,
-    bounds: Mapping[str, Bounds] | None = None,
-    tie: Mapping[str, str] | None = None,
-    *,
-    stacklevel: int,
-) -> ConstraintTable:
-    """The table of what was given as `fix`, `bounds` and `tie`, with a warning where any was."""
-    if fix is None and bounds is None and tie is None:
-        return {}
-    table = Constraints.merged(fix, bounds, tie).table
-    message = f"{where}: fix, bounds and tie are one argument now, constraints={dict(table)}."
-    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
-    return table
 
 
 def constrained(method: Method, constraints: Constraints) -> Method:
@@ -135,7 +103,7 @@ def constrained(method: Method, constraints: Constraints) -> Method:
 
 
 def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Method) -> Constraints:
-    """Constraints, with the coefficients held that a library of one's own states if nothing else is asked.
+    """Add held coefficients that a user's library states, unless constraints say otherwise.
 
     Parameters
     ----------
@@ -178,7 +146,7 @@ def with_random_force(method: Method, random_force: RandomForceOption) -> Method
 
 
 def scope_of(method: Method) -> MethodScope:
-    """The scope of a method; of one that states none, its class as label and nothing else."""
+    """Return the scope of a method; by default its class as label."""
     stated = getattr(method, "scope", None)
     return stated if isinstance(stated, MethodScope) else MethodScope(type(method).__name__.lower())
 

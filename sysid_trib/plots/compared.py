@@ -203,7 +203,7 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
     named, middle = of_quantity.isel(run=far), np.mean(ax.get_xlim())
     for x, value, run in zip(at[far], named.value.values, named.run.values, strict=True):
-        # Beside its mark, towards the middle, where there is room.
+        # Place it at its mark, towards the middle, where there is room.
         if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
             side, end = (5, "left") if x < middle else (-5, "right")
             ax.annotate(str(run), (x, value), (side, 0), ha=end, fontsize=6, **style.LABEL_OFFSET)
@@ -214,7 +214,7 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
 
 
 def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
-    """Where the runs stand on the axis of a condition, and the labels of texts."""
+    """Return the places of runs on the axis of a condition, and the labels of texts."""
     if condition.dtype.kind in "fiu":
         return condition.astype(float), ()
     labels, numbers = np.unique(condition.astype(str), return_inverse=True)

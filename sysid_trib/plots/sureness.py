@@ -1,4 +1,4 @@
-"""How sure coefficients are: profile likelihoods, other defensible fits, and two samples compared."""
+"""Uncertainty of coefficients: profile likelihoods, other defensible fits, and two samples compared."""
 
 from typing import Any
 
@@ -70,7 +70,7 @@ def _profile(ax: Axes, row: xr.Dataset) -> None:
 
 
 def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
-    """What values are drawn in, and the label of their axis: an offset at its end would hide the label."""
+    """Return the factor of the drawn values and the label of their axis, without an offset."""
     power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))
     if -2 <= power <= 3:
         return 1.0, style.in_latex(name)
@@ -173,7 +173,7 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
         style.interval(ax, at, z[at], half, (-MOST_ERRORS, MOST_ERRORS), color=colour, markersize=4)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
-        # Beside the row, or in a column above it.
+        # Place it at the row, or above it in a column.
         place, side = ((1.01, at), "center") if wide else ((0.02, at - 0.16), "bottom")
         note: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
         note |= {"va": side, "color": colour, "fontsize": 8 if wide else FONT}

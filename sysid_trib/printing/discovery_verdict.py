@@ -84,7 +84,7 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
-    """What remains was not named, or was named by effects that may imitate another."""
+    """Describe a residual without a name, or with names that may imitate another effect."""
     residual, omnibus, added = tables.residual_text(tree), _last(tree, "omnibus"), added_effects(tree)
     imitating, refuted = _marked(tree, "collinear"), _marked(tree, "worsens_holdout")
     nothing, names = f"Unknown effect: {residual}, but", f"with {' and '.join(added)} " if added else ""
@@ -160,7 +160,7 @@ def _high_but_not_significant(last: xr.Dataset) -> Iterator[str]:
 
 
 def _unexplained(tree: xr.DataTree) -> Iterator[str]:
-    """At which amplitudes, and by the force map where in a cycle, what no candidate explains is largest."""
+    """Describe at which amplitudes, and where in a cycle, the unexplained residual is largest."""
     after, units = tree["discrepancy_after"].to_dataset(), signal_units(tree)
     ratio, amplitude = after.rms.values / record_noise(tree), after.amplitude.values
     high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
@@ -193,7 +193,7 @@ def _highest(z: xr.DataArray) -> str:
 
 
 def _search(tree: xr.DataTree) -> Iterator[str]:
-    """How the search ended, candidates that stand out at its end, and in how many parts each name stands."""
+    """Describe the end of the search, remaining candidates, and the parts in which each name remains."""
     attrs, last, stands = tree.attrs, _last(tree, "ranking"), list[str]()
     converged, limit, most = attrs["converged"], attrs["out_of_time"], attrs["max_effects"]
     if not converged:

@@ -30,7 +30,7 @@ NO_CONSEQUENCES = "Weights, crossovers and arrest are not given: {}."
 
 
 def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `cross_check`, with the group `runs` if there are several.
+    """Return the blocks of a result of `cross_check`, with the group `runs` of several runs.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _coefficient_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def estimate_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What is shown of one identification alone, a result of `identify`."""
+    """Return the blocks of a single identification, a result of `identify`."""
     result = tree.to_dataset()
     method, noise = result.attrs["method"], {"force": f"noise ({signal_units(result)})"}
     noise |= {"formula": "standard deviation", method: f"{result.noise.item():.2g}"}
@@ -84,7 +84,7 @@ def identification_table(tree: xr.DataTree) -> Table:
     """
     table, results = judged.judged_of(tree), judged.kept_results(tree)
     kept = table.sel(model=list(results))
-    # Of one method there is no difference.
+    # With one method there is no difference.
     z = dict(tree["agreement"].z.to_series()) if len(results) > 1 else {}
     ratios = {name: f"{judged.residual_over_noise(tree, name):.3g} x noise" for name in results}
     noise = f"noise: {judged.record_noise(tree):.2g} {signal_units(tree)}"
@@ -127,14 +127,14 @@ def _weight(tree: xr.DataTree) -> list[str]:
 
 
 def _answer(tree: xr.DataTree) -> str:
-    """Return which of two methods is preferred, where the held-out parts decide it."""
+    """Name the preferred method where a test decides it."""
     decided = judged.is_unexplained(tree) and not judged.failures(tree)
     preferred = f"Preferred method: {judged.preferred_of(tree)} (it predicts the held-out parts better). "
     return preferred if decided else ""
 
 
 def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
-    """How methods agree, and the test behind it; nothing where one failed."""
+    """Describe the agreement of the methods and its test; nothing where one failed."""
     checked = tree["agreement"].to_dataset()
     attrs, p_value = checked.attrs, checked.p_value.item()
     pair = f"{attrs['first'].capitalize()} and {attrs['second']}"

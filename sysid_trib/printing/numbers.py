@@ -15,7 +15,7 @@ from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.schema import library_of
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
-# Of a normal interval: 95 %.
+# Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 

@@ -1,4 +1,4 @@
-"""Consequences of a model, in sentences and as plain data for JSON."""
+"""Consequences of an identification, in sentences and as plain data for JSON."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -86,7 +86,7 @@ def physics_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def weight_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
-    """Return which forces the decay and the frequency shift come from, at the largest amplitude.
+    """Describe the weights of forces at the largest amplitude (rad) and its time.
 
     Empty where no force acts, or where one is not finite.
     """
@@ -153,7 +153,7 @@ def _energy(result: xr.Dataset, values: xr.Dataset, si: xr.Dataset | None) -> It
 
 
 def _crossovers(result: xr.Dataset, pairs: xr.Dataset, ends: Array) -> Iterator[str]:
-    """Where two significant forces weigh the same; what the motion does not pass is extrapolated."""
+    """Describe where two significant forces weigh the same, and whether this is an extrapolation."""
     known, unit = _significant(result), variables.signal_units(result)
     for pair in by_label(pairs, "pair").values():
         first, second = pair["first"].item(), pair["second"].item()
@@ -172,7 +172,7 @@ def _crossovers(result: xr.Dataset, pairs: xr.Dataset, ends: Array) -> Iterator[
 
 
 def _arrest(result: xr.Dataset, values: xr.Dataset) -> list[str]:
-    """When the motion stops; nothing where it is not known that what stops it, friction, acts."""
+    """Describe when the motion stops; nothing if the friction that stops it is not significant."""
     stopping = {
         force.symbol
         for force in library_of(result)

@@ -26,7 +26,7 @@ DENSITY_VERDICTS = {
 
 
 def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What each run alone gives, and the test of the differences, of several (see `run_agreement`)."""
+    """Return the results of each run, and the test of their differences (see `run_agreement`)."""
     if "runs" not in tree:
         return
     runs, rows = tree["runs"].to_dataset(), []
@@ -40,7 +40,7 @@ def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
-    """Which run alone decides nothing, the test as a whole, and which force differs."""
+    """Describe runs that cannot be used alone, the test of all differences, and the differing force."""
     for run, why in enumerate(runs.reason.values.tolist(), 1):
         if why:
             yield f"Run {run} alone does not determine the coefficients: {why}"
@@ -55,14 +55,14 @@ def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The test that the final model of a discovery holds for all runs; nothing of a single run."""
+    """Describe the test whether the final model of a discovery fits all runs; nothing for one run."""
     if GROUP in tree.children:
         last = tree[GROUP].to_dataset().isel(model=-1)
         yield _test_of_runs(last, last.most.item() if last.differ else "")
 
 
 def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
-    """That runs which differ would explain as much as the effect of a step."""
+    """Report that individual coefficients of runs explain as much as the effect of a step."""
     before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
     if before is not None and before.chi_square >= before.gain:
         yield (
@@ -171,7 +171,7 @@ def test_sentences(tree: xr.DataTree) -> Iterator[str]:
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     """The two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *judged.error_parts(result), strict=True)
-    # What is held, or follows from the frequency, has no parts of its own.
+    # Held values, and those that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
     return f"Standard errors of {name}, by the noise and by the model: {texts}."
 
@@ -241,7 +241,7 @@ UNIDENTIFIABLE = {
 
 
 def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
-    """Which coefficients of results are fixed, tied or at a bound, in a sentence; none if none is."""
+    """List the coefficients that are fixed, tied or at a bound; nothing if there are none."""
     parts, results = [], list(results)
     for result in results:
         for symbol, row in layout.by_label(result, "force").items():
@@ -254,7 +254,7 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
-    """What methods cannot identify or separate by principle, from the attributes of a comparison."""
+    """List what methods cannot identify or separate by principle, from attributes of a comparison."""
     return [text.format(attrs[key]) for key, text in UNIDENTIFIABLE.items() if attrs.get(key)]
 
 

@@ -1,4 +1,4 @@
-"""Read the judged result: what every model leaves of the record, the verdict, the preferred model."""
+"""Properties of a result: stored when it is made, and read from its tree."""
 
 import json
 from math import floor, log10
@@ -14,7 +14,7 @@ from sysid_trib.results.variables import group_names, record_groups
 
 # Beyond so many noise levels (RMS) a residual is large.
 LARGE = 1.5
-# What `discover` holds out where nothing else is asked for.
+# Default held-out part of `discover`.
 LAST_THIRD = "the last third"
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
 UNEXPLAINED = ("approximate", "not explained")
@@ -50,7 +50,7 @@ def residual_over_noise(tree: xr.DataTree, model: str) -> float:
 
 
 def held_out_excess(tree: xr.DataTree) -> float:
-    """What the final model of a discovery leaves of what it was not fitted to, over the sensor's noise.
+    """Return the held-out residual of the final model of a discovery over the sensor noise.
 
     Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
     of driven records, whose noise no spline tells.
@@ -126,7 +126,7 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 
 def main_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that stands for a result: the best, the final or the answer; None without one."""
+    """Return the main identification of a result: the best, final or preferred one; None without one."""
     if kind_of(tree) == "identify":
         return tree.to_dataset()
     if kind_of(tree) in ("", "difference"):

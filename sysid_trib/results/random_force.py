@@ -65,5 +65,5 @@ def random_force_of(result: xr.Dataset, run: int | None = None) -> RandomForce:
 
 
 def is_found(force: RandomForce) -> bool:
-    """True if there is a random force beyond chance; one that was given is there."""
+    """Return true if a random force is significant or given."""
     return bool(force) and not force.p_value >= DEPENDENCE_LEVEL

@@ -22,7 +22,7 @@ FORMAT_VERSION = 5
 PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
-# What validation and physics return, by their names.
+# Variables of validation and physics, by name.
 RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
@@ -112,7 +112,7 @@ def small_units(units: str) -> tuple[float, str]:
 
 
 def signal_label(units: str) -> str:
-    """What a signal is, with its unit, as the label of an axis."""
+    """Return the label of the signal with its unit, for an axis."""
     return f"{'angle' if units == 'rad' else 'displacement'} ({units})"
 
 
