@@ -133,8 +133,9 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _not_explained(tree: xr.DataTree, residual: str) -> Iterator[str]:
-    named = "the named effects do" if added_effects(tree) else "the model does"
-    yield f"Unknown effect: {named} not explain the record; {residual}."
+    named = f"with {' and '.join(added)} " if (added := added_effects(tree)) else ""
+    how = "is approximate" if judged.verdict_of(tree) == "approximate" else "does not explain the record"
+    yield f"Unknown effect: {named}the model {how}; {residual}."
     yield from tables.force_type_sentences(tree, "discrepancy_after")
     yield from _unexplained(tree)
 
