@@ -18,7 +18,8 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page
 from sysid_trib.results.files import load, save, write_figure
-from sysid_trib.results.schema import asymptotic_frequency, library_of, model_of
+from sysid_trib.results.models import library_of
+from sysid_trib.results.schema import asymptotic_frequency, model_of
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()

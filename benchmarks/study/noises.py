@@ -35,8 +35,8 @@ from benchmarks.measured import BOTH, records_folder
 from benchmarks.random_force_kinds import FILM, RECORDS
 from benchmarks.study.common import METHODS, NOISE, Pushed, W, density_of, over_seeds, shown, time_of, tried
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.validation.holdout import first_held_out
 
 PER_PERIOD, ANGLE = 60, 0.3

@@ -16,7 +16,7 @@ from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects, judged, kinds
 from sysid_trib.results.kinds import identifications_of, kind_of
-from sysid_trib.results.schema import library_of, shape_values_of
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
 
 # Stands for a file that the user is to measure first: marked, so that nobody takes it for one that is there.

@@ -26,10 +26,10 @@ from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, Usa
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
-from sysid_trib.likelihood.random_force import DENSITY_UNITS
 from sysid_trib.printing import code, exported, looked
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.files import load, save, write_file
+from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import group_names
 from sysid_trib.simulation.model import Model, check_shapes
 from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS, simulate as motion_of

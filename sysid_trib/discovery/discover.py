@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import forces, records
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.discovery import parts, to_xarray
 from sysid_trib.discovery.engine import start_model
 from sysid_trib.discovery.engine.fitted_model import FittedModel
@@ -33,7 +34,7 @@ from sysid_trib.forces.selection import (
     viscous_model,
 )
 from sysid_trib.records import smoothing
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.validation.cross_check import CLEARLY_BETTER

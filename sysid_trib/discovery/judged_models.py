@@ -6,7 +6,7 @@ import xarray as xr
 
 from sysid_trib.discovery.free_motion import FreeMotion
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.random_force import random_force_of
+from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.driven import judged_driven
@@ -37,7 +37,7 @@ def judged_models(
         table = judged_driven(followed, records)
     else:
         p_value = float("nan")
-        if verdict.is_found(random_force_of(last.result)):
+        if is_found(random_force_of(last.result)):
             p_value = verdict.p_value_of_dependence(verdict.tested_runs(last))
         results = {name: of.result for name, of in followed.items()}
         table = judge.judged(records, results, residuals(followed, last.result), random_force_p=p_value)

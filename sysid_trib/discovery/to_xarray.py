@@ -10,14 +10,13 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
 from sysid_trib.discovery.judged_models import judged_models
 from sysid_trib.discovery.plain_start import PlainStart
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results import effects, variables
 from sysid_trib.validation.residuals import with_noise_and_models
 

@@ -12,11 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.sensor_noise import colour_variables
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
-from sysid_trib.results.random_force import (
-    DENSITY_UNITS as DENSITY_UNITS,
-    RandomForce as RandomForce,
-    random_force_of as random_force_of,
-)
+from sysid_trib.results.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.results.variables import Variables, described
 
 # What a method is asked to do: estimate the random force, leave it out, or take this one-sided density.

@@ -15,7 +15,7 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, shows
 from sysid_trib.plots.style import INK, ORANGE
 from sysid_trib.results.judged import column_power, comparison_of
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 
 # Marks of the families that methods state (see `MethodScope`).
 OTHER_FAMILY = "other"

@@ -112,7 +112,7 @@ def _ratio(value: float) -> str:
 
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `compare`; `sources` say what each record is."""
+    """Return the blocks of a result of `compare`; `sources` describe the records."""
     table, details, units = comparison_of(tree), Layer.EXPLAIN, signal_units(tree)
     of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
     differ, warnings = _differences(table), identifiability_warnings(table.attrs)
@@ -133,7 +133,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
 
 
 def _prediction(tree: xr.DataTree) -> str:
-    """Which method predicts best what was held out, and whether these forces explain it."""
+    """Describe which method predicts the held-out part best, and whether the forces explain it."""
     table, groups = comparison_of(tree), record_groups(tree)
     starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
     third = "the last third" if len(groups) == 1 else "the last third of each run"

@@ -92,7 +92,7 @@ def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
         )
     if (probability := step.chance_probability.item()) > 0.0:
         yield (
-            f"The probability of no force in place of {symbol}, with the misfit attributed to a random "
+            f"The probability of no force in place of {symbol}, with the residual attributed to a random "
             f"force, is {_probability(probability)}."
         )
     if failed := effects.failed_competitors(step):

@@ -125,7 +125,7 @@ def ranking_table(tree: xr.DataTree) -> Table:
 
 
 def residual_text(tree: xr.DataTree) -> str:
-    """How large the residual of the final model is; one that diverges has none."""
+    """Describe the size of the residual of the final model; one that diverges has none."""
     ratio = residual_over_noise(tree, "after")
     if not np.isfinite(ratio):
         return "the simulated motion diverges from the record"
@@ -145,7 +145,7 @@ def times_noise(ratio: float) -> str:
 
 
 def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
-    """From when on model and record differ, and what the residual is made of."""
+    """Describe when model and record begin to differ, and the parts of the residual."""
     spans = tree[group].to_dataset()
     start, run, groups = spans.departure_time.item(), spans.departure_run.item(), record_groups(tree)
     departs, parts = np.isfinite(start), list(spans.attrs["parts"])

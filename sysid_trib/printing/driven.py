@@ -40,7 +40,7 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """What is said of an identification with inputs, in its order; `record` says what was read."""
+    """Return the blocks of an identification with inputs; `record` describes what was read."""
     compared, unit = tree["judged"].to_dataset(), signal_units(tree)
     answer = compared.attrs["preferred"]
     best = compared.sel(model=answer)

@@ -21,7 +21,7 @@ from sysid_trib.results.variables import record_groups, signal_units
 BARELY = 0.05
 # More errors than one of several differences that agree as a whole should have without a word.
 AS_A_WHOLE = 2.0
-COEFFICIENTS, CONSEQUENCES = "Coefficients", "What follows from the model"
+COEFFICIENTS, FOLLOWS_TITLE = "Coefficients", "Consequences of the model"
 NO_STIFFNESS = (
     "In a single record, {0} cannot be separated from the frequency: give --omega0 (frequency without "
     "contact) to identify {0}."
@@ -53,7 +53,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
         Block([*verdict.test_sentences(tree), *agree, *remarks, *_stiffness(tree)], details),
         *verdict.runs_blocks(tree),
         Block(stochastic, details, "Random force"),
-        Block(consequences(tree), details, CONSEQUENCES),
+        Block(consequences(tree), details, FOLLOWS_TITLE),
     ]
 
 
@@ -74,7 +74,7 @@ def estimate_blocks(tree: xr.DataTree) -> Iterator[Block]:
     table = layout.coefficient_table({method: result}, below=[noise])
     yield Block([verdict.reference_sentence(result)], title=COEFFICIENTS, table=table)
     if sentences := physics_sentences(tree, result):
-        yield Block(sentences, title=CONSEQUENCES)
+        yield Block(sentences, title=FOLLOWS_TITLE)
 
 
 def identification_table(tree: xr.DataTree) -> Table:
@@ -121,7 +121,7 @@ def _why_none(tree: xr.DataTree) -> str:
 
 
 def _weight(tree: xr.DataTree) -> list[str]:
-    """Which forces the decay comes from by the preferred model, where it follows the record."""
+    """Describe which forces the decay comes from by the preferred model, where it follows the record."""
     result = judged.preferred_result(tree) if judged.follows(tree) else None
     return [] if result is None else weight_sentences(tree, result)
 
@@ -178,7 +178,7 @@ REMARKS = {
 
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
-    """What to mind of the methods: biases, correlation, constraints, and what they cannot identify."""
+    """Describe the limits of the methods: biases, correlation, constraints, forces not identified."""
     results = judged.kept_results(tree)
     for method, result in results.items():
         for name, (usual, text) in REMARKS.items():
@@ -190,7 +190,7 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _stiffness(tree: xr.DataTree) -> Iterator[str]:
-    """That a linear stiffness cannot be identified, where the library has one."""
+    """Say that a linear stiffness cannot be identified, where the library has one."""
     second = judged.last_of(tree)
     stiffness = library_of(second, whole=True).role("x")
     if stiffness is not None and stiffness.symbol not in second.force:
@@ -198,7 +198,7 @@ def _stiffness(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _own_quantity(tree: xr.DataTree) -> Iterator[str]:
-    """Which method compares what was measured itself, with the bias that it finds; none of an angle."""
+    """Describe which method is fitted to the measured quantity itself, with the bias of the sensor."""
     for name, result in judged.kept_results(tree).items():
         if measured := result.attrs.get("compared_in"):
             biases = ", ".join(layout.values_with_errors(result.bias, result.bias_standard_error))
@@ -213,7 +213,7 @@ def _own_quantity(tree: xr.DataTree) -> Iterator[str]:
 
 def identification_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `cross_check` as plain data, see `identification_blocks`."""
-    agreement, failed = tree["agreement"].to_dataset(), judged.failures(tree)
+    compared, failed = tree["agreement"].to_dataset(), judged.failures(tree)
     answer, si, methods = judged.preferred_of(tree), si_of(tree), {}
     withheld: dict[str, Any] = dict.fromkeys(layout.KEYS["identification"]) | {"coefficients": {}}
     for name in judged.judged_of(tree).model.values.tolist():
@@ -230,7 +230,7 @@ def identification_json(tree: xr.DataTree) -> dict[str, Any]:
         "answer": None if answer in failed else answer,
         "methods": methods,
         **layout.judged_json(tree),
-        "cross_check": layout.by_variables(agreement) | agreement.attrs,
+        "cross_check": layout.by_variables(compared) | compared.attrs,
         "noise": judged.record_noise(tree),
         "consequences": follows,
         "sufficient_forces": [

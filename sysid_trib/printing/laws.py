@@ -13,7 +13,7 @@ from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
 from sysid_trib.results import judged
 from sysid_trib.results.kinds import MU, is_of_driven
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.fits import NO_BETTER
@@ -76,7 +76,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
         return f"{name} explain the record: the residual is noise."
     part, near = float(checked.residual_over_motion.sel(model=answer)), "their motion diverges"
     if np.isfinite(part):
-        near = f"their simulated motion misfits the record by {100.0 * part:.2g} % (RMS)"
+        near = f"their simulated motion differs from the record by {100.0 * part:.2g} % (RMS)"
         if not is_of_driven(tree):
             lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
             periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
@@ -88,7 +88,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
-    """Why the record decides no curve."""
+    """Give the reason why the record does not determine a curve."""
     if reason := tree["judged"].attrs["reason"]:
         yield f"The record does not determine a curve. {reason}"
 
@@ -125,7 +125,7 @@ def _ended(text: str) -> str:
 
 
 def _why(tree: xr.DataTree) -> str:
-    """Why the preferred one of two methods is."""
+    """Give the reason why a method is preferred."""
     answer, results = judged.preferred_of(tree), judged.kept_results(tree)
     (other,) = (name for name in results if name != answer)
     if is_of_driven(tree):
@@ -258,7 +258,7 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
-    """How the methods agree, which parts are even, and which errors of the sensor were fitted."""
+    """Describe the agreement of the methods, even parts, and fitted errors of the sensor."""
     results = judged.kept_results(tree)
     if len(results) == 2:
         yield from _differences(tree)

@@ -12,7 +12,7 @@ from sysid_trib.printing import layout
 from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.judged import given_results
 from sysid_trib.results.kinds import kind_of
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.

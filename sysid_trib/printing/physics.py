@@ -32,20 +32,20 @@ def physics_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
     """
     if CONSEQUENCES not in tree.children:
         return []
-    found = tree[CONSEQUENCES]
+    known = tree[CONSEQUENCES]
     sentences = list[str]()
-    if refused := found.attrs["refused"]:
+    if refused := known.attrs["refused"]:
         sentences.append(f"Nothing more can be computed: {refused}")
     else:
-        weights = found["weights"].to_dataset()
+        weights = known["weights"].to_dataset()
         for end in range(weights.sizes["end"]):
             sentences += _weights(result, weights.isel(end=end))
-        sentences += _energy(result, found["energy"].to_dataset().isel(end=0), si_of(tree))
-        if "crossovers" in found.children:
-            sentences += _crossovers(result, found["crossovers"].to_dataset(), weights.amplitude.values)
-        sentences += _arrest(result, found["arrest"].to_dataset())
-    if "slip_fingerprint" in found.children:
-        sentences.append(_fingerprint(found["slip_fingerprint"].to_dataset()))
+        sentences += _energy(result, known["energy"].to_dataset().isel(end=0), si_of(tree))
+        if "crossovers" in known.children:
+            sentences += _crossovers(result, known["crossovers"].to_dataset(), weights.amplitude.values)
+        sentences += _arrest(result, known["arrest"].to_dataset())
+    if "slip_fingerprint" in known.children:
+        sentences.append(_fingerprint(known["slip_fingerprint"].to_dataset()))
     return sentences
 
 
@@ -61,24 +61,24 @@ def physics_json(tree: xr.DataTree) -> dict[str, Any]:
     """
     if CONSEQUENCES not in tree.children:
         return {}
-    found, si = tree[CONSEQUENCES], si_of(tree)
+    known, si = tree[CONSEQUENCES], si_of(tree)
     data: dict[str, Any] = {}
-    if refused := found.attrs["refused"]:
+    if refused := known.attrs["refused"]:
         data["refused"] = refused
     else:
         for name in ("weights", "energy"):
-            of_ends = found[name].to_dataset()
+            of_ends = known[name].to_dataset()
             parts = [of_ends.isel(end=at) for at in range(of_ends.sizes["end"])]
             data[name] = [{"amplitude": part.amplitude} | mapped(part, name) for part in parts]
-        pairs = found["crossovers"].to_dataset() if "crossovers" in found.children else xr.Dataset()
+        pairs = known["crossovers"].to_dataset() if "crossovers" in known.children else xr.Dataset()
         data["crossovers"] = [
             mapped(pair, "crossover") | per_label(pair, "rule", "amplitude±")
             for pair in (by_label(pairs, "pair") if pairs else {}).values()
         ]
-        arrest = found["arrest"].to_dataset()
+        arrest = known["arrest"].to_dataset()
         data["arrest"] = {"amplitude": arrest.amplitude} | mapped(arrest, "arrest")
-    if "slip_fingerprint" in found.children:
-        slip = found["slip_fingerprint"].to_dataset()
+    if "slip_fingerprint" in known.children:
+        slip = known["slip_fingerprint"].to_dataset()
         data["slip_fingerprint"] = mapped(slip, "slip") | slip.attrs
     if si is not None and "inertia" in si:
         data["physical_units"] = mapped(si, "physical_units")
@@ -90,10 +90,10 @@ def weight_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
 
     Empty where no force acts, or where one is not finite.
     """
-    found = tree.children.get(CONSEQUENCES)
-    if found is None or "weights" not in found.children:
+    known = tree.children.get(CONSEQUENCES)
+    if known is None or "weights" not in known.children:
         return []
-    return _weights(result, found["weights"].to_dataset().isel(end=0))
+    return _weights(result, known["weights"].to_dataset().isel(end=0))
 
 
 def si_block(tree: xr.DataTree) -> Iterator[Block]:

@@ -94,7 +94,7 @@ EXPLAINED = {
     "model.",
 }
 LACKING = "A force is missing, or one has a different form."
-UNEXPLAINED = {
+UNEXPLAINED_SENTENCES = {
     "approximate": f"The model is approximate: {{}}. {LACKING}",
     "not explained": f"The model does not explain the record: {{}}. {LACKING}",
 }
@@ -107,23 +107,23 @@ EFFECTIVE = "The model is incomplete, so these coefficients are effective values
 def verdict_sentence(tree: xr.DataTree) -> str:
     """The verdict on the record, in words that no test is needed to read."""
     verdict, preferred = judged.verdict_of(tree), judged.preferred_of(tree)
-    if verdict not in UNEXPLAINED:
+    if verdict not in UNEXPLAINED_SENTENCES:
         with_line = verdict == "explained" and [*line_sentences(tree)]
         return EXPLAINED_BUT_LINE if with_line else EXPLAINED[verdict]
     if "random_force" in tree.children and (reasons := not_followed(tree)):
         return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
     part = float(tree["judged"].residual_over_motion.sel(model=preferred))
-    misfit = "its simulated motion diverges"
+    how_far = "its simulated motion diverges"
     if np.isfinite(part):
         lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
         periods = lasts * float(tree[preferred].asymptotic_frequency) / (2.0 * np.pi)
-        misfit = (
-            f"over {periods:.0f} periods its simulated motion misfits the record by "
+        how_far = (
+            f"over {periods:.0f} periods its simulated motion differs from the record by "
             f"{100.0 * part:.2g} % (RMS), {judged.residual_over_noise(tree, preferred):.3g} times the noise"
         )
     wrong = _departures_sentence(tree, preferred)
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
-    said = UNEXPLAINED[verdict].format(f"{misfit}; {wrong}" if wrong else misfit)
+    said = UNEXPLAINED_SENTENCES[verdict].format(f"{how_far}; {wrong}" if wrong else how_far)
     return said + OF_A_RATE * rate
 
 
@@ -177,7 +177,7 @@ def error_parts_sentence(name: str, result: xr.Dataset) -> str:
 
 
 def line_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """That the residual of the answer's model holds a line, and what that may be."""
+    """Describe a spectral line in the residual of the preferred method."""
     of_answer = judged.judged_of(tree).sel(model=judged.preferred_of(tree))
     frequency = float(of_answer.spectral_line)
     if np.isfinite(frequency):
@@ -189,11 +189,11 @@ def line_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Which method failed; what coefficients of a model that is not complete are, and their errors hold."""
+    """Report failed methods, and say that coefficients of an incomplete model are effective values."""
     for name, reason in judged.failures(tree).items():
         yield f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
     results = judged.kept_results(tree)
-    if judged.verdict_of(tree) not in UNEXPLAINED or not results:
+    if not judged.is_unexplained(tree) or not results:
         return
     result = results.get(judged.preferred_of(tree), next(reversed(results.values())))
     noise, model = judged.error_parts(result)

@@ -10,10 +10,10 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.questions import rivals as models
 from sysid_trib.questions.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
 from sysid_trib.results import judged, kinds, signal_scale
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
 from sysid_trib.validation import holdout

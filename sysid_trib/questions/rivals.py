@@ -12,11 +12,11 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.shape_parameters import slope_of_unit
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results import effects, judged, kinds, references, schema, variables
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation import simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.validation import random_force_test

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
 
-from sysid_trib.arrays import Array, root_mean_square as root_mean_square, variable, with_error
+from sysid_trib.arrays import Array, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import free_motion_checks as checks, half_periods, inputs
 from sysid_trib.records.driven_parts import driven_parts

@@ -4,8 +4,6 @@ import xarray as xr
 
 from sysid_trib.results.variables import record_groups
 
-# The name, or the role, of a recorded variable that drives the motion.
-INPUT = "input"
 # The preferred model in SI units, with what these were made with, and its coefficient of friction.
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
@@ -42,7 +40,7 @@ def is_of_driven(tree: xr.DataTree) -> bool:
 
 def has_input(record: xr.Dataset) -> bool:
     """True if something that drives the motion was recorded with it."""
-    return any(name == INPUT or record[name].attrs.get("role") == INPUT for name in record.variables)
+    return any("input" in (name, record[name].attrs.get("role")) for name in record.variables)
 
 
 def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:

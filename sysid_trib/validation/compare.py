@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import records
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -21,10 +22,10 @@ from sysid_trib.methods.scope import (
     with_stated,
 )
 from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale, variables
-from sysid_trib.results.random_force import random_force_of
+from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.validation import cross_check, holdout, judge, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
@@ -203,7 +204,7 @@ def _judged(
     driven, of_best = is_driven(runs), known[best].result
     tested = tested_driven(known) if driven else residuals.residuals(known, of_best)
     p_value = float("nan")
-    if not driven and verdict.is_found(random_force_of(of_best)):
+    if not driven and is_found(random_force_of(of_best)):
         p_value = verdict.p_value_of_dependence(verdict.tested_runs(known[best]))
     of_known = table.sel(model=list(known))
     motion = root_mean_square([root_mean_square(run.angle.values) for run in runs])

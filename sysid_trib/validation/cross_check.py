@@ -14,24 +14,18 @@ from sysid_trib.cycles.backbone import smoothed_backbone
 from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import DecayError, SysidTribError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit import bands, innovations
 from sysid_trib.records.decay import Decays, RecordsLike, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation import judge
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
-from sysid_trib.validation.verdict import (
-    decided,
-    evidence_of_models,
-    is_found,
-    p_value_of_dependence,
-    tested_runs,
-)
+from sysid_trib.validation.verdict import decided, evidence_of_models, p_value_of_dependence, tested_runs
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
@@ -194,7 +188,7 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
     if names[0] == names[1]:
         names = [f"{names[0]}_1", f"{names[1]}_2"]
     followed = dict(zip(names, pair, strict=True))
-    agreement = comparison(pair)
+    compared = comparison(pair)
     tell("residuals")
     records = with_motions(followed)
     of_names = dict(zip(names, results, strict=True))
@@ -205,15 +199,15 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
     table = judge.judged(records, of_names, residuals(followed, results[1]), random_force_p=p_value)
     preferred = names[_chosen(results, table)]
     table = judge.with_verdicts(table, evidence_of_models(table, followed), preferred, "identify")
-    agreement.attrs |= {
+    compared.attrs |= {
         "first": names[0],
         "second": names[1],
-        "verdict": agreement_of(agreement.p_value.item()),
+        "verdict": agreement_of(compared.p_value.item()),
         **ties(runs, results[1]),
     }
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
-    groups |= of_names | {"judged": table, "agreement": agreement} | backbones_of(runs, of_names)
+    groups |= of_names | {"judged": table, "agreement": compared} | backbones_of(runs, of_names)
     return xr.DataTree.from_dict({**groups, **stochastic})
 
 

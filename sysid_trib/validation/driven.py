@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import records
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, SimulationError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -20,12 +20,13 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.conversion import factor_between
-from sysid_trib.records.decay import Decays, RecordLike, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.decay import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.results.judged import best
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import INPUT_UNITS, library_of, model_of, shape_values_of
+from sysid_trib.results.schema import INPUT_UNITS, model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
 from sysid_trib.simulation.initial_conditions import (

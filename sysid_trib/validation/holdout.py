@@ -8,9 +8,8 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import least_squares_spline
 from sysid_trib.results import judged, references, schema, variables
 from sysid_trib.simulation import internal_states
@@ -150,7 +149,7 @@ Results: TypeAlias = Sequence[xr.Dataset | None]
 
 
 class Trial(NamedTuple):
-    """What came of one method.
+    """Result of one method.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ LARGEST_MOTION = 3.0
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the verdict on a model rests on.
+    """Evidence for the verdict on a model.
 
     Attributes
     ----------
@@ -155,7 +155,7 @@ def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
 
 
 def failures_of(records: Sequence[xr.Dataset]) -> list[str]:
-    """Why there is no motion of each model, in a few words; empty where there is one, even a far one."""
+    """Return why a model has no motion, in a few words; empty if it has one."""
     reasons = []
     largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
     limits = [LARGEST_MOTION * np.abs(run.angle).max() for run in records]

@@ -6,12 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.least_squares import sensitivities
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results import schema, variables
 from sysid_trib.simulation import initial_conditions, motions

@@ -8,13 +8,12 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SimulationError, SysidTribError
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.records import inputs, sensor, smoothing
-from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation import initial_conditions, simulate

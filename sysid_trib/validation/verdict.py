@@ -12,14 +12,14 @@ from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
-from sysid_trib.likelihood.random_force import RandomForceOption, random_force_of
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results import effects, references, schema, signal_scale, variables
-from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found as is_found
+from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import model_error
 from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
@@ -90,14 +90,14 @@ def evidence_of_models(table: xr.Dataset, followed: Mapping[str, FollowedRuns]) 
         All runs of each identification, by the name of its model.
     """
     last = [*followed.values()][-1]
-    found = is_found(random_force_of(last.result))
+    random = is_found(random_force_of(last.result))
     white = bool(np.nanmax(table.p_value.values) >= RESIDUAL_LEVEL)
-    hides = white and not found and _noise_hides_a_force(last)
+    hides = white and not random and _noise_hides_a_force(last)
     evidence = {}
     for name, of in followed.items():
         evidence[name] = evidence_of(
             table.sel(model=name),
-            has_random_force=found,
+            has_random_force=random,
             noise_hides_a_force=hides,
             determines=effects.determines(of.result),
             rows_are_noise=float(of.result.get("birge_ratio", np.inf)) <= MARKED,
