@@ -1,4 +1,4 @@
-"""A discovery: where the gap is, what closes it, what remains, and what could have been seen."""
+"""Blocks of a discovery: residuals, missing effects, detectable effects; and its plain data."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
