@@ -117,7 +117,7 @@ def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors
     tree = explained().copy(deep=True)
     tree["agreement"].z[:] = [0.1, -2.8, 0.5, 0.0, 1.0, -1.0]
     text = " ".join(sentences_of(identification_blocks(tree)))
-    assert "Averaging and direct agree as a whole; zeta differs by 2.8 errors." in text
+    assert "Averaging and direct agree as a whole; zeta differs by 2.8 standard errors." in text
     tree["agreement"].z[:] = 1.9
     assert "agree within their errors" in " ".join(sentences_of(identification_blocks(tree)))
 
