@@ -135,7 +135,7 @@ def test_the_speed_of_a_motor_and_its_voltage_give_its_friction(tmp_path) -> Non
     asked = ("--angle", "v (mm/s)", "--input", "u (V)", "--between", "held", "--system", "axis")
     ending = run("identify", path, *asked)
     assert ending.status == 0, ending.err
-    assert "which compares the rate itself" in ending.out
+    assert "it is fitted to the rate itself" in ending.out
     assert "In the unit of the input u: mass (7.7" in ending.out
     # A body without a restoring force is searched for nothing: the result is kept.
     assert ending.out.splitlines()[-1].startswith("Next: sysid-trib identify")

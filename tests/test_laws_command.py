@@ -114,7 +114,7 @@ def test_the_equation_is_exported(folder):
 def test_a_table_shows_speeds_up_to_the_range_and_one_beyond(folder):
     ending = run("laws", folder / "run.csv", "--fix", "lambda=0")
     assert ending.status == 0
-    assert ending.out.startswith("The laws explain the record: what they leave is nothing but noise.\n")
+    assert ending.out.startswith("The laws explain the record: the residual is noise.\n")
     assert ending.out.count("visited     ") == 14
     assert ending.out.count("extrapolated") == 2
     assert "The methods agree" in ending.out
@@ -123,7 +123,7 @@ def test_a_table_shows_speeds_up_to_the_range_and_one_beyond(folder):
 
 def test_a_prediction_that_leaves_the_range_says_so(folder):
     ending = run("laws", folder / "run.csv", "--test", folder / "large.csv", "--quiet")
-    assert "beyond the 0.3 rad that the laws are known for" in ending.out
+    assert "beyond the 0.3 rad covered by the laws" in ending.out
 
 
 def test_a_displacement_is_shown_in_its_unit(folder):
@@ -199,7 +199,9 @@ def test_few_half_periods_give_the_laws_of_the_named_forces(tmp_path):
     write_csv(tmp_path / "short.csv", *record_of(time=np.arange(0.0, 2.3, 0.01)))
     ending = run("laws", tmp_path / "short.csv")
     assert ending.status == 0, ending.err
-    assert re.search(r"The record decides no curve\. [4-7] half periods are too few for a curve", ending.out)
+    assert re.search(
+        r"The record does not determine a curve\. [4-7] half periods are too few for a curve", ending.out
+    )
     assert "Next: sysid-trib identify " in ending.out
 
 

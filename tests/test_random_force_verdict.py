@@ -146,8 +146,8 @@ def test_a_cross_check_says_that_a_force_is_missing():
     assert tree["judged"].attrs["verdict"] == "approximate"
     assert "is approximate" in verdict_sentence(tree)
     told = " ".join(sentences_of(identification_blocks(tree)))
-    assert "sign of something missing: it depends on the" in told
-    assert "What is left, taken for a random force, has a density of " in told
+    assert "stands for a force that is missing: it depends on the" in told
+    assert "As a random force, the residual has a density of " in told
     assert "agree within their errors" not in told
 
 

@@ -135,11 +135,9 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
         periods = [
             _periods(force.periods_to(limit, frequency), lasts) for limit in (noise, USEFUL * amplitude)
         ]
-        what = (
-            "The residual is a random force" if explained else "Taken as a random force, the residual is one"
-        )
+        what = "The residual is a random force with" if explained else "As a random force, the residual has"
         yield (
-            f"{what} with a density of {size} {of_density}{', as given' if given else ''}; the root of the "
+            f"{what} a density of {size} {of_density}{', as given' if given else ''}; the root of the "
             f"density is {force.relative(frequency):.1e} w^2 per root hertz."
         )
         yield (
