@@ -1,4 +1,4 @@
-"""Figures of a discovery: the residual, effects named, the force that is missing, and scores of candidates."""
+"""Figures of a discovery: residual, named effects, the missing force, and scores of candidates."""
 
 from collections.abc import Sequence
 from textwrap import fill, wrap
@@ -28,8 +28,8 @@ COLOUR_PERCENT = 98.0
 DOT_BEYOND = 3.0
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 2
-# Heights of the panels, inch: record, residual before, residual after; models without rows; maps over a page and in a
-# column; of a row of a model, and of a line of its text.
+# Heights of the panels, inch: record, residual before, residual after; models without rows; maps over a
+# page and in a column; of a row of a model, and of a line of its text.
 PANEL_HEIGHTS, LAST_HEIGHT, MAP_HEIGHTS = (1.6, 1.0, 1.4), 0.45, (2.3, 1.8)
 MODEL_ROW, LINE = 0.28, 0.26
 # Of a text, in an inch.

@@ -216,8 +216,9 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
     if len(models) > 1:
         yield (
-            f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will have odds of "
-            f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
+            f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
+            f"{data.attrs['odds']:g} to 1 against each other model with probability "
+            f"{best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
         parts = [
@@ -229,13 +230,13 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
-        yield f"The model error is included; more data cannot reduce it: {listed}."
+        yield f"The model error ({listed}) is included; more data cannot reduce it."
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Left out: {runs} longer than another with the same result, by the digits shown."
+        yield f"Not shown: {runs} longer than another with the same numbers."
 
 
 def _size(run: xr.Dataset) -> str:
