@@ -33,8 +33,7 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
     Parameters
     ----------
     data : Dataset or DataTree
-        Of `backbone`, or a record; or a result of `identify`, whose models' curves are drawn over those of its
-        record.
+        Of `backbone`, or a record; or a result of `identify`, whose models' curves are drawn too.
     run : int
         Which of several runs of a result, from 0.
     width : float, inch
