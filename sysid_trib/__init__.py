@@ -1,4 +1,4 @@
-"""Which forces act in an oscillator, learned from its free decay.
+"""Identification of the forces of an oscillator from its free decay.
 
 The public names are listed in `__init__.pyi`; each is imported when it is first used, so that the
 command line starts quickly.

@@ -19,7 +19,7 @@ SMALLEST_PART = 1e-8
 
 
 def cell_middles(edges: Array) -> Array:
-    """Middles of cells that lie evenly about zero, (cell,), without what rounding leaves of zero."""
+    """Return the middles of cells that lie evenly about zero, (cell,), with an exact zero."""
     middle = 0.5 * (edges[1:] + edges[:-1])
     return 0.5 * (middle - middle[::-1])
 
@@ -118,7 +118,7 @@ def dependent_columns(table: Array) -> list[tuple[int, ...]]:
 
 
 def _fitted(column: Array, others: list[Array]) -> tuple[Array, float]:
-    """Weights of others in a column of unit length, and the norm of what they leave of it."""
+    """Return the weights of other columns in a column of unit length, and the norm of the residual."""
     if not others:
         return np.zeros(0), 1.0
     matrix = np.column_stack(others)

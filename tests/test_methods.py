@@ -10,7 +10,7 @@ from helpers import FIVE, OWN_MODELS, library_of_formulas, paper_run
 
 import sysid_trib as st
 from sysid_trib import load_library, methods
-from sysid_trib.commands.app import Asked, options_of
+from sysid_trib.commands.options import CampaignOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import METHODS, Averaging, Direct, Trajectory, method_of
 from sysid_trib.plots.compared import FAMILY_MARKS
@@ -145,5 +145,5 @@ def test_identify_gives_what_the_command_gives(example, tmp_path):
 
 
 def test_a_campaign_has_as_many_workers_and_as_much_memory():
-    asked, here = Asked(options_of("campaign")), signature(st.campaign).parameters
+    asked, here = CampaignOptions(), signature(st.campaign).parameters
     assert (here["workers"].default, here["memory"].default) == (asked.workers, asked.memory)

@@ -134,7 +134,7 @@ def check_extra() -> None:
 def _finished_blocks(
     task: Task, blocks: Sequence[Index], record_at: Callable[[int], Any], *, workers: int | str, memory: str
 ) -> Iterator[tuple[Index, list[Row]]]:
-    """Numbers of the records of each block and their rows, in the order in which they are finished.
+    """Yield the record numbers and the rows of each block, in the order of completion.
 
     See `campaign` for workers and memory; a block that waits is read when it is sent.
     """
@@ -181,7 +181,7 @@ def _through(
 
 @contextmanager
 def _client(workers: int | str, memory: str) -> Iterator[Any]:
-    """A client of a scheduler that is there, or of a cluster of this machine."""
+    """Yield a client of an existing scheduler, or of a cluster of this machine."""
     import dask
     from distributed import Client, LocalCluster
 
@@ -235,7 +235,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Threads that are begun here, and the processes that these start, do not see an interrupt.
+    """Hide interrupts from threads and processes that start in this context.
 
     It is for this process, which ends them; each of theirs would print a traceback.
     """
@@ -250,7 +250,7 @@ def _interrupts_held() -> Iterator[None]:
 
 @contextmanager
 def _without_current_folder() -> Iterator[None]:
-    """Processes that are begun here import nothing from the folder they are begun in, as they start.
+    """Keep processes that start in this context from importing from the current folder.
 
     A file `signal.py` next to the records would be executed. What a script of the user imports they find by
     the path of this process, which they are given.

@@ -1,4 +1,4 @@
-"""What a campaign's records are held against: their estimates side by side, and a table of conditions."""
+"""Conditions of a campaign: estimates of its records side by side, and a table of conditions."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +18,7 @@ RECORD = "record"
 
 
 def reported_method(store: xr.Dataset) -> str:
-    """Label of the identification by which a campaign's records are held against each other.
+    """Return the label of the identification that a campaign compares between records.
 
     Of those that identify most forces the one that most often predicts best, or where none is said to, the
     last.

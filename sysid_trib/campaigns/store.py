@@ -89,7 +89,7 @@ class Store:
                 raise _damaged(self.path, f"record {names[np.argmax(wrong)]} is not as it was written")
 
     def unfinished(self, records: CampaignRecords) -> tuple[list[Index], int, int]:
-        """What is still to be done of a campaign's records.
+        """Return the unfinished records of a campaign.
 
         Returns
         -------
@@ -141,7 +141,7 @@ class Store:
 
 
 def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> Store:
-    """The store of a campaign, to be written to: made, gone on with, or with further records.
+    """Open the store of a campaign for writing: create it, continue it, or add further records.
 
     Parameters
     ----------
@@ -216,7 +216,7 @@ def as_dataset(path: Path) -> xr.Dataset:
 
 
 def _damaged(path: Path, reason: object) -> RecordError:
-    """What is said of a store that is damaged."""
+    """Return the error of a damaged store."""
     return RecordError(
         f"{path}: a part of the store is damaged ({reason}); remove the store, and repeat the command."
     )
@@ -253,7 +253,7 @@ def _recover(path: Path) -> None:
 
 
 def _near(path: Path, ending: str) -> Path:
-    """A place next to that of a store."""
+    """Return a path next to that of a store."""
     return path.with_name(f".{path.name}.{ending}")
 
 

@@ -1,4 +1,4 @@
-"""What a campaign does with each record, and the row of numbers that comes of it."""
+"""Task of a campaign for each record, and its row of numbers."""
 
 import hashlib
 import json
@@ -63,13 +63,13 @@ def record_at(records: CampaignRecords, at: int) -> str | xr.Dataset:
 
 
 def decays_of_file(path: str) -> list[xr.Dataset]:
-    """The free decays of a file, read as it says itself."""
+    """Return the free decays of a file, read without options."""
     return [decay for record in read_records(path) for decay in free_decays(record)]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a campaign does with each record.
+    """Task of a campaign for each record.
 
     Parameters
     ----------
@@ -138,12 +138,12 @@ class Task:
 
     @property
     def axes(self) -> dict[str, list[str]]:
-        """What the dimensions of a row count."""
+        """Labels of the dimensions of a row."""
         names = {"model": self.labels, "force": list(self.forces.symbols), "edge": list(stored.EDGES)}
         return names | {"shape_parameter": list(self.forces.shape_values())}
 
     def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
-        """What the task's own function gives of a record."""
+        """Return the result of the task's function for a record."""
         if self.name == "discover":
             assert self.candidates is not None
             return discover(decays, self.library, self.candidates, **self.options)
@@ -169,7 +169,7 @@ class Task:
 
 
 def empty_row(task: Task) -> stored.Row:
-    """A row of which nothing is known: nan, and empty texts."""
+    """Return a row without a result: nan, and empty texts."""
     sizes = {dim: len(names) for dim, names in task.axes.items()} | {"part": stored.OUTLINE_PARTS}
     without = set() if task.name == "discover" else stored.OF_SEARCH
     return {name: stored.empty(name, sizes) for name in stored.VARIABLES if name not in without}
@@ -265,7 +265,7 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
 
 
 def fingerprint(records: CampaignRecords, task: Task) -> str:
-    """What a store must have been begun with to be gone on with; further records may come to it."""
+    """Return the text that identifies a campaign; further records may be added."""
     libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
     methods = {label: repr(method) for label, method in task.methods.items()}
     asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]

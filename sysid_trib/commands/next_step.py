@@ -1,11 +1,12 @@
-"""What to do after a result: the next command, and why."""
+"""Next step after a result: the command, and the reason."""
 
 import shlex
 from collections.abc import Mapping
 
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, command_after
+from sysid_trib.commands.app import command_after
+from sysid_trib.commands.options import FileOptions, MeasuredOptions, RecordOptions
 from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
@@ -93,7 +94,7 @@ def _after_identification(tree: xr.DataTree) -> State:
 
 
 def _undetermined(result: xr.Dataset) -> State:
-    """After a record that decides none of its forces: with fewer of them."""
+    """Return the step after a record that determines no force: fewer forces."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
         return "undetermined", {"forces": viscous[0], "window": None}
@@ -119,7 +120,7 @@ def _largest_library(tree: xr.DataTree) -> ForceLibrary:
 
 
 def _search_options(library: ForceLibrary) -> dict[str, str]:
-    """What is missing beside the forces that were given; terms of the sensor are candidates alone."""
+    """Return the forces given, as options, if others are missing; sensor terms are only candidates."""
     forces = [force.symbol for force in library if force.kind != "sensor"]
     return {"forces": ",".join(forces)} if len(forces) < len(library) else {}
 
@@ -150,7 +151,7 @@ def _after_discovery(tree: xr.DataTree) -> State:
     return "nothing missing of a driven record" if driven else "nothing missing", options
 
 
-def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
+def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
     """Further commands that may follow, each after the words that say when: none of them is needed."""
     made = list[tuple[str, str, Mapping[str, str | None]]]()
     if kind_of(tree) == "discover":
@@ -168,7 +169,8 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
             when = "For a force with memory, or one that changes in time"
             made.append((when, "discover", {}))
         # A simulated record has no rig to make another one.
-        if vars(given).get("test") is None and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
+        tested = isinstance(given, MeasuredOptions) and given.test is not None
+        if not tested and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
             when = "To see whether another record of the rig follows these laws"
             made.append((when, "laws", {"test": SECOND_RECORD}))
     elif scale := _scale_error(tree, given):
@@ -177,8 +179,8 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
     return [f"{when}: {command_after(command, options, given)}" for when, command, options in made]
 
 
-def _scale_error(tree: xr.DataTree, given: Asked) -> str:
-    """The factor on the signal that a pendulum's frequency wants; empty if it wants none, or has one."""
+def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
+    """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
     unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
@@ -201,7 +203,7 @@ def _tied(tree: xr.DataTree) -> list[str]:
 
 
 def _swings_unexplained(tree: xr.DataTree) -> bool:
-    """True if a model does not explain records whose backbones are those of a pendulum."""
+    """Return true if a model does not explain records of pendulums."""
     if kind_of(tree) == "discover":
         unexplained = tree.attrs["verdict"] == "unknown effect"
     else:
@@ -214,7 +216,7 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
 KEPT = "result.nc"
 
 
-def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
+def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | None:
     """The step after a driven identification, or the whole command; None where it is that of any other.
 
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
@@ -222,16 +224,20 @@ def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
     """
     if not (_moves_freely(tree) or findings.verdict_of(tree).startswith("explained")):
         return None
-    if (output := vars(given).get("output")) is not None:
-        page = output.with_suffix(".html")
-        words = ["sysid-trib", "report", str(output), "-o", str(page)]
+    if isinstance(given, FileOptions) and given.output is not None:
+        page = given.output.with_suffix(".html")
+        words = ["sysid-trib", "report", str(given.output), "-o", str(page)]
         return f"{readable(shlex.join(words))} # figures and tables on one page"
-    taken = {name: _as_text(vars(given)[name]) for name in ("test", "warm_up") if vars(given).get(name)}
+    taken = dict[str, str | None]()
+    if isinstance(given, MeasuredOptions) and given.test:
+        taken["test"] = str(given.test)
+    if isinstance(given, MeasuredOptions) and given.warm_up:
+        taken["warm_up"] = f"{given.warm_up:g}"
     return "identify", "keeps the result, for report and response", {**taken, "output": KEPT}
 
 
 def _moves_freely(tree: xr.DataTree) -> bool:
-    """True if the body of a driven record has no restoring force; a search weighs forces by that."""
+    """Return true if the body of a driven record has no restoring force, which a search needs."""
     result = findings.main_result(tree)
     if result is None or not files.is_of_driven(tree):
         return False
@@ -243,18 +249,14 @@ def _moves_freely(tree: xr.DataTree) -> bool:
     return is_free_to_move(library_of(result), held)
 
 
-def _as_text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def keep_next(tree: xr.DataTree, given: Asked) -> None:
+def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
     """Keep the command that follows from a result as its attribute `next`, and others as `alternatives`.
 
     Parameters
     ----------
     tree : DataTree
         Result of a command.
-    given : Asked
+    given : RecordOptions
         What the command was given; the next command takes over the options that it knows.
     """
     step = next_step(tree)

@@ -212,7 +212,7 @@ def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Ar
 
 
 def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, drive: Array) -> Array:
-    """Amplitudes between which every balance is, (amplitude,), by the drive's sizes (frequency,).
+    """Return amplitudes that bracket every balance, (amplitude,), from the drive (frequency,).
 
     Raises
     ------
@@ -265,14 +265,14 @@ def balances(
 
 
 def excess(sums: Array, coefficients: Array, ratio: Array, drive: Array, amplitude: Array) -> Array:
-    """What the square of the forces exceeds that of the drive by, (frequency, amplitude)."""
+    """Return the square of the forces minus that of the drive, (frequency, amplitude)."""
     sine, cosine = np.einsum("i,ikfa->kfa", coefficients, sums)
     along = amplitude * (1.0 - ratio[:, None] ** 2) + cosine
     return np.asarray(along**2 + sine**2 - np.abs(drive[:, None]) ** 2)
 
 
 def crossings(values: Array, amplitude: Array) -> tuple[Index, Array]:
-    """Rows and amplitudes where values (row, amplitude) change sign, by lines between those of the grid."""
+    """Return rows and amplitudes where values (row, amplitude) change sign, by linear interpolation."""
     row, at = np.nonzero(np.signbit(values[:, :-1]) != np.signbit(values[:, 1:]))
     low, high = values[row, at], values[row, at + 1]
     return row, amplitude[at] + (amplitude[at + 1] - amplitude[at]) * low / (low - high)

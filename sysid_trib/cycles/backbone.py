@@ -33,7 +33,7 @@ Smoothed: TypeAlias = tuple[xr.Dataset, dict[str, Array]]
 def period_rows(
     measured: xr.Dataset, slopes: dict[str, Array] | None = None
 ) -> tuple[Array, dict[str, CurveRows]]:
-    """Rows of an envelope, a half period apart, without what differs between the two sides.
+    """Return rows of an envelope, a half period apart, without the differences between the two sides.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def backbone(decay: RecordLike) -> xr.Dataset:
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
-    """The `backbone` of a decay, and how its periods weigh in it."""
+    """Return the `backbone` of a decay, and the weights of its periods in it."""
     measured = half_sines.envelope(decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
@@ -171,7 +171,7 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
-    """What averaging leaves open of a curve to second order in damping."""
+    """Return the second-order error of averaging of a curve, from the damping."""
     return np.asarray(SECOND_ORDER[name] * np.abs(damping_ratio) ** 2 * np.abs(value))
 
 
@@ -217,7 +217,7 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
 
 
 def _over_time(measured: xr.Dataset, noise: float, unit: str) -> Variables:
-    """The amplitude at the extrema but two at either end; noise in units of that of their errors."""
+    """Return the amplitude at the extrema without two at either end; noise relative to their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise

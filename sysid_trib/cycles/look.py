@@ -1,4 +1,4 @@
-"""What a record holds before any fit, and which forces its backbone points to."""
+"""Facts of a record without a fit, and the forces that its backbone indicates."""
 
 from collections.abc import Sequence
 
@@ -96,7 +96,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
 
 
 def pointers(decay: xr.Dataset) -> dict[str, str]:
-    """What the backbone of a record points to, empty if nothing.
+    """Return the forces and the system that the backbone of a record indicates; empty if none.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
 
 
 def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
-    """What models leave of the change of the frequency, in words; empty if none predicts it."""
+    """Describe how much of the frequency change the models do not explain; empty if none predicts it."""
     parts = list[str]()
     for at, model in enumerate(ranking):
         # The first is the one that is offered. Part of the forces of a system makes no alternative.
@@ -136,7 +136,7 @@ def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
 
 
 def _without_drift(amplitude: Array) -> Array:
-    """Amplitudes as the mean over both sides: a middle that moves makes one side's larger, in turn."""
+    """Return amplitudes as the mean over both sides, which removes a moving middle."""
     if amplitude.size < FEWEST_INSTANTS:
         return amplitude
     inner = 0.25 * (amplitude[:-2] + 2.0 * amplitude[1:-1] + amplitude[2:])
@@ -173,7 +173,7 @@ def _median_frequency(curve: xr.Dataset) -> float:
 
 
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
-    """Logarithmic rate of the amplitude at the first times, over w: by so many that it is known."""
+    """Return the logarithmic decay rate at the first times, over w, from enough periods to be known."""
     good = amplitude > 0.0
     time, level = time[good], np.log(amplitude[good])
     if time.size < 2:

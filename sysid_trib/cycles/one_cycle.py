@@ -195,7 +195,7 @@ def history_over(
 
 
 def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[list[Force], Array]:
-    """Cycles x = a cos phi, v = -a sin phi of a force that depends on history which repeat themselves.
+    """Return the periodic cycles x = a cos phi, v = -a sin phi of a history-dependent force.
 
     Parameters
     ----------
@@ -254,7 +254,7 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
 
 
 def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Steps:
-    """One cycle after the other."""
+    """Follow cycles one after the other."""
     spans = np.zeros(len(begin)), np.full(len(begin), length)
     try:
         ends = steps_of(model, spans, begin, by_start=by_start)
@@ -265,7 +265,7 @@ def _followed(force: Force, model: Model, begin: Array, length: float, by_start:
 
 
 def _newton_step(map_: Array, shift: Array) -> Array:
-    """Step to what a period does not move, (amplitude, state), the least where it is not unique."""
+    """Return the Newton step to a state that a period does not change, (amplitude, state)."""
     left, sizes, right = np.linalg.svd(np.eye(map_.shape[-1]) - map_)
     # What a period changes by no more than this part is kept as it is.
     inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 1e-12)

@@ -1,4 +1,4 @@
-"""Which forces and which system the backbone of a decay points to: models ranked by what they predict.
+"""Forces and system indicated by the backbone of a decay: models ranked by their predictions.
 
 Each model is fitted to four fifths of a curve and predicts the fifth that was left out, in turn. Small
 amplitudes count less: friction that gives way bends the curve there, and this says little of the motion.
@@ -95,7 +95,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Pointed:
-    """What a backbone points to.
+    """Forces and system that a backbone indicates.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
 
 
 def _by_columns(decay: xr.Dataset) -> Pointed:
-    """The system that the names of the file's columns say, and the columns; nothing if they say none."""
+    """Return the system that the columns of the file name, and these columns; or nothing."""
     attrs = decay.attrs
     signal, names = str(attrs.get("angle_column", "")), str(attrs.get("columns_in_file", "")).split("; ")
     for system in load_systems().values():
@@ -315,7 +315,7 @@ def free_swings(held: Iterable[tuple[Force, float]], peak: Array) -> tuple[Array
 
 
 def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
-    """Frequency of free swings over that of small ones, by the amplitude of the half-sine that fits them.
+    """Return the frequency of free swings over that of small ones, by the amplitude of a half-sine.
 
     Parameters
     ----------
@@ -394,7 +394,7 @@ def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
 
 
 def _fits(model: ElasticModel, least: float) -> bool:
-    """True if forces that are held explain the frequency, as they are or with a scale of the signal.
+    """Return true if held forces explain the frequency, with or without a scale of the signal.
 
     Parameters
     ----------
@@ -412,7 +412,7 @@ def _fits(model: ElasticModel, least: float) -> bool:
 
 
 def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float) -> Scale | None:
-    """The factor on the signal with which forces that are held predict the frequency.
+    """Return the factor on the signal with which held forces predict the frequency.
 
     Parameters
     ----------

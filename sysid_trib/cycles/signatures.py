@@ -204,7 +204,7 @@ def averages_decide(
 
 
 def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValues | None = None) -> bool:
-    """True if two forces do the same in motions of up to an amplitude (rad), or on average over a cycle."""
+    """Return true if two forces act alike in motions of up to an amplitude (rad), or on average."""
     pair = ForceLibrary("", (first, second))
     if any(force.kind == "sensor" for force in pair):
         return False

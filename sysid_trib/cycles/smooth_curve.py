@@ -1,4 +1,4 @@
-"""A smooth curve through rows whose noise is known in kind but not in size: splines as a mixed model.
+"""Smooth curve through rows with noise of unknown size: splines as a mixed model.
 
 The curve is a line and random bends (second differences of B-splines, Eilers and Marx 1996); the noise of the
 rows is s (A + r B), A of the sensor and B of a random walk. Restricted likelihood weighs each size of the
@@ -104,7 +104,7 @@ def smooth_curve(
     bends: Array | None,
     walks: Array,
 ) -> SmoothCurve:
-    """The curve through rows, its standard error, and the band that holds all of it.
+    """Return the curve through rows, its standard error, and its simultaneous band.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def _smoothed(bends: Array) -> Array:
 def _averaged(
     weight: Array, likely: Sequence[tuple[_WhitePeriods, float, float]], at: Array, count: int, bends: Array
 ) -> SmoothCurve:
-    """The mean over what is likely, and draws from it for the band.
+    """Average over plausible smoothness, and draw from it for the band.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def _averaged(
 
 
 def simultaneous_factor(apart: Array) -> float:
-    """Errors on either side of a curve between which 95 % of its draws lie as a whole (sup-t).
+    """Return the number of errors within which 95 % of the drawn curves lie completely (sup-t).
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Find where model and record differ, name the missing effect, add it: the gap shrinks."""
+"""Search for missing effects: compare model and record, name the missing effect, add it, and repeat."""
 
 import json
 import time
@@ -268,14 +268,14 @@ def _nearer_start(
     constraints: ConstraintTable,
     frequency: float | None,
 ) -> PlainStart | None:
-    """The start model fitted without a random force, where its motion is clearly nearer to the records."""
+    """Return the start model fitted without a random force, if its motion is clearly nearer to the data."""
     plain = plain_start(seen, library, Constraints(constraints).fixed, frequency, start)
     nearer = plain is not None and plain.residual < NEARER * residual_of_motions(free_motions(start))
     return plain if nearer else None
 
 
 def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
-    """What of long records the models are fitted to; empty where that is all of them."""
+    """Describe the parts of long records to which models are fitted; empty if that is all of them."""
     ends = [part.record.time.values[[0, -1]] for part in learnt]
     spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in ends)
     said = f"A long driven record: models are fitted to stretches ({spans}), each with its own noise."
@@ -283,7 +283,7 @@ def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
 
 
 def _best_by_holdout(done: Search, tell: Tell) -> Search:
-    """The search with its steps and their predictions; without what does not improve what was held out."""
+    """Return the search without the effects that do not improve the held-out prediction."""
     fits = done.fits
     while True:
         steps = with_steps(done, tell)
@@ -302,7 +302,7 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
 
 
 def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
-    """The search, or that with noise of the likeliest colour, if that explains the record better.
+    """Return the search, or that with coloured noise if it explains the record better.
 
     What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
     must be outside of an effect's credible set, so must noise of another colour, without any name, of that of

@@ -1,4 +1,4 @@
-"""The free motion of a fitted model held against each record, and the model as an identification."""
+"""Free motion of a fitted model and its residual, and the model as an identification."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """A run held against the motion that a model has without a random force, its start fitted.
+    """Residual of a run from the motion of a model without a random force, its start fitted.
 
     Attributes
     ----------

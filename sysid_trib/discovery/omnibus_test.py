@@ -84,7 +84,7 @@ def omnibus(
     model: FittedModel,
     whole: Likelihood,
 ) -> tuple[Array, float]:
-    """Test what a model leaves against forces of any form.
+    """Test the residual of a model against forces of any form.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def omnibus(
 def _of_possible_size(
     products: Sequence[RunProducts], along: Sequence[Array], mixtures: Array, model: FittedModel
 ) -> tuple[Array, list[RunProducts], Likelihood]:
-    """The mixtures that do not ask for a force stronger than a missing one may be.
+    """Return the mixtures whose force is not stronger than a missing force may be.
 
     With their products, and the likelihood of the model with them.
     """

@@ -53,7 +53,7 @@ def plain_start(
     reference_frequency: float | None,
     start: FittedModel,
 ) -> PlainStart | None:
-    """The better one of the fits that `identify` makes of the start model; None where there is none.
+    """Return the better of the fits of the start model by `identify`; None if there is none.
 
     A fit with a random force follows a record whatever its forces lack. Its coefficients are those of the
     balance of forces, and their free motion may slip out of phase.

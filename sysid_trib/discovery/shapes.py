@@ -1,4 +1,4 @@
-"""Shape parameters of candidates: grids so fine that nothing lies between, and the climb from there."""
+"""Shape parameters of candidates: a sufficiently fine grid, and the optimisation from there."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -106,7 +106,7 @@ def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect
 
 
 def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> list[TrialEffect]:
-    """Combinations to which the best of a grid lead, best first; none where none gains more than chance.
+    """Return the combinations reached from the best of a grid, best first; none if none is significant.
 
     Nor where all are far worse than the effects in whose place they are.
     """
@@ -144,7 +144,7 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
 
 
 def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> tuple[Array, float]:
-    """By how much the column of each, in the place of effects, lowers the deviance, (trial,); and they do.
+    """Return the fall of the deviance by each column in place of effects, (trial,), and by these effects.
 
     0 where physics forbids its sign.
     """

@@ -129,7 +129,7 @@ class Force:
         return tuple(dict.fromkeys(surface for f in formulas for surface in f.surfaces))
 
     def with_instead(self, name: str, text: str, over: float = 1.0) -> "Force":
-        """The force with an expression in the place of a name; rates of states are divided by a number."""
+        """Return the force with a name replaced by an expression; rates of states are divided by a number."""
         state, memory, start = (
             {key: notation.with_instead(formula, name, text, by) for key, formula in table.items()}
             for table, by in ((self.state, over), (self.memory, 1.0), (self.start, 1.0))
@@ -138,7 +138,7 @@ class Force:
         return replace(self, formula=formula, state=state, memory=memory, start=start)
 
     def counted_from(self, seconds: float) -> "Force":
-        """The force with `t` of its formulas moved, for a motion that starts so much later."""
+        """Return the force with `t` of its formulas shifted, for a motion that starts later."""
         if seconds == 0.0 or not any("t" in f.names for f in (*self.formulas, *self.start.values())):
             return self
         return self.with_instead("t", f"t + {seconds!r}")
@@ -193,7 +193,7 @@ class Force:
 
 
 def channels_of(forces: Iterable[Force]) -> tuple[Channel, ...]:
-    """What forces hold of inputs, each once."""
+    """Return the input channels of forces, each once."""
     return tuple(dict.fromkeys(channel for force in forces for channel in force.channels))
 
 
@@ -273,7 +273,7 @@ class ForceLibrary:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What its forces hold of inputs, each once."""
+        """Input channels of its forces, each once."""
         return channels_of(self.forces)
 
     @property
@@ -291,7 +291,7 @@ class ForceLibrary:
 
     @property
     def in_curves(self) -> NDArray[np.bool_]:
-        """Which forces are parts of a smooth curve, (force,)."""
+        """Mask of the forces that are parts of a smooth curve, (force,)."""
         return np.array([bool(force.curve) for force in self.forces])
 
     def curves_among(self, symbols: Sequence[str]) -> dict[str, NDArray[np.intp]]:

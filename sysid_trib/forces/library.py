@@ -27,12 +27,12 @@ Checks: TypeAlias = Mapping[str, tuple[Callable[[Any], Any], str]]
 
 
 def is_number(value: object) -> bool:
-    """True if a value of a TOML file is a number that arithmetic bears."""
+    """Return true if a value of a TOML file is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_CONSTANT
 
 
 def is_line(value: object) -> bool:
-    """True if a value is a text for tables and figures; control characters could steer a terminal."""
+    """Return true if a value is a text without control characters, which could affect a terminal."""
     return isinstance(value, str) and " ".join(value.split()).isprintable()
 
 
@@ -184,7 +184,7 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
 
 
 def _channels(inputs: object, source: str) -> dict[str, Channel]:
-    """What formulas may hold of inputs, by its name in them."""
+    """Return the input channels that formulas may use, by their names in formulas."""
     kinds = dict.fromkeys(inputs, "") if isinstance(inputs, list) else inputs
     if not isinstance(kinds, dict) or not all(isinstance(k, str) for pair in kinds.items() for k in pair):
         raise LibraryError(f'{source}: inputs are names, ["u", "b"], or a table {{ u = "acceleration" }}.')

@@ -60,7 +60,7 @@ def has_frequency_parameter(force: Force) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_phase(force: Force, name: str) -> bool:
-    """True if a turn more of a shape parameter is the same, and its range is a turn at least."""
+    """Return true if a shape parameter is periodic and its range covers a turn."""
     shape, points = force.shape[name], force.test_points
     if not force.memoryless or shape.high - shape.low < TURN:
         return False
@@ -71,22 +71,22 @@ def is_phase(force: Force, name: str) -> bool:
 
 
 def is_wide(shape: Shape) -> bool:
-    """True if a shape parameter spans more than a decade, so that its logarithm is what is even."""
+    """Return true if a shape parameter spans more than a decade, so that its logarithm is uniform."""
     return shape.low > 0.0 and shape.high > 10.0 * shape.low
 
 
 def evened(shape: Shape, value: float) -> float:
-    """What of a shape parameter is even over its range."""
+    """Return the coordinate of a shape parameter that is uniform over its range."""
     return float(np.log(value)) if is_wide(shape) else value
 
 
 def from_unit(shape: Shape, part: Array) -> Array:
-    """Values of a shape parameter from parts of its range, in which it is even."""
+    """Return values of a shape parameter from their positions in its range."""
     low, high = evened(shape, shape.low), evened(shape, shape.high)
     values = low + part * (high - low)
     return np.asarray(np.clip(np.exp(values), shape.low, shape.high) if is_wide(shape) else values)
 
 
 def slope_of_unit(shape: Shape, value: float) -> float:
-    """Change of a shape parameter by a part of its range."""
+    """Return the derivative of a shape parameter by its position in the range."""
     return value * float(np.log(shape.high / shape.low)) if is_wide(shape) else shape.high - shape.low

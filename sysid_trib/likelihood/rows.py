@@ -211,7 +211,7 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
 
 
 def _rescaling(run: RunRegression, coefficients: Array) -> Array:
-    """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
+    """Return the change of the coefficients (force,) per unit of stiffness for the same force."""
     degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.library])
     return np.where(run.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
 
@@ -270,7 +270,7 @@ def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> So
 def select(
     rows: Rows, constraints: ConstraintMap, optimizer: Any = None, significance: float | None = None
 ) -> Mask:
-    """Forces that are kept by an optimiser and at a level of significance, by all where neither is given.
+    """Return the forces kept by an optimiser and at a significance level; all without either.
 
     Parameters
     ----------

@@ -199,7 +199,7 @@ class Averaging(Constrained):
 
     @property
     def scope(self) -> MethodScope:
-        """What the method says of itself; the paper's rule is for one record."""
+        """Scope of the method; the paper's rule takes one record."""
         return replace(SCOPE, several_runs=self.frequency == "fit")
 
     def _auxiliary(self, library: ForceLibrary, free: ConstraintMap) -> AuxiliaryModel:

@@ -199,7 +199,7 @@ class Direct(Constrained):
         return is_fitted(self.random_force) and self._takes_random_force
 
     def _regressed(self, begun: Rows, last: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
-        """The solution with the forces that are in the model, and whether it has settled.
+        """Return the solution with the forces in the model, and whether it has converged.
 
         From the rows of the first estimate, or of the last one.
         """
@@ -243,7 +243,7 @@ def _random_force(solution: Solution, option: RandomForceOption) -> Variables:
 
 
 def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:
-    """Coefficients and frequency by the first half of each run, whose motion slips less; None if it does too.
+    """Return coefficients and frequency from the first half of each run; None if the motion slips there too.
 
     Over many periods a first estimate is soon out of phase.
     """

@@ -1,4 +1,4 @@
-"""Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
+"""Indirect inference: removal of the bias of a simplified model by fits to its own motions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -154,7 +154,7 @@ def _corrected(
     measured: Sequence[xr.Dataset],
     first: Groups,
 ) -> tuple[Array, Groups]:
-    """Values whose motions give the same fit as the records; the fit of these motions.
+    """Return the values whose simulated motions give the same fit as the records, and that fit.
 
     Its residuals are those of the records beyond those of the motions.
 
@@ -201,7 +201,7 @@ def _motion_from_start(
 
 
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
-    """Where steps that are nearly linear in the values vanish (Anderson 1965); the first step as it is.
+    """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
     Of a motion that is pushed far the steps themselves converge slowly, or lead away.
     """

@@ -1,4 +1,4 @@
-"""What a method says of itself, and what follows from it for the forces of a library."""
+"""Scope of a method, and its consequences for the forces of a library."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
@@ -24,7 +24,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class MethodScope:
-    """What a method assumes, observes and identifies: its attribute `scope`.
+    """Assumptions, observed quantities and identified forces of a method: its attribute `scope`.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class MethodScope:
 
 @dataclass(frozen=True, kw_only=True)
 class Constrained:
-    """What methods have in common whose parameters can be held, bounded or tied.
+    """Base of methods whose parameters can be held, bounded or tied.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def constrained(method: Method, constraints: Constraints) -> Method:
 
 
 def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Method) -> Constraints:
-    """Constraints, with the coefficients held that a library of one's own states if nothing else is asked.
+    """Add held coefficients that a user's library states, unless constraints say otherwise.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def with_random_force(method: Method, random_force: RandomForceOption) -> Method
 
 
 def scope_of(method: Method) -> MethodScope:
-    """The scope of a method; of one that states none, its class as label and nothing else."""
+    """Return the scope of a method; by default its class as label."""
     stated = getattr(method, "scope", None)
     return stated if isinstance(stated, MethodScope) else MethodScope(type(method).__name__.lower())
 

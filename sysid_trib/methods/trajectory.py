@@ -108,7 +108,7 @@ class Trajectory(Constrained):
 
     @property
     def scope(self) -> MethodScope:
-        """What the method says of itself; its errors allow for coloured noise where that is asked for."""
+        """Scope of the method; its errors allow for coloured noise if this is asked for."""
         return MethodScope(
             label="trajectory",
             assumes=f"the forces offered are all there are; the residual is {self.noise} noise",
@@ -192,7 +192,7 @@ class Trajectory(Constrained):
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
-    """The direct identification, first guess and colour of the sensor's noise.
+    """Return the direct identification, its first guess and the colour of the sensor noise.
 
     None where it fails and a start model is given.
     """
@@ -256,7 +256,7 @@ def _with_random_force(
 
 
 def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tuple[Fit, Array, Iterate]:
-    """The fit in noise of the colours of the records or in white noise, whose innovations are likelier."""
+    """Return the more likely of the fits in coloured and in white noise."""
     fit = fit_random_motion(problem, values, method.random_force)
     white = [np.ones(1)] * len(problem.records)
     if all(len(record.filter_) == 1 for record in problem.records):
@@ -269,7 +269,7 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
 
 
 def _residuals(fit: Fit) -> list[Array]:
-    """What the motion leaves of each run; refused where it does not follow them."""
+    """Return the residual of each run; raise an error where the motion does not follow them."""
     counted, unphysical = [], not np.all(np.isfinite(fit.sensitivity))
     for record, residual in zip(fit.problem.records, fit.problem.residuals(fit.values), strict=True):
         counted.append(residual[record.uncounted :])

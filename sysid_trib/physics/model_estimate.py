@@ -44,7 +44,7 @@ def propagate(
 def of_measured(
     function: Callable[[Array], ArrayLike], result: tuple[str, str, str], *measured: tuple[str, float, float]
 ) -> xr.Dataset:
-    """A function of quantities that were measured apart from each other, with its standard error.
+    """Return a function of independently measured quantities, with its standard error.
 
     Parameters
     ----------
@@ -228,7 +228,7 @@ def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
 
 
 def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
-    """When the motion stops, from rest at an amplitude.
+    """Compute when the motion stops, from rest at an amplitude.
 
     Parameters
     ----------

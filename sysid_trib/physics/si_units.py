@@ -167,7 +167,7 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
 
 
 def _is_gain(force: Force) -> bool:
-    """True if a force is an input of a unit of its own, with the sign of one that drives."""
+    """Return true if a force is a driving input with its own unit."""
     single = len(force.channels) == 1 and not force.channels[0].kind
     return single and force.formula.text.replace(" ", "") == f"-{force.channels[0].name}"
 
@@ -186,7 +186,7 @@ MU = "friction_coefficient"
 
 
 def si_of(tree: xr.DataTree) -> xr.Dataset | None:
-    """The answer of a result in SI units, where it holds it."""
+    """Return the preferred result in SI units, if it contains them."""
     return tree[SI].to_dataset() if SI in tree.children else None
 
 

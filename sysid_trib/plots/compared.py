@@ -214,7 +214,7 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
 
 
 def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
-    """Where the runs stand on the axis of a condition, and the labels of texts."""
+    """Return the places of runs on the axis of a condition, and the labels of texts."""
     if condition.dtype.kind in "fiu":
         return condition.astype(float), ()
     labels, numbers = np.unique(condition.astype(str), return_inverse=True)

@@ -1,4 +1,4 @@
-"""What a figure is: it declares what it shows, for `--plot`, pages and tests, and gives its texts room."""
+"""Figures: each declares its results for `--plot`, pages and tests, and makes room for its texts."""
 
 import inspect
 import re
@@ -132,7 +132,7 @@ class Declared:
         return "run" in inspect.signature(self.draw).parameters
 
     def caption(self, tree: xr.DataTree) -> str:
-        """What stands below it on a page: what its docstring says before the parameters."""
+        """Return the caption on a page: the docstring before the parameters."""
         said = (inspect.getdoc(self.draw) or "").partition("\n\nParameters\n")[0]
         kind = "driven" if is_of_driven(tree) else kind_of(tree)
         return self.captions.get(kind, " ".join(said.split()))

@@ -1,4 +1,4 @@
-"""How sure coefficients are: profile likelihoods, other defensible fits, and two samples compared."""
+"""Uncertainty of coefficients: profile likelihoods, other defensible fits, and two samples compared."""
 
 from typing import Any
 
@@ -70,7 +70,7 @@ def _profile(ax: Axes, row: xr.Dataset) -> None:
 
 
 def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
-    """What values are drawn in, and the label of their axis: an offset at its end would hide the label."""
+    """Return the factor of the drawn values and the label of their axis, without an offset."""
     power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))
     if -2 <= power <= 3:
         return 1.0, style.in_latex(name)

@@ -35,7 +35,7 @@ COLLINEAR = "Condition '{}' goes with {} in these records: it is left out, and a
 
 
 def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None) -> list[Block]:
-    """What is shown of a campaign.
+    """Return the blocks of a campaign.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
-    """Why records have no numbers, by their names."""
+    """Return why records have no numbers, by record name."""
     return dict(store.message[store.status.values > 1].to_series())
 
 
@@ -67,12 +67,12 @@ def _of_done(store: xr.Dataset, name: str) -> list[str]:
 
 
 def _most_first(words: Iterable[str]) -> dict[str, int]:
-    """How often each word stands there; an empty one is none."""
+    """Count words, the most frequent first; empty words do not count."""
     return dict(Counter(sorted(filter(None, words))).most_common())
 
 
 def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
-    """How many records are done, and how many have no result; how often there is which verdict and name."""
+    """Describe how many records are done, and how often each verdict and name occurs."""
     bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
     yield f"{counts['done']:,} of {sum(counts.values()):,} records done{f'; {bad}' if bad else ''}."
     verdicts = [f"{count:,} {v}" for v, count in _most_first(_of_done(store, "verdict")).items()]
@@ -84,7 +84,7 @@ def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
 
 
 def named_counts(store: xr.Dataset) -> dict[str, int]:
-    """In how many records each effect is named, or cannot be separated from one that is; most first."""
+    """Count the records in which each effect is named or cannot be separated from a name; most first."""
     if TIED not in store:
         return {}
     texts = zip(_of_done(store, "named"), _of_done(store, TIED), strict=True)
@@ -170,7 +170,7 @@ POWER_STATED = 0.9
 
 
 def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """What is said of two samples, in its order; `record` says what was read."""
+    """Return the blocks of two samples, in order; `record` describes the records."""
     data = tree.to_dataset()
     said = (
         f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
@@ -216,7 +216,7 @@ def _test_of_all(data: xr.Dataset) -> str:
 
 
 def _first_sentence(tree: xr.DataTree) -> str:
-    """Which coefficients differ, and which do not."""
+    """Describe which coefficients differ, and which do not."""
     data = tree.to_dataset()
     rows, test = layout.by_label(data, "force"), _test_of_all(data)
     bounded = _at_a_bound(data)

@@ -113,7 +113,7 @@ def _ratio(value: float) -> str:
 
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `compare`; `sources` say what each record is."""
+    """Return the blocks of a result of `compare`; `sources` describe the records."""
     table, details, units = tree["comparison"].to_dataset(), Layer.EXPLAIN, signal_units(tree)
     of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
     differ, warnings = _differences(table), identifiability_warnings(table.attrs)
@@ -134,7 +134,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
 
 
 def _prediction(tree: xr.DataTree) -> str:
-    """Which method predicts best what was held out, and whether these forces explain it."""
+    """Describe which method predicts the held-out part best, and whether the forces explain it."""
     table, groups = tree["comparison"].to_dataset(), record_groups(tree)
     starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
     third = "The last third" if len(groups) == 1 else "The last third of each run"
@@ -154,7 +154,7 @@ def _prediction(tree: xr.DataTree) -> str:
 
 
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
-    """What coefficients are where no method explains the record."""
+    """Describe the meaning of the coefficients where no method explains the record."""
     stochastic = _with_random_force(tree)
     # Of a motion that leaves the record it is not a number.
     if not ratio_of_best(table) <= LARGE:
@@ -163,7 +163,7 @@ def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
 
 
 def ratio_of_best(table: xr.Dataset) -> float:
-    """What the method that predicts best leaves of the part held out, or of the whole, over the noise."""
+    """Return the held-out (or whole) residual of the best method over the noise."""
     best = table.sel(model=table.attrs["best"])
     ratio = best.holdout_over_noise.item()
     return float(best.residual_over_noise.item() if np.isnan(ratio) else ratio)
@@ -181,7 +181,7 @@ def _with_random_force(tree: xr.DataTree) -> list[str]:
 
 
 def _as_good(table: xr.Dataset) -> Iterator[str]:
-    """Which methods predict as well as the best."""
+    """List the methods that predict as well as the best."""
     best, others = {"model": table.attrs["best"]}, table.drop_sel(model=table.attrs["best"])
     as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
     good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
@@ -190,7 +190,7 @@ def _as_good(table: xr.Dataset) -> Iterator[str]:
 
 
 def _noise(table: xr.Dataset) -> str:
-    """What the noise is, and what it means that the forces do not explain the record."""
+    """Describe the noise, and the consequence if the forces do not explain the record."""
     levels = np.atleast_1d(table.run_noise.values if "run_noise" in table else table.noise.values)
     whose = "the record" if len(levels) == 1 else "each run"
     factor, unit = small_units(signal_units(table))
@@ -210,7 +210,7 @@ def _noise(table: xr.Dataset) -> str:
 
 
 def _by_accident(table: xr.Dataset) -> Iterator[str]:
-    """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
+    """Warn that a poor model may still follow the last swings, and that errors can be wide."""
     ratios = table.residual_over_noise.fillna(np.inf)
     best, least = table.attrs["best"], ratios.idxmin("model").item()
     ratio = (ratios.sel(model=best) / ratios.min()).item()
@@ -222,7 +222,7 @@ def _by_accident(table: xr.Dataset) -> Iterator[str]:
 
 
 def _differences(table: xr.Dataset) -> dict[str, str]:
-    """By probable cause a sentence on the methods that differ from the best by more than the errors."""
+    """Return a sentence by probable cause on methods that differ significantly from the best."""
     best = table.attrs["best"]
     # What the best method lacks is in each difference from it.
     lacks = table.sel(model=best)
@@ -244,7 +244,7 @@ def _differences(table: xr.Dataset) -> dict[str, str]:
 
 
 def _reference(table: xr.Dataset) -> Iterator[str]:
-    """To which frequency coefficients refer, and that none can tell a stiffness from it."""
+    """Describe the frequency to which coefficients refer, and that stiffness cannot be separated from it."""
     owner, symbol = table.attrs["common_frequency_of"], table.attrs["exchangeable_with_the_frequency"]
     origin = "given" if owner == "given" else f"w of {owner}"
     yield (

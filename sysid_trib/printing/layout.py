@@ -69,7 +69,7 @@ def coefficient_text(force: xr.Dataset) -> str:
 
 
 def in_small_units(size: float, units: str) -> str:
-    """What is small beside the signal as text: angles in mrad."""
+    """Format a quantity that is small relative to the signal: angles in mrad."""
     factor, unit = small_units(units)
     return f"{factor * size:.3g} {unit}"
 
@@ -201,7 +201,7 @@ KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("keys.toml").read_
 def mapped(
     data: Any, table: str | Mapping[str, Any], computed: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Any]:
-    """What a table says of a dataset, by its keys.
+    """Return the entries of a table for a dataset, by its keys.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def _value(data: Any, source: str | Mapping[str, Any]) -> Any:
 
 
 def per_label(data: Any, dim: str, source: str | Mapping[str, Any]) -> dict[str, Any]:
-    """What a source says at each label of a dimension; nothing where there is none."""
+    """Return the entries of a source at each label of a dimension; nothing without the dimension."""
     if dim not in data.dims:
         return {}
     return {label: _value(part, source) for label, part in by_label(data, dim).items()}
@@ -258,7 +258,7 @@ def plain(value: Any) -> Any:
 
 
 def records_json(tree: xr.DataTree) -> dict[str, Any]:
-    """What is known of the record, and of all if there are several."""
+    """Return the attributes of the record, and of all records if there are several."""
     records = [
         {k: v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)} for group in record_groups(tree)
     ]

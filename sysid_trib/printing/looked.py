@@ -1,4 +1,4 @@
-"""What is shown without a fit: the forces of a library, what a record holds, and its backbone."""
+"""Blocks without a fit: the forces of a library, the contents of a record, and its backbone."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -92,7 +92,7 @@ POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or
 
 
 def loses_power(force: Force) -> str:
-    """What a positive coefficient does to the energy, at the amplitudes at which a pendulum swings."""
+    """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
     a = np.array([0.05, 0.3, 1.0])
     power = -a * averages(force, a, time=1.0)[0]
     if np.all(np.abs(power) < 1e-13):
@@ -123,7 +123,7 @@ EXPLANATION = (
 
 
 def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) -> Iterator[Block]:
-    """What the command `look` prints.
+    """Return the blocks of the command `look`.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ FOLLOWING_PART = 0.3
 def driven_look_blocks(
     tree: xr.DataTree, sources: Sequence[str], models: Sequence[FittingModel], next_command: str
 ) -> Iterator[Block]:
-    """What the command `look` prints of driven records.
+    """Return the blocks of the command `look` for driven records.
 
     Parameters
     ----------
@@ -265,7 +265,7 @@ def _input_sentences(run: xr.Dataset) -> Iterator[str]:
 
 
 def _fit_sentence(models: Sequence[FittingModel]) -> str:
-    """How much of the motion each kind of model leaves."""
+    """Describe the residual of each kind of model, relative to the motion."""
     said = []
     for model in models:
         kind = f"--system {model.system}" if model.system else f"an oscillator with {','.join(model.forces)}"
@@ -321,7 +321,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
 
 
 def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
-    """What each system leaves of the frequency, what the columns say, and a scale that is off."""
+    """Describe how systems explain the frequency, what the columns say, and a wrong scale."""
     attrs = {name: str(value) for name, value in decay.attrs.items()}
     said = []
     if ranked := attrs["predicted_by"]:
@@ -338,7 +338,7 @@ def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
 
 
 def _law(power: float) -> str:
-    """What the power of the amplitude with which the rate of decay changes speaks for."""
+    """Describe the friction that a power of the amplitude in the rate of decay suggests."""
     if power < -CLEAR_POWER:
         return "the smaller the amplitude the faster it falls, as by dry friction"
     if power > CLEAR_POWER:
@@ -350,7 +350,7 @@ def _law(power: float) -> str:
 
 
 def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str]) -> Iterator[Block]:
-    """What the command `backbone` prints.
+    """Return the blocks of the command `backbone`.
 
     Parameters
     ----------

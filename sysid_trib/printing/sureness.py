@@ -1,4 +1,4 @@
-"""How sure an answer is: profiles, sensitivity and the random force, in sentences, tables and plain data."""
+"""Uncertainty of a result: profiles, sensitivity and the random force, in sentences and tables."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -38,7 +38,7 @@ NOT_FOLLOWED = "The model does not explain the record, not even with a random fo
 
 
 def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What profiles and a sensitivity say, where the result has them."""
+    """Return the blocks of profiles and sensitivity, where the result has them."""
     if PROFILE in tree.children:
         lacking = findings.verdict_of(tree) in ("approximate", "not explained")
         yield _profiles(tree[PROFILE].to_dataset(), lacking)
@@ -97,7 +97,7 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def not_followed(tree: xr.DataTree) -> list[str]:
-    """Why the record could not be followed with a random force, by run; none where it could."""
+    """Return why the fit with a random force failed, by run; empty if it did not."""
     return [reason for reason in tree["random_force"].reason.values.tolist() if reason]
 
 
@@ -148,7 +148,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _allowed_for(force: RandomForce, units: str) -> str:
-    """What the errors allow for where no random force is found."""
+    """Describe the random force that the errors allow for where none is found."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
@@ -166,7 +166,7 @@ def _periods(count: float, lasts: float) -> str:
 
 
 def _whose(tested: xr.Dataset, explained: bool, units: str) -> Iterator[str]:
-    """What says that the random force is the experiment's, or stands for something that is missing.
+    """Describe whether the random force is physical or stands for a missing force.
 
     And that the record contradicts a density that was given in these units.
     """
@@ -184,7 +184,7 @@ def _whose(tested: xr.Dataset, explained: bool, units: str) -> Iterator[str]:
 
 
 def _dependences(tested: xr.Dataset) -> str:
-    """What the random force depends on: `it depends on the speed, and its size on the time`."""
+    """Describe the dependences of the random force: `it depends on the speed, and its size on the time`."""
     least, on = tested.dependence_p_value.min("run"), {}
     for aspect in ("force", "size"):
         p_values = least.sel(aspect=aspect).to_series()

@@ -1,4 +1,4 @@
-"""Two samples held against each other: in which coefficients they differ, by how much, and how surely."""
+"""Comparison of two samples: differences of coefficients, their size and significance."""
 
 from collections.abc import Sequence
 from contextlib import suppress
@@ -52,7 +52,7 @@ def difference(
 def difference(
     first: Any, second: Any, library: LibraryLike | None = None, *, level: float = HOMOGENEITY_LEVEL
 ) -> xr.Dataset | xr.DataTree:
-    """Contrast of two samples: a contact and none, or two materials, say.
+    """Return the difference of two samples: a contact and none, or two materials.
 
     Parameters
     ----------
@@ -250,7 +250,7 @@ def _contrast(
 
 
 def _holm(p_values: Array, level: float) -> Mask:
-    """Which of several hypotheses are refused, all of them sharing a level (Holm 1979); nan is none."""
+    """Return the mask of rejected hypotheses at a common level (Holm 1979); nan is not rejected."""
     order = np.argsort(p_values)[: np.count_nonzero(np.isfinite(p_values))]
     refused = np.zeros(len(p_values), dtype=bool)
     refused[order] = np.logical_and.accumulate(p_values[order] <= level / np.arange(len(order), 0, -1))

@@ -1,4 +1,4 @@
-"""The laws of two samples held against each other: where they differ, and how surely."""
+"""Comparison of the laws of two samples: where they differ, and how significantly."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -84,7 +84,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
 
 
 def _in_units(data: xr.Dataset, unit: str) -> xr.Dataset:
-    """Say the unit of the records in the place of rad."""
+    """Replace rad by the unit of the records."""
     for variable in data.variables.values():
         if "units" in variable.attrs:
             variable.attrs["units"] = str(variable.attrs["units"]).replace("rad", unit)

@@ -106,12 +106,12 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
 
 
 def _at_limit(value: Array, limit: Array, error: Array) -> Array:
-    """Values, those that are a limit but for rounding as the limit itself."""
+    """Return values, with those that equal a limit up to rounding set to the limit."""
     return np.where(np.abs(value - limit) < ROUNDING_OF_A_LIMIT * error, limit, value)
 
 
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
-    """Where the deviance refuses a parameter on one side; infinite, or its limit, where it does not.
+    """Return where the deviance rejects a parameter on one side; its limit, or infinity, if nowhere.
 
     Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
     """

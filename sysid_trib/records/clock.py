@@ -1,4 +1,4 @@
-"""What stamps say of the clock: uniform and rounded, jittering, doubled, set back, with rows missing."""
+"""The clock behind time stamps: uniform and rounded, jittering, doubled, set back, with rows missing."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -86,7 +86,7 @@ def seconds_between(first: Origin, other: Origin) -> float | None:
 def read_clock(
     stamps: Array, factor: float, source: str, values: Array, numbered: Index | None = None
 ) -> Clock:
-    """Times from stamps.
+    """Return the times from time stamps.
 
     Parameters
     ----------

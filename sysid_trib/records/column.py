@@ -172,7 +172,7 @@ class Column:
 
     @property
     def quantity(self) -> str:
-        """What is measured in its unit, or what its name usually means; or nothing."""
+        """Measured quantity by its unit, or else by the usual meaning of its name; may be empty."""
         return self.unit.quantity if self.unit and self.unit.known else lab.names_quantity(self.base)
 
     @cached_property

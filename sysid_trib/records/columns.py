@@ -1,4 +1,4 @@
-"""Which columns of a table are times and signal, where names, units and the swing make that certain."""
+"""Choice of the columns of time and signal, where names, units and the swing make it certain."""
 
 import re
 from contextlib import suppress
@@ -25,7 +25,7 @@ Swings: TypeAlias = dict[Column, tuple[equilibrium.Swing | None, str]]
 
 
 def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> list[Chosen]:
-    """The columns of each run in a table: as given, or where one alone can be meant.
+    """Return the columns of each run in a table: as given, or the only plausible ones.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
 
 
 def _refuse_levels(columns: list[Column]) -> None:
-    """Refuse columns of levels in dB: what swings is not in them."""
+    """Raise an error for columns of levels in dB, which contain no oscillation."""
     level = next((column for column in columns if column.is_level), None)
     if level is not None:
         raise RecordError(
@@ -143,7 +143,7 @@ def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
 
 
 def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> Chosen:
-    """The column that alone can be meant, its times, and why."""
+    """Return the only plausible signal column, its times, and the reason."""
     own = {signal: _time_of(table, signal, times) for signal in signals}
     # Columns that are looked at.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
@@ -194,7 +194,7 @@ def _chosen_of_driven(
 
 
 def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | None, str] | None:
-    """How a column swings, or why it does not; None if it holds a text, or next to no numbers."""
+    """Return the swing of a column, or why there is none; None of a text or of fewer than three numbers."""
     try:
         values = column.values
     except SysidTribError:
@@ -214,7 +214,7 @@ def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | 
 
 
 def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, str]:
-    """The one column that can be meant, and why."""
+    """Return the only plausible signal column, and the reason."""
     moving = [c for c in swings if c.amplitude > 0.0] or [*swings]
     moving = [c for c in moving if not _is_magnitude(c.values)] or moving
     pool = [c for c in moving if swings[c][0]] or moving
@@ -281,14 +281,14 @@ def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> No
 
 
 def _without_smaller_axes(pool: list[Column]) -> list[Column]:
-    """Without axes of one sensor that move in phase with a larger one: all see the same motion."""
+    """Remove axes of one sensor that move in phase with a larger one: all see the same motion."""
     largest = max(pool, key=lambda c: c.amplitude)
     others = [c for c in pool if _are_axes(c.base, largest.base) and _in_phase(c.values, largest.values)]
     return [c for c in pool if c not in others]
 
 
 def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
-    """Without columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
+    """Remove columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
     ranked = sorted(pool, key=lambda c: (c.quantity != "angle", not c.unit_text))
     periods = {c: swing.oscillation.period if swing else np.inf for c, (swing, _) in swings.items()}
     kept: list[Column] = []

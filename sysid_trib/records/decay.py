@@ -1,4 +1,4 @@
-"""A decay cut from a record where its motion is free, or is too short to prove it; several runs as a list."""
+"""Decay: the free part of a record, or all of a short one; several runs as a list."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""The parts of a driven record: without outliers, and without the gaps that nobody knows the motion in."""
+"""Parts of a driven record: without outliers, divided at gaps."""
 
 from collections.abc import Sequence
 from itertools import pairwise

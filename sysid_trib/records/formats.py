@@ -1,4 +1,4 @@
-"""What files of many formats hold: vectors by their names, with units and notes; the content decides."""
+"""Readers of many formats: vectors by their names, with units and notes; the content decides the format."""
 
 import json
 import warnings
@@ -27,7 +27,7 @@ Contents: TypeAlias = tuple[dict[str, Any], dict[str, str], Sequence[str]]
 
 
 def reader_of(path: Path) -> Callable[[Path], Contents]:
-    """What reads a file, by its first bytes.
+    """Return the reader of a file, by its first bytes.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def read_lines(path: Path) -> Contents:
 
 
 def _json_content(path: Path) -> Any:
-    """What a file of JSON holds, an object a line or not; None of any other one."""
+    """Read JSON, as one value or one object per line; return None for any other file."""
     content = path.read_bytes().removeprefix(b"\xef\xbb\xbf").strip()
     if not content.startswith((b"{", b"[")) or not content.endswith((b"}", b"]")):
         return None

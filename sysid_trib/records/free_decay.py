@@ -207,7 +207,7 @@ _OF_MODES = re.compile(r"rises again|half period|does not decay|grows")
 
 
 def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
-    """A refusal with the frequencies of the modes that swing at once, where there are several."""
+    """Add the frequencies of simultaneous modes to an error, if there are several."""
     said = str(refusal).removeprefix(f"{source}: ")
     several = modes.modes(*piece[:2]) if _OF_MODES.search(said) else []
     if len(several) < 2:

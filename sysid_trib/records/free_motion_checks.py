@@ -20,7 +20,7 @@ PACE_TOLERANCE = 0.03
 
 
 def _held(peak: Array, scatter: float) -> tuple[int, float]:
-    """Half periods until the amplitude leaves what a drive holds it within, and that part of it."""
+    """Return the half periods until the amplitude leaves the range of a drive, and this range."""
     held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
     # Part of the amplitude within which a drive holds it.
     allowed = 0.03 * held + scatter
@@ -52,7 +52,7 @@ AS_IT_IS = "name the forces that act (--forces) to take it as it is"
 
 
 def is_held(swing: Swing, decay: Swing) -> bool:
-    """True if a drive holds the amplitude of a swing throughout, beside a decay of the same record."""
+    """Return true if a drive holds the amplitude of a swing throughout, unlike a decay of the same record."""
     peak, falling = swing.extrema, decay.extrema
     end, allowed = _held(peak, swing.scatter)
     throughout = end == peak.size >= DRIVEN_HALF_PERIODS
@@ -206,7 +206,7 @@ def wrong_swings(swing: Swing) -> Index:
 
 
 def _deviation_from_decay(level: Array) -> Array:
-    """By how much logarithms are off those on both sides, where these are a decay; else 0."""
+    """Return the deviation of logarithms from their neighbours where these decay; else 0."""
     off = np.zeros(level.size)
     before, after = level[1:-3], level[3:-1]
     around = np.stack([level[:-4], before, after, level[4:]])
@@ -282,7 +282,7 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
 
 
 def before_the_hand(swing: Swing) -> slice | None:
-    """The run up to the last half period that is free, or None if the swing does not end by a hand.
+    """Return the run up to the last free half period; None if no hand ends the swing.
 
     For a record that goes on after its run of half periods otherwise than the swing would.
     """

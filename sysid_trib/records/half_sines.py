@@ -171,7 +171,7 @@ def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Datas
 
 
 def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
-    """How much more values scatter than their errors say; 1 where that may be chance.
+    """Return the scatter of values over their errors; 1 where the excess may be chance.
 
     `decay_ratio` : of extrema a period apart. Differences are between half periods of one sign: whatever
     differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line

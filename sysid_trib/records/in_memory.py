@@ -1,4 +1,4 @@
-"""What a user has in memory as a record: its times and signal by the same names and units as in files."""
+"""Records from memory (pandas, xarray, arrays): the same names and units as in files."""
 
 import os
 from collections.abc import Hashable, Iterable, Mapping

@@ -120,7 +120,7 @@ def named_inputs(given: str | Sequence[str] | Mapping[str, str | int] | None) ->
 def values_of_inputs(
     inputs: Mapping[str, KnownInput], channels: Iterable[Channel], elapsed: ArrayLike, frequency: float
 ) -> dict[str, Array]:
-    """What formulas call `u` and `du` at times since the first sample; zero of an input that is not there.
+    """Return the inputs `u` and `du` of formulas at times since the first sample; zero without an input.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ def check_binary(path: Path, reader: str) -> None:
 
 
 def _ask(reader: str, path: Path) -> tuple[str, str]:
-    """How a file was read, and what is wrong with it."""
+    """Read a file in the other process; return the reader used and the error message."""
     process = _processes.get(os.getpid())
     if process is None or process.poll() is not None:
         process = _processes[os.getpid()] = _started()

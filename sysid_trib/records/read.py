@@ -219,7 +219,7 @@ def _as_record(
 
 
 def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict[str, Any]:
-    """What an accelerometer at a distance (m) from the axis feels, by the sine of the angle."""
+    """Return the acceleration that an accelerometer at a distance (m) measures per sine of the angle."""
     if swing is None:
         raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")
     felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2

@@ -1,4 +1,4 @@
-"""How a file is to be read, as its user says; a signal that is a formula of columns, `atan2(x - 3.1, -y)`."""
+"""Options for reading a file; a signal that is a formula of columns, `atan2(x - 3.1, -y)`."""
 
 import ast
 import re
@@ -30,7 +30,7 @@ GIVEN_NUMBERS = {
 
 @dataclass(frozen=True)
 class Reading:
-    """How a file is to be read; what is not given is taken from the file.
+    """Options for reading a file; options that are not given are taken from the file.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class Reading:
 
     @property
     def quantity(self) -> str | None:
-        """What is measured, if it is given; what an accelerometer feels is in units of an acceleration."""
+        """Measured quantity, if it is given; an accelerometer measures an acceleration."""
         return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
 
 

@@ -1,4 +1,4 @@
-"""What rows of a file hold besides the signal: times, and inputs, also of a file with its own clock."""
+"""Data of the rows other than the signal: times, and inputs, also from a file with its own clock."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What every function of a record asks of it: `angle(time)`, integrated or not, in pieces without gaps."""
+"""The signal of a record for other functions: `angle(time)`, integrated or not, in parts without gaps."""
 
 from collections.abc import Mapping
 from typing import Any, TypeAlias

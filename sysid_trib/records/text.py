@@ -228,7 +228,7 @@ def _without_labels(lines: list[str]) -> list[str]:
 
 
 def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | None:
-    """Labels, numbers and units of the cells of a line; None if a cell is anything else.
+    """Return labels, numbers and units of the cells of a line; None if a cell is anything else.
 
     Either each cell has a label of its own, or none has one.
     """
@@ -362,7 +362,7 @@ def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) ->
 
 
 def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | None]:
-    """Which row names the columns, nearest first, and the row of their units; no row if all are units."""
+    """Return the row that names the columns, nearest first, and the row of their units, or None."""
     last, above = rows[0], rows[1] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     if _are_names(above, last) and (bracketed or _are_units_of(last, above)):

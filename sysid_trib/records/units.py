@@ -1,4 +1,4 @@
-"""What files say as laboratories write it: units and their factors, names of columns, sampling rates."""
+"""Spellings of laboratories: units and their factors, names of columns, sampling rates."""
 
 import re
 import tomllib

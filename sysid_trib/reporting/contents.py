@@ -1,4 +1,4 @@
-"""What a page says of each kind of result: the blocks of the command with --explain, and figures."""
+"""Contents of a page for each kind of result: the blocks of the command with --explain, and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby

@@ -28,7 +28,7 @@ LISTS = (
 
 
 def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
-    """A tree as it was before it was written.
+    """Convert a tree of an earlier file to the present format.
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def write_file(target: Path, content: bytes) -> None:
 
 
 def _mark(process: int) -> str:
-    """How temporary files of a process of this machine begin."""
+    """Return the beginning of the names of temporary files of a process of this machine."""
     return f"{TEMPORARY}{uuid.getnode():x}-{process}-"
 
 

@@ -1,4 +1,4 @@
-"""Displacements and tiny angles: computed in a unit of their own motion, and told in that of the record.
+"""Scaling of displacements and tiny angles to a unit of their own motion, and back.
 
 Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted
 in a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come
@@ -93,13 +93,13 @@ def counts_angles(decay: xr.Dataset) -> bool:
 
 
 def scalable(force: Force) -> bool:
-    """True if a force has a meaning for a displacement: it knows no radian."""
+    """Return true if a force has a meaning for a displacement: its formula does not need radians."""
     return notation.signal_powers(force) is not None
 
 
 @dataclass(frozen=True)
 class _SignalScale:
-    """Unit of a record, and how much of it is counted as one; degrees of the forces by symbol.
+    """Scale of a signal: its unit, the size counted as one, and the degrees of the forces by symbol.
 
     `inputs` are those in the unit of the signal; others stay as they are.
     """
@@ -110,11 +110,11 @@ class _SignalScale:
     inputs: frozenset[str] = frozenset()
 
     def inwards(self, given: Any) -> Any:
-        """What is computed with."""
+        """Convert arguments to the scaled signal used in computations."""
         return _changed(given, self._scaled)
 
     def outwards(self, made: Any) -> Any:
-        """What comes out, in the unit of the record; each run's own forces have names of their own."""
+        """Convert results to the unit of the record; individual forces of runs have their own names."""
         whole = replace(self, degrees=_degrees(made) | self.degrees)
         return _changed(made, lambda part: whole._dataset(part) if isinstance(part, xr.Dataset) else part)
 
@@ -270,7 +270,7 @@ def _degrees(given: Any) -> dict[str, notation.Powers]:
 
 
 def _changed(given: Any, change: Callable[[Any], Any]) -> Any:
-    """What is given with each part changed: trees, lists and dicts hold parts."""
+    """Apply a change to each part of trees, lists and dicts."""
     if isinstance(given, xr.DataTree):
         groups = {node.path: change(node.to_dataset(inherit=False)) for node in given.subtree}
         return xr.DataTree.from_dict(groups)

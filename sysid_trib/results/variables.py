@@ -126,7 +126,7 @@ def small_units(units: str) -> tuple[float, str]:
 
 
 def signal_label(units: str) -> str:
-    """What a signal is, with its unit, as the label of an axis."""
+    """Return the label of the signal with its unit, for an axis."""
     return f"{'angle' if units == 'rad' else 'displacement'} ({units})"
 
 

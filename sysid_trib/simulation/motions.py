@@ -69,7 +69,7 @@ class SimulatedMotion:
 
     @property
     def stop_time(self) -> float:
-        """When it stops (s); NaN if it goes on, or is pushed."""
+        """Time at which it stops (s); NaN if it goes on, or has a random force."""
         return self.start + self.stop / self.model.reference_frequency
 
     @property
@@ -78,7 +78,7 @@ class SimulatedMotion:
         return self.start + self.turns / self.model.reference_frequency
 
     def shown(self, quantity: str, distance: float = 0.0) -> Vector:
-        """What a sensor shows, without its zero: a quantity of the above, or what an accelerometer feels.
+        """Return the signal of a sensor without its zero: a quantity above, or that of an accelerometer.
 
         It feels gravity along its path too, at a distance (m) from the axis of the pendulum.
         """
@@ -184,7 +184,7 @@ def integrate(
 
 
 def _jumps(knots: Vector, held: Vector) -> Mask:
-    """At which knots what forces hold of inputs, (knot, channel, power), jumps."""
+    """Return the mask of knots at which inputs, (knot, channel, power), jump."""
     steps = np.diff(knots)[:, None, None] ** np.arange(held.shape[2])
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)

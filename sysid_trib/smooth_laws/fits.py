@@ -1,4 +1,4 @@
-"""Fits of law models: curves where a motion bears them, sensor errors and even parts where asked for."""
+"""Fits of law models: curves where the data allow them, with sensor errors and even parts if significant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

@@ -1,4 +1,4 @@
-"""Every method on the same runs: what each identifies, how well it predicts, what it neglects."""
+"""Comparison of all methods on the same runs: coefficients, predictions, neglected forces."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass, replace
@@ -232,7 +232,7 @@ def _try_method(
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
-    """Why the motion of a run is not the record's, and of which, in a few words; empty if all are."""
+    """Describe why, and in which run, the motion does not follow the record; empty if all motions do."""
     if not motions:
         return f"{subject} diverges"
     for at, motion in enumerate(motions):
@@ -284,7 +284,7 @@ def _not_separable(
 
 
 def _bias(result: xr.Dataset | None) -> str:
-    """A bias of its own that a method says it has left in."""
+    """Return the bias that a method reports."""
     if result is None:
         return ""
     removed = str(result.attrs.get("first_order_bias_removed", "yes"))

@@ -1,4 +1,4 @@
-"""Two identifications of a decay held against each other, and what they cannot tell apart."""
+"""Cross-check of two identifications of a decay, and the forces that they cannot separate."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -71,7 +71,7 @@ def cross_check(
     *,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Hold two identifications of one decay, or of the same runs, against each other.
+    """Compare two identifications of one decay, or of the same runs.
 
     Parameters
     ----------
@@ -230,10 +230,10 @@ def explained_by(compared: xr.Dataset) -> str:
 
 
 def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
-    """Which of two identifications is the answer, by their residuals and by `better_of`.
+    """Return the index of the preferred identification, by the residuals and by `better_of`.
 
-    What makes averaging immune to forces that are missing does not help against a line (hum), which moves
-    extrema and their times: a second method that leaves no more, and but noise or a line, is the answer.
+    A spectral line (hum) moves extrema and their times, so that averaging loses its advantage. The second
+    method is then preferred if its residual is not larger and contains only noise or a line.
     """
     rms, over_noise = compared.residual_rms.values, compared.residual_over_noise.values
     line = np.isfinite(compared.line_frequency.values[1])
@@ -243,7 +243,7 @@ def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
 
 
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
-    """Which of two identifications of a record is the answer: the second, unless the first predicts better.
+    """Return the index of the preferred identification: the second, unless the first predicts better.
 
     Where its model leaves nothing but noise the second is: it is at the statistical bound; else the first
     where its does. Elsewhere the second must predict the parts that were held out better than the first by
@@ -256,7 +256,7 @@ def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
 
 
 def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
-    """What a random force is judged and drawn by, as groups of a tree; none where none is found.
+    """Return test, innovations and bands of a random force as groups of a tree; empty without one.
 
     Parameters
     ----------

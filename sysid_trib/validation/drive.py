@@ -1,4 +1,4 @@
-"""Which forces fit a driven record: a few models of it, each by how much of the motion it leaves."""
+"""Models of a driven record: a few of them, each with its residual relative to the motion."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress

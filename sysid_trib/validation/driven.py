@@ -171,12 +171,12 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
 
 
 def _follows(followed: FollowedRuns) -> bool:
-    """True if the motion of a model has not slipped out of phase with the records."""
+    """Return true if the motion of a model stays in phase with the records."""
     return _sizes(followed)["residual_over_motion"] < SLIPPED_PART
 
 
 def _random_force_explains(stochastic: FollowedRuns) -> bool:
-    """True if the innovations of a fit with a random force are noise, and that force depends on nothing."""
+    """Return true if a random force that is independent of the motion explains the record."""
     try:
         return verdict.has_white_residual(stochastic) and verdict.is_random(stochastic)
     except (SysidTribError, np.linalg.LinAlgError):

@@ -1,4 +1,4 @@
-"""What a result knows of itself: written in it once when it is made, and read from its tree."""
+"""Properties of a result: stored when it is made, and read from its tree."""
 
 import json
 from collections.abc import Sequence
@@ -37,7 +37,7 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
 
 
 def failure_of_models(records: Sequence[xr.Dataset]) -> Variables:
-    """Why there is no motion of a model, in a few words; empty where there is one, even a far one."""
+    """Return why a model has no motion, in a few words; empty if it has one."""
     reasons = []
     largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
     # Of the largest angle of the record; a motion that grows beyond is none of it.
@@ -82,7 +82,7 @@ def residual_over_noise(tree: xr.DataTree, model: str) -> float:
 
 
 def held_out_excess(tree: xr.DataTree) -> float:
-    """What the final model of a discovery leaves of what it was not fitted to, over the sensor's noise.
+    """Return the held-out residual of the final model of a discovery over the sensor noise.
 
     Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
     of driven records, whose noise no spline tells.
@@ -104,12 +104,12 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 
 def holds(tree: xr.DataTree) -> bool:
-    """True if the model of a cross-check follows the record: what follows from its coefficients is given."""
+    """Return true if the model of a cross-check is adequate: then its consequences are given."""
     return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
 
 
 def answer_of(tree: xr.DataTree) -> str:
-    """The method of a cross-check whose numbers the result stands by."""
+    """Return the preferred method of a cross-check."""
     return str(tree["comparison"].attrs["answer"])
 
 
@@ -119,7 +119,7 @@ def second_of(tree: xr.DataTree) -> xr.Dataset:
 
 
 def failures(tree: xr.DataTree) -> dict[str, str]:
-    """The methods of a cross-check whose models broke down, and why."""
+    """Return the methods of a cross-check whose models failed, and why."""
     reasons = tree["comparison"].failure
     return {name: why for name, why in zip(reasons.model.values, reasons.values.tolist(), strict=True) if why}
 
@@ -149,7 +149,7 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 
 def main_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that stands for a result: the best, the final or the answer; None without one."""
+    """Return the main identification of a result: the best, final or preferred one; None without one."""
     if kind_of(tree) == "identify":
         return tree.to_dataset()
     if kind_of(tree) in ("", "difference"):

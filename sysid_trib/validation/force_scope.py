@@ -1,4 +1,4 @@
-"""Which forces of a library a method identifies, neglects, or cannot tell apart, by their signatures."""
+"""Forces of a library that a method identifies, neglects, or cannot separate, by their signatures."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -15,7 +15,7 @@ from sysid_trib.methods.scope import MOTION, Method, MethodScope, scope_of
 def force_scope(
     method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
 ) -> dict[str, Any]:
-    """What a method makes of the forces of a library, by their signatures.
+    """Return which forces of a library a method identifies, neglects or cannot separate.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def force_scope(
 
 
 def _identified(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:
-    """Which forces by the envelope, which by the frequency."""
+    """List the forces identified by the envelope and by the frequency."""
     ways = {"the envelope": (True, False), "the frequency": (False, True), "both": (True, True)}
     by_way = {way: [s for s in fitted if parts.get(s) == part] for way, part in ways.items()}
     return "; ".join(f"{', '.join(symbols)} by {way}" for way, symbols in by_way.items() if symbols)

@@ -1,4 +1,4 @@
-"""`identify`: a decay by one method, or by two that are held against each other."""
+"""`identify`: a decay by one method, or by two that are compared."""
 
 from collections.abc import Sequence
 from typing import Any, overload
@@ -121,7 +121,7 @@ def usual_methods(
     own: tuple[str, ...] = (),
     warm_up: float = 0.0,
 ) -> list[Method]:
-    """The two methods that are held against each other.
+    """Return the two methods of the cross-check.
 
     Parameters
     ----------
@@ -169,7 +169,7 @@ def usual_methods(
 def _held_against_each_other(
     decay: Decays, library: ForceLibrary, methods: Sequence[Method], tell: Tell
 ) -> xr.DataTree:
-    """The cross-check of two methods; of several runs, whether these agree."""
+    """Cross-check two methods; for several runs, test whether these agree."""
     if len(methods) != 2:
         raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
     runs = as_runs(decay, driven=True)

@@ -108,7 +108,7 @@ class RunNoise:
 
 @dataclass(frozen=True)
 class WeakRows:
-    """Rows of the equation in weak form, which see a part of the samples' noise; as `RunNoise` to a fit.
+    """Rows of the equation in weak form, which contain part of the noise; interface as `RunNoise`.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ def _parameters(result: xr.Dataset, method: Any) -> _Parameters:
 def _influence(
     followed: FollowedRuns, noises: Sequence[RunNoise], kept: Sequence[str], frequency: float
 ) -> list[Array] | None:
-    """How the samples of each run move the compared quantities, (quantity, sample); None if not known."""
+    """Return the influence of each sample on the compared quantities, (quantity, sample), or None."""
     result, motions = followed.result, followed.motions
     moving = [motion for motion in motions if motion is not None]
     known = all(result.active.values) and len(moving) == len(motions)

@@ -1,4 +1,4 @@
-"""Where models miss a record: in damping or frequency, by a force over angle and rate, by a spectral line."""
+"""Lack of fit of models: in damping or frequency, by a force over angle and rate, by a spectral line."""
 
 from collections.abc import Mapping, Sequence
 
@@ -66,7 +66,7 @@ Departure = tuple[str, float, tuple[float, float]]
 
 
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:
-    """Ranges of amplitude in which a model of `lack_of_fit` leaves the bands, the farthest first."""
+    """Return the ranges of amplitude in which a model of `lack_of_fit` is outside of the bands."""
     amplitude, those = lack.amplitude.values, []
     for name in bands.CURVES:
         deviation = lack[f"{name}_deviation"].sel(model=model).values
@@ -83,7 +83,7 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
 
 
 def departure_sentence(ranges: Sequence[Departure], unit: str) -> str:
-    """Where a model misses the backbone: its farthest departure of each curve, joined by "and"."""
+    """Describe the largest departure from each curve of the backbone."""
     farthest = {curve: (abs(size), limits) for curve, size, limits in reversed(ranges)}
     ordered = sorted(farthest.items(), key=lambda item: -item[1][0])
     return " and ".join(f"in {SHORT[curve]} {_between(*limits, unit)}" for curve, (_, limits) in ordered)
@@ -291,7 +291,7 @@ def without_line(time: Array, residual: Array, frequency: float) -> Array:
 
 
 def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
-    """`spectral_line` of what the harmonics of the motion leave, if it is little else than a line.
+    """Return the `spectral_line` of the residual without harmonics, if it is little else than a line.
 
     In a short record the harmonics leak into all of the spectrum. Here they are columns, of an amplitude that
     goes with the motion's and changes slowly, and a line counts that takes most of the rest (F test).
@@ -326,7 +326,7 @@ def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tu
 
 
 def _harmonic_columns(time: Array, motion: tuple[Array, Array]) -> Array:
-    """What a motion and its harmonics leave: drifts, and harmonics whose amplitude changes slowly."""
+    """Return columns for drifts and for harmonics of a motion with slowly changing amplitudes."""
     x, v = motion
     phase, size = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     s = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
@@ -348,7 +348,7 @@ def _harmonics(
     leak: float = LEAK,
     slowest: float = SLOWEST,
 ) -> Mask:
-    """Which lines a harmonic of the motion leaks into at its start, at its end, or between."""
+    """Return the mask of lines into which a harmonic of the motion leaks: at its start, end, or between."""
     phase = np.unwrap(np.arctan2(-motion[1], motion[0]))
     quarter = max(2, len(time) // 4)
     rates = [(phase[b] - phase[a]) / (time[b] - time[a]) for a, b in ((0, quarter), (-quarter - 1, -1))]

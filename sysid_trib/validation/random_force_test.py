@@ -1,4 +1,4 @@
-"""Tests of what is left of a motion: a random force, or one on angle, speed, amplitude or time.
+"""Tests of a residual motion: a random force, or one that depends on angle, speed, amplitude or time.
 
 The gain of columns without effect is no chi-square where few cycles show the random force: they take a good
 part of what tells its size. Records of the model without them calibrate it (parametric bootstrap about the
@@ -36,7 +36,7 @@ NEAR, E_FOLDS = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]), 12.0
 def random_force_dependence(
     decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, seed: int = 0
 ) -> xr.Dataset:
-    """Test whether a random force depends on angle, speed, amplitude or time: then it is no random force.
+    """Test whether a random force depends on angle, speed, amplitude or time.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
 
 
 def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
-    """What `random_force_dependence` returns, of `NUMBERS` and (aspect, on) p-values; these may be nan."""
+    """Return the Dataset of `random_force_dependence` from `NUMBERS` and (aspect, on) p-values."""
     values = dict(zip(NUMBERS, numbers, strict=True)) | {"dependence_p_value": p_values}
     return xr.Dataset(variables.described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
 

@@ -45,7 +45,7 @@ def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
 def at_reference(
     results: Sequence[xr.Dataset | None], symbols: Sequence[str], reference: float, missing: float = np.nan
 ) -> tuple[Array, Array]:
-    """Coefficients of the results' own models at a reference frequency (rad/s), last the asymptotic one.
+    """Return coefficients at a reference frequency (rad/s), with the asymptotic frequency as last.
 
     (result, quantity), with their covariances; `missing` where one has no such force.
     """

@@ -1,4 +1,4 @@
-"""What is said of a record, and the answer that predicts: with which noise it is identified, how surely."""
+"""Verdict on a record and the preferred method: noise of the identification, and its errors."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -39,7 +39,7 @@ APPROXIMATE_PART = 0.05
 
 
 def widening(result: xr.Dataset, residual_over_noise: float) -> float:
-    """By how much stated errors are to be widened where a model does not explain the record; 1 at least.
+    """Return the factor by which stated errors are widened if a model is incomplete; at least 1.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
 
 
 def is_found(force: RandomForce) -> bool:
-    """True if there is a random force beyond chance; one that was given is there."""
+    """Return true if a random force is significant or given."""
     return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
 
 
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
-    """Over `run` what `random_force_dependence` returns; `reason` where the motion does not settle.
+    """Return `random_force_dependence` over `run`; `reason` where the motion does not converge.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
 
 
 def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr.Dataset:
-    """What `dependence_on_motion` says of a run, tested once; nan where the motion does not settle: why."""
+    """Return `dependence_on_motion` of a run, computed once; nan where the motion does not converge."""
     nothing, reason = np.full((len(ASPECTS), len(ON)), np.nan), ""
     # A run without a random force has none that depends on something.
     tested = dependence((1.0, *[np.nan] * 4), nothing)
@@ -121,7 +121,7 @@ def verdict_on_record(
 
 
 def is_random(followed: FollowedRuns) -> bool:
-    """True if what an identification takes for random is: its random force, and the colour of its noise.
+    """Return true if the random force and coloured noise of an identification are really random.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def is_random(followed: FollowedRuns) -> bool:
 
 
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:
-    """True if what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
+    """Return true if the estimated sensor noise is too large and depends on the motion.
 
     A method that finds the colour of the noise with a random force takes a slow force for either.
     """
@@ -223,7 +223,7 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
 
 
 def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[FollowedRuns]:
-    """`identifications`, each with the runs as its motion follows them."""
+    """Return the `identifications`, each with its simulated runs."""
     runs = as_runs(decay, driven=True)
     together, quiet = dict(enumerate(runs)), [with_noise(method, "off") for method in methods]
     results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
@@ -265,7 +265,7 @@ def _depends_on_amplitude(followed: FollowedRuns) -> bool:
 
 
 def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
-    """The identification with errors that are those of the model too, where the residual is not noise."""
+    """Return the identification with model errors included, if the residual is not noise."""
     p_value, over_noise = _residual(followed)
     if p_value >= RESIDUAL_LEVEL:
         return model_error.with_rounding(followed)
@@ -313,7 +313,7 @@ def _residual(followed: FollowedRuns) -> tuple[float, float]:
 def _stochastic(
     decay: Decays, library: ForceLibrary, methods: Mapping[int, Method]
 ) -> dict[int, FollowedRuns]:
-    """Identifications with a random force or coloured noise, by their place; none where that is refused."""
+    """Return the identifications with a random force or coloured noise; none if these are rejected."""
     stochastic: dict[int, FollowedRuns] = {}
     runs, last = dict(enumerate(as_runs(decay, driven=True))), [*methods][-1]
     for at, method in methods.items():

@@ -126,12 +126,12 @@ def _next_round(
 
 
 def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
-    """Paths of which no ratio is known: as a path moves, another one far off may become the likeliest."""
+    """Follow paths without a known ratio: as a path moves, a distant ratio may become the most likely."""
     return [replace(path, ratio=0.0) for path in paths]
 
 
 def _continued(model: FittedModel, reach: float, part: float, worst: float) -> FittedModel:
-    """The model after rounds whose paths are led more and more by what it says; not settled if given up.
+    """Continue with rounds in which paths follow the model more and more; not converged if given up.
 
     A continuation in the random force, whose likelihood has a maximum about each path that follows the record
     (graduated non-convexity: Blake, Zisserman 1987).
@@ -147,7 +147,7 @@ def _continued(model: FittedModel, reach: float, part: float, worst: float) -> F
 
 
 def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
-    """What a fit has come to that goes on after all of its rounds."""
+    """Return the result of a fit that has used all of its rounds."""
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
         return best
@@ -194,7 +194,7 @@ def fitted_along(paths: Sequence[RecordPath], trials: Sequence[TrialEffect], gue
 def _within_ranges(
     products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]
 ) -> tuple[Likelihood, dict[int, tuple[float, float]]]:
-    """Maximum likelihood in `count` columns; shapes at an end of their range that would leave it are held."""
+    """Return the maximum likelihood in `count` columns, with shapes held at the ends of their ranges."""
     ends = [trial.end(name) for trial in trials for name in trial.force.shape]
     first = count - len(ends)
     held: dict[int, tuple[float, float]] = {}

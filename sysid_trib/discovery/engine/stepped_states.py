@@ -131,7 +131,7 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
 
 
 def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]) -> tuple[Array, Array]:
-    """By how much a history-dependent force changes with the angle and its rate, (sample,) each.
+    """Return the derivatives of a history-dependent force by the angle and its rate, (sample,) each.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def _stepped_value(
 
 
 def _single(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
-    """The only state, (1, sample): in one go, or by Newton's iteration on its whole course."""
+    """Compute a single state, (1, sample): directly, or by Newton's iteration on its whole course."""
     ((name, rate),) = force.state.items()
 
     def change_and_pull(stages: Any) -> tuple[Array, Array]:
@@ -256,7 +256,7 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
 
 
 def _stretch(pull: Array) -> Array:
-    """What a step is to be multiplied by, so that y' = pull y is multiplied by exp(pull) exactly.
+    """Return the factor of a step with which y' = pull y is multiplied by exp(pull) exactly.
 
     Such nonstandard steps (Mickens 1994) keep the frequency and the damping of every resonance; Radau's own
     damp it by abs(pull)**4 / 72 at each step. Where a step is too long to resolve the decay they are better.

@@ -26,7 +26,7 @@ from sysid_trib.simulation.internal_states import is_stepped
 
 @dataclass(frozen=True)
 class Settings:
-    """What decides in `discover`; `table` has the meaning and the source of each.
+    """Settings of `discover`; `table` has the meaning and the source of each.
 
     Numbers that are not here are accuracies of arithmetic (steps of differences, ridges) or the layout of
     what is shown (spans, cells of the map): no name depends on them.
@@ -73,12 +73,12 @@ class Settings:
 
     @property
     def outside_of_set(self) -> float:
-        """One of two models is outside of a credible set if its evidence (-2 ln) is worse by this."""
+        """Difference of evidence (-2 ln) at which one of two models is outside of a credible set."""
         return 2.0 * float(np.log(self.credible / (1.0 - self.credible)))
 
     @property
     def far(self) -> float:
-        """Threshold of one of as many models as are fitted."""
+        """Threshold for one of as many models as are fitted."""
         return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
 
     @staticmethod
@@ -114,7 +114,7 @@ class TrialEffect:
         return self.shapes[f"{self.force.symbol}.{name}"]
 
     def part(self, name: str) -> float:
-        """Part of its range at which a shape parameter is."""
+        """Return the position of a shape parameter within its range."""
         shape = self.force.shape[name]
         low, high = evened(shape, shape.low), evened(shape, shape.high)
         return (evened(shape, self.value(name)) - low) / (high - low)
@@ -125,7 +125,7 @@ class TrialEffect:
         return -1 if part <= END else 1 if part >= 1.0 - END else 0
 
     def stepped(self, name: str, step: float) -> "TrialEffect":
-        """A shape parameter a step further, in parts of its range: within it, a phase by less than a turn."""
+        """Return a shape parameter after a step, in parts of its range; a phase wraps."""
         shape, part = self.force.shape[name], self.part(name) + step
         if is_phase(self.force, name):
             middle = 0.5 * (shape.low + shape.high)
