@@ -29,7 +29,7 @@ RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "colo
 
 
 def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
-    """What of the records was held out; empty where nothing was.
+    """Describe the held-out part of the records; empty if there is none.
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def weights(
     quantity: Literal["peak_force", "decay", "frequency_shift", "decay_share", "frequency_share"],
     ax: Axes | None = None,
 ) -> Axes:
-    """How much each force weighs against amplitude, with bands of one standard error (Figs. 8 and 9).
+    """Weight of each force against amplitude, with bands of one standard error (Figs. 8 and 9).
 
     Parameters
     ----------
