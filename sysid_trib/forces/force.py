@@ -238,8 +238,10 @@ class ForceLibrary:
                     f"Two different forces have the symbol '{force.symbol}' ({formulas}); give one of them "
                     f"another symbol: st.library(other_{force.symbol}=force)."
                 )
+        if all(force in self.forces for force in added):
+            return self
         if isinstance(other, Force):
-            return self if other in self.forces else replace(self, forces=(*self.forces, other))
+            return replace(self, forces=(*self.forces, other))
         titles, sources = ([getattr(part, name) for part in (self, other)] for name in ("title", "source"))
         return ForceLibrary(
             " and ".join(dict.fromkeys(filter(None, titles))),

@@ -12,7 +12,7 @@ from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, sile
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
-from sysid_trib.methods import every_kind
+from sysid_trib.methods import as_method, every_kind
 from sysid_trib.methods.scope import (
     Method,
     by_unique_label,
@@ -30,7 +30,7 @@ from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
-Methods = Sequence[Method] | Mapping[str, Method]
+Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 
 
 def every_method(
@@ -80,7 +80,7 @@ def compare(
         takes them. With inputs Direct and Trajectory alone identify it.
     library : ForceLibrary, str, or what `library` takes, optional
         The forces offered to every method, or the name of their library; by default `contact_forces`.
-    methods : sequence of methods, or Mapping of str to method, optional
+    methods : sequence of methods or their names, or Mapping of str to method, optional
         Labelled by their scope and options; or by label. By default every method of the field with its
         variants.
     contactless : (float, float), rad/s
@@ -126,8 +126,10 @@ def compare(
     """
     runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
-    pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    offered = verdict.checked_library("compare", library, [method for _, method in pairs], runs)
+    listed = [given] if isinstance(given, str) or hasattr(given, "identify") else given
+    named_kinds = listed.items() if isinstance(listed, Mapping) else [("", method) for method in listed]
+    pairs = [(name, as_method(kind, "compare")) for name, kind in named_kinds]
+    offered = verdict.checked_library("compare", library, runs)
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
