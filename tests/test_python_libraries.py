@@ -113,9 +113,7 @@ def test_methods_and_libraries_come_from_other_packages(tmp_path):
     first, second, foam, gone = ended.stdout.splitlines()
     assert first == "mine gel viscous Mine"
     assert second == "True True its_package"
-    assert foam.startswith(
-        "The entry point 'foam' of sysid_trib.libraries is a int; it must be a ForceLibrary"
-    )
+    assert foam.startswith("The entry point 'foam' of sysid_trib.libraries has the type int; it must be a")
     assert gone.startswith("'gone' of its-package cannot be loaded (AttributeError")
 
 
