@@ -34,7 +34,7 @@ def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callabl
             nearest = "" if name.startswith("_") else did_you_mean(name, homes)
             raise AttributeError(f"module {package!r} has no attribute {name!r}.{nearest}")
         home, attribute = homes[name]
-        # What comes from the package itself is one of its modules.
+        # A name from the package itself is one of its modules.
         value = (
             import_module(f"{home}.{attribute}")
             if home == package

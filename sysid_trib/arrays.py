@@ -14,7 +14,7 @@ Variables: TypeAlias = dict[str, Variable]
 
 # Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
 DEPENDENCE = 1e-11
-# Of columns of unit length: a smaller weight is rounding.
+# Smallest weight of columns of unit length; a smaller one is rounding.
 SMALLEST_PART = 1e-8
 
 
@@ -110,7 +110,7 @@ def dependent_columns(table: Array) -> list[tuple[int, ...]]:
     for i in (group[0] for group in groups):
         weights, residual = _fitted(unit[i], [unit[j] for j in basis])
         if residual < DEPENDENCE:
-            # Of columns that do not depend on each other there is one combination.
+            # Independent columns have one combination.
             combined.append(tuple(sorted((*np.array(basis)[np.abs(weights) > SMALLEST_PART].tolist(), i))))
         else:
             basis.append(i)

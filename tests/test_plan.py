@@ -196,7 +196,7 @@ def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
     save(incomplete, tmp_path / "result.nc")
     limits = ("--amplitude", "0.1:0.3", "--duration", "5:15", "--rate", "100")
     ending = command("plan", tmp_path / "result.nc", *limits)
-    assert "what the model lacks, which no further run takes away: lambda 0.002," in ending.out, ending.err
+    assert "The model error (lambda 0.002," in ending.out, ending.err
 
 
 @pytest.mark.slow

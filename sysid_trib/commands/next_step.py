@@ -2,6 +2,7 @@
 
 import shlex
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import xarray as xr
 
@@ -25,9 +26,23 @@ SECOND_RECORD = "<SECOND_RECORD.csv>"
 MORE_EFFECTS = 2
 
 
-# A command, what it is for in a few words, and options that replace those of the command that has run: a
-# switch has an empty value, what is left out has None; `records` is one more.
-NextStep = tuple[str, str, Mapping[str, str | None]]
+class NextStep(NamedTuple):
+    """The command that follows from a result.
+
+    Attributes
+    ----------
+    command : str
+    reason : str
+        What it is for, in a few words.
+    options : mapping of str to str or None
+        Options that replace those of the command that has run: a switch has an empty value, an option that
+        is left out None; `records` is one more.
+    """
+
+    command: str
+    reason: str
+    options: Mapping[str, str | None]
+
 
 # The order of next steps: from each state of a result the command that follows, and what it is for. An empty
 # command is an end. A chain of these ends within four commands, and none of them comes twice.
@@ -71,14 +86,17 @@ def next_step(tree: xr.DataTree) -> NextStep | None:
     after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
     state, options = after.get(kind_of(tree), _after_identification)(tree)
     command, reason = NEXT_COMMANDS[state]
-    return (command, reason, options) if command else None
+    return NextStep(command, reason, options) if command else None
 
 
-# A state of `NEXT_COMMANDS`, and options of the command that follows.
-State = tuple[str, Mapping[str, str | None]]
+class StateOfResult(NamedTuple):
+    """A state of `NEXT_COMMANDS`, and options of the command that follows."""
+
+    name: str
+    options: Mapping[str, str | None]
 
 
-def _after_identification(tree: xr.DataTree) -> State:
+def _after_identification(tree: xr.DataTree) -> StateOfResult:
     verdict = findings.verdict_of(tree)
     if verdict == "undetermined":
         return _undetermined(findings.second_of(tree))
@@ -87,31 +105,31 @@ def _after_identification(tree: xr.DataTree) -> State:
         # A driven record has no backbone.
         named = _effects_named(library) and not files.is_of_driven(tree)
         state = "approximate with named effects" if named else verdict
-        return state, {} if named else _search_options(library)
+        return StateOfResult(state, {} if named else _search_options(library))
     if fewer := findings.fewer_forces(tree):
-        return "explained, no coefficient is known by itself", {"forces": ",".join(fewer[0])}
-    return "explained", {}
+        return StateOfResult("explained, no coefficient is known by itself", {"forces": ",".join(fewer[0])})
+    return StateOfResult("explained", {})
 
 
-def _undetermined(result: xr.Dataset) -> State:
+def _undetermined(result: xr.Dataset) -> StateOfResult:
     """Return the step after a record that determines no force: fewer forces."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
-        return "undetermined", {"forces": viscous[0], "window": None}
-    return "undetermined by the viscous force alone", {}
+        return StateOfResult("undetermined", {"forces": viscous[0], "window": None})
+    return StateOfResult("undetermined by the viscous force alone", {})
 
 
-def _after_laws(tree: xr.DataTree) -> State:
+def _after_laws(tree: xr.DataTree) -> StateOfResult:
     if findings.verdict_of(tree) != "explained":
-        return "laws do not explain", {}
+        return StateOfResult("laws do not explain", {})
     without = tree["comparison"].attrs["reason"]
-    return "laws without a curve explain" if without else "laws explain", {}
+    return StateOfResult("laws without a curve explain" if without else "laws explain", {})
 
 
-def _after_comparison(tree: xr.DataTree) -> State:
+def _after_comparison(tree: xr.DataTree) -> StateOfResult:
     if ratio_of_best(tree["comparison"].to_dataset()) <= findings.LARGE:
-        return "compared, explained", {}
-    return "compared, not explained", _search_options(_largest_library(tree))
+        return StateOfResult("compared, explained", {})
+    return StateOfResult("compared, not explained", _search_options(_largest_library(tree)))
 
 
 def _largest_library(tree: xr.DataTree) -> ForceLibrary:
@@ -132,23 +150,23 @@ def _effects_named(library: ForceLibrary) -> bool:
     return bool(set(library.symbols) & set(load_library(EFFECTS).symbols) - usual)
 
 
-def _after_discovery(tree: xr.DataTree) -> State:
+def _after_discovery(tree: xr.DataTree) -> StateOfResult:
     if tree.attrs.get("out_of_time"):
-        return "out of time", {"time_limit": None}
+        return StateOfResult("out of time", {"time_limit": None})
     after, driven = tree["after"].to_dataset(), files.is_of_driven(tree)
     unexplained = tree.attrs["verdict"] == "unknown effect"
     if unexplained and not driven:
-        return "unknown effect", {}
+        return StateOfResult("unknown effect", {})
     if not effects.determines(after):
         return _undetermined(after)
     forces = ",".join(after.force.values.tolist())
     shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())
     options = {"forces": forces} | ({"set": shapes} if shapes else {})
     if tree["steps"].attrs["count"]:
-        return "named", options
+        return StateOfResult("named", options)
     if unexplained:
-        return "unknown effect of a driven record", {}
-    return "nothing missing of a driven record" if driven else "nothing missing", options
+        return StateOfResult("unknown effect of a driven record", {})
+    return StateOfResult("nothing missing of a driven record" if driven else "nothing missing", options)
 
 
 def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
@@ -233,7 +251,7 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
         taken["test"] = str(given.test)
     if isinstance(given, MeasuredOptions) and given.warm_up:
         taken["warm_up"] = f"{given.warm_up:g}"
-    return "identify", "keeps the result, for report and response", {**taken, "output": KEPT}
+    return NextStep("identify", "keeps the result, for report and response", {**taken, "output": KEPT})
 
 
 def _moves_freely(tree: xr.DataTree) -> bool:
@@ -265,12 +283,11 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
             tree.attrs["next"] = after
             return
         step = after
-    elif step and step[0] == "discover" and _moves_freely(tree):
-        step = "identify", "keeps the result, for report and response", {"output": KEPT}
-    if step and step[0] in ("discover", "laws") and given.system is None and _swings_unexplained(tree):
-        step = (*NEXT_COMMANDS["not explained, swings as a pendulum"], {"system": PENDULUM})
+    elif step and step.command == "discover" and _moves_freely(tree):
+        step = NextStep("identify", "keeps the result, for report and response", {"output": KEPT})
+    if step and step.command in ("discover", "laws") and given.system is None and _swings_unexplained(tree):
+        step = NextStep(*NEXT_COMMANDS["not explained, swings as a pendulum"], {"system": PENDULUM})
     if step:
-        command, reason, options = step
-        tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
+        tree.attrs["next"] = f"{command_after(step.command, step.options, given)} # {step.reason}"
     if others := alternatives(tree, given):
         tree.attrs["alternatives"] = "\n".join(others)

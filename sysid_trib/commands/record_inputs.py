@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -27,9 +27,15 @@ from sysid_trib.results.files import load
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.simulation.simulate import paper_twin
 
-# A file, none of the embedded example; its runs, and what they are.
-RunsOfFile: TypeAlias = tuple[Path | None, list[xr.Dataset], str]
 PROGRAM = "sysid-trib"
+
+
+class RunsOfFile(NamedTuple):
+    """The runs in a file, and a sentence on what they are; `file` is None for the embedded example."""
+
+    file: Path | None
+    runs: list[xr.Dataset]
+    sentence: str
 
 
 def what_else(path: Path) -> str:
@@ -179,7 +185,7 @@ def _read(given: RecordOptions, record: Path | None) -> RunsOfFile:
             raise UsageError(f"{idle[0]} is for a RECORD, and none is given.")
         example = paper_twin()
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
-        return record, [_multiplied(example, factor)], source
+        return RunsOfFile(record, [_multiplied(example, factor)], source)
     try:
         system = load_system(given.system)
         how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
@@ -193,7 +199,8 @@ def _read(given: RecordOptions, record: Path | None) -> RunsOfFile:
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
-    return record, [_multiplied(run, factor) for run in runs], f"Record: {record}, {'; '.join(facts)}."
+    sentence = f"Record: {record}, {'; '.join(facts)}."
+    return RunsOfFile(record, [_multiplied(run, factor) for run in runs], sentence)
 
 
 def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:

@@ -258,7 +258,7 @@ def balances(
     below, above = (np.array(sums(a * (1.0 + side * SLOPE_PART))) for side in (-1.0, 1.0))
     rise = np.sum(above**2 - below**2, axis=0) / (2.0 * SLOPE_PART * a)
     fall = (above - below)[0] / (2.0 * SLOPE_PART * a)
-    # Of the averaged equations: a determinant that is not negative, and damping of small deviations.
+    # Stability by the averaged equations: a positive determinant, and damping of small deviations.
     stable = (rise > 0.0) & (fall + sine / a < 0.0)
     phase = np.angle(drive[frequency] * np.exp(-1j * np.angle(along - 1j * sine)))
     return frequency, a, phase, stable, by_lines

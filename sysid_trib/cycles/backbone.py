@@ -1,7 +1,7 @@
 """Frequency and damping ratio against amplitude, from a free decay and without a model, with bands."""
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,8 +26,11 @@ LEAST_RELATIVE_NOISE = 1e-10
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
-# A backbone, and weights of its periods in each curve, (amplitude, period).
-Smoothed: TypeAlias = tuple[xr.Dataset, dict[str, Array]]
+class Smoothed(NamedTuple):
+    """A backbone, and the weights of its periods in each curve, (amplitude, period)."""
+
+    curves: xr.Dataset
+    weights: dict[str, Array]
 
 
 def period_rows(
@@ -65,7 +68,7 @@ def period_rows(
     late = _errors(measured, "extremum_time", "scatter_of_times")
     lasting, passing = half_sines.half_period_responses(measured)
     per_turn, per_time = np.full(len(damping), 1.0 / WHOLE_TURN), frequency**2 / WHOLE_TURN
-    rows = {}
+    rows = dict[str, CurveRows]()
     for name, value, scale, by, error, part in (
         ("damping_ratio", damping, per_turn, 1.0 / b, relative * b, slice(0, len(b))),
         ("frequency", frequency, per_time, np.ones_like(b), late, slice(len(b), 2 * len(b))),
@@ -75,7 +78,7 @@ def period_rows(
         second = sp.diags(SECOND_ORDER[name] * damping**2 * value)
         noises = [of_rows + along, second] if name == "damping_ratio" else [of_rows, along, second]
         walk = sp.diags(scale) @ (fall @ sp.diags(by) @ passing[part] + later @ sp.diags(by) @ lasting[part])
-        rows[name] = value, sp.hstack(noises, format="csr"), walk
+        rows[name] = CurveRows(value, sp.hstack(noises, format="csr"), walk)
     return middle @ np.log(b), rows
 
 
@@ -134,7 +137,7 @@ def backbone(decay: RecordLike) -> xr.Dataset:
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
     """
-    return smoothed_backbone(records.one_record(decay, "backbone"))[0]
+    return smoothed_backbone(records.one_record(decay, "backbone")).curves
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
@@ -164,10 +167,10 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     data |= _over_time(measured, curves["damping_ratio"].noise, unit)
     data["period_amplitude"] = variable("period", np.exp(u), "amplitude of a period", unit)
     for name, (long_name, units) in CURVES.items():
-        data[f"period_{name}"] = variable("period", rows[name][0], f"{long_name} of a period", units)
+        data[f"period_{name}"] = variable("period", rows[name].target, f"{long_name} of a period", units)
     coords = {"amplitude": variable("amplitude", amplitude, "amplitude", unit)}
     backbone = xr.Dataset(data, coords, dict(decay.attrs))
-    return backbone, {name: curve.weights for name, curve in curves.items()}
+    return Smoothed(backbone, {name: curve.weights for name, curve in curves.items()})
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:

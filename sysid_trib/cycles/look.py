@@ -64,7 +64,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     frequency = _median_frequency(curve)
     period = 2.0 * np.pi / frequency
     amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
-    # What was resampled or integrated since has lost its steps.
+    # A resampled or integrated signal has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
     first = _damping(instants, amplitude, frequency)
@@ -131,7 +131,7 @@ def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
         # The first is the one that is offered. Part of the forces of a system makes no alternative.
         if model.remains < 1.0 and (at == 0 or model.systems):
             systems = f" ({', '.join(model.systems)})" if model.systems else ""
-            parts.append(f"{model.words}{' leaves' * (not parts)} {100.0 * model.remains:.2g} %{systems}")
+            parts.append(f"{model.words} {100.0 * model.remains:.2g} %{systems}")
     return ", ".join(parts)
 
 

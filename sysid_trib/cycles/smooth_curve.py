@@ -7,7 +7,7 @@ bends and each r: the curve is the mean over them, and its errors hold that they
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,9 +26,22 @@ WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 NEAREST, LEAST_BEND = 5, 0.1
 BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
 ROUNDING_PART = 1e-10
-# Values of a curve, (row,), and how unit draws of the sensor's noise and of a random force (a walk) move
-# each, (row, draw).
-CurveRows: TypeAlias = tuple[Array, sp.csr_matrix, sp.csr_matrix]
+
+
+class CurveRows(NamedTuple):
+    """Values of a curve and their noise.
+
+    Attributes
+    ----------
+    target : (row,) array of float
+        The values.
+    of_sensor, of_walk : (row, draw) sparse matrix
+        How unit draws of the sensor's noise and of a random force (a walk) move each.
+    """
+
+    target: Array
+    of_sensor: sp.csr_matrix
+    of_walk: sp.csr_matrix
 
 
 @dataclass(frozen=True)

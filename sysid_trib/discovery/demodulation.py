@@ -40,7 +40,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     A conservative force a^(p+1) makes the phase slip at a rate a^p; what the model can adjust itself, its
     frequency or its viscous friction, is in the constant. So where the force acts is where the rate changes.
     """
-    # What is not known counts for nothing.
+    # Unknown values get no weight.
     known = np.isfinite(value) & np.isfinite(error) & (error > 0.0)
     value, error = np.where(known, value, 0.0), np.where(known, error, np.inf)
     offsets = (run[:, None] == np.unique(run)).astype(float)

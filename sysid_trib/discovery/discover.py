@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -140,14 +140,34 @@ def discover(
             "A candidate is weighed by the restoring force, which this body has none of; identify it with "
             "forces that may act, and compare the residuals."
         )
-    how = (reference_frequency, refit, time_limit, settings, tell)
+    how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
     return _discovery(runs, model, offered, constraints, unseen, how)
 
 
 # Part of the residual of the search's own start model below which that of the plain one stands for it.
 NEARER = 0.95
-# Frequency that is held, whether models are refitted, time limit, settings, and whom to tell.
-_How = tuple[float | None, bool, float, Settings, Tell]
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """How a search goes on.
+
+    Attributes
+    ----------
+    reference_frequency : float or None, rad/s
+        Held; None: fitted.
+    refit : bool
+        Whether the models are fitted again to the whole runs.
+    time_limit : float, s
+    settings : Settings
+    tell : Tell
+    """
+
+    reference_frequency: float | None
+    refit: bool
+    time_limit: float
+    settings: Settings
+    tell: Tell
 
 
 @signal_scale.in_units_of_the_motion
@@ -157,10 +177,10 @@ def _discovery(
     candidates: ForceLibrary,
     constraints: ConstraintTable,
     holdout: Decays,
-    how: _How,
+    how: SearchPlan,
 ) -> xr.DataTree:
-    reference_frequency, refit, time_limit, settings, tell = how
-    deadline = time.monotonic() + time_limit
+    reference_frequency, settings, tell = how.reference_frequency, how.settings, how.tell
+    deadline = time.monotonic() + how.time_limit
     whole = as_runs(decay, driven=True)
     model, free, held = start_forces(model_forces, reference_frequency, Constraints(constraints))
     offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
@@ -187,7 +207,7 @@ def _discovery(
     rival = partial(held_out_by_laws, model_forces, constraints, learnt, later)
     done, laws_rms, refused = _unless_laws_predict_better(done, later, rival, tell)
     closing = parts.closing_effect(done)
-    if refit and not unseen:
+    if how.refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
         seen = runs
@@ -197,7 +217,11 @@ def _discovery(
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-    options |= {"refit": refit, "reference_frequency": reference_frequency, "constraints": dict(constraints)}
+    options |= {
+        "refit": how.refit,
+        "reference_frequency": reference_frequency,
+        "constraints": dict(constraints),
+    }
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
         **schema.provenance(None, one_or_all(runs), model),
@@ -208,7 +232,7 @@ def _discovery(
         **_outcome(done, closing),
         "laws_held_out_rms": laws_rms,
         "refused_by_laws": ", ".join(refused),
-        "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
+        "out_of_time": f"{how.time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
         "left_out": left_out,
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
@@ -240,7 +264,7 @@ def _unless_laws_predict_better(
     Names that leave hardly more than noise of what was held out are not held against laws, nor are those of
     driven records, nor those to which one more that was not asked for is all that lacks.
     """
-    named_rms = float(np.nan_to_num(done.predictions[-1][1], nan=np.inf))
+    named_rms = float(np.nan_to_num(done.predictions[-1].rms, nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
     explains = named_rms <= findings.LARGE * noise or parts.closing_effect(done)
@@ -289,7 +313,7 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
         steps = with_steps(done, tell)
         tell("hold-out")
         predictions = [fits.foretold(model) for model in steps.models]
-        fewer = int(np.argmin([np.nan_to_num(rms, nan=np.inf) for _, rms in predictions]))
+        fewer = int(np.argmin([np.nan_to_num(prediction.rms, nan=np.inf) for prediction in predictions]))
         # Nothing is named on top of a start model that fits worse than that of `identify`.
         while fewer and not fits.is_complete(steps.models[-1]):
             if fits.beats_plain_start(steps.models[fewer]):
@@ -318,7 +342,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
         """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
         return evidence(model) + start_model.colour_penalty(model)
 
-    # Else what is left of the record is no noise yet.
+    # Otherwise the residual is not noise yet.
     settled = done.converged or not done.effects
     with_names = start_model.recoloured(last) if done.effects and settled else last
     without_names = start_model.recoloured(start, with_names)

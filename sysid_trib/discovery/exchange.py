@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,11 +13,15 @@ from sysid_trib.discovery.fits import Fits, evidence, least_penalty, log_rows
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import correlation_of, each_column, projected
 
-# A score, relative to the present model's evidence along its path, and the trials that have it.
-Scored = tuple[float, list[int]]
+
+class ScoredTrials(NamedTuple):
+    """Trials in the place of effects, and their evidence relative to that of the present model."""
+
+    score: float
+    trials: list[int]
 
 
-def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = False) -> list[Scored]:
+def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = False) -> list[ScoredTrials]:
     """Return no trial and the best trial of each candidate as replacements of effects, best first.
 
     Without what is far. `by_chance` : with those that gain there no more than chance may.
@@ -35,23 +40,23 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
     columns = [current.first_trial + at for at in trials]
     deviance, coefficients, _, rows = each_column(current.products, kept, columns, bare)
     gains = (bare.deviance - deviance).tolist()
-    scores = [(without - len(gone) * penalty, list[int]())]
+    scores = [ScoredTrials(without - len(gone) * penalty, [])]
     for i, at in enumerate(trials):
         p_value = current.p_value_of(gains[i], current.trials[at].force, rows[i])
         if (by_chance or p_value < model.settings.level) and current.allows(at, coefficients[i]):
-            scores.append((without - gains[i] + (1 - len(gone)) * penalty, [at]))
+            scores.append(ScoredTrials(without - gains[i] + (1 - len(gone)) * penalty, [at]))
     in_model = [model.trials[model.columns_of(symbol)[0]].force for symbol in gone]
 
     def is_near(score: float, at: Sequence[int]) -> bool:
         tolerance = current.tolerance(at[0], in_model) if at else model.settings.tolerance
         return score < tolerance * max(0.0, without) + model.settings.far
 
-    near = [scored for scored in sorted(scores, key=lambda scored: scored[0]) if is_near(*scored)]
-    best = current.first_fine([at[0] for _, at in near if at])
-    return [scored for scored in near if not scored[1] or scored[1][0] in best]
+    near = [scored for scored in sorted(scores, key=lambda scored: scored.score) if is_near(*scored)]
+    best = current.first_fine([scored.trials[0] for scored in near if scored.trials])
+    return [scored for scored in near if not scored.trials or scored.trials[0] in best]
 
 
-def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[Scored]:
+def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[ScoredTrials]:
     """Return pairs of candidates as replacements of effects, by the noise of the present model.
 
     Of any two shapes of theirs: with another one a candidate may have a shape that gains nothing alone.
@@ -60,7 +65,7 @@ def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[Scored]:
     columns = [current.first_trial + at for at in current.replacing]
     part, rest = projected(current.products, model.likelihood, kept, [0, *columns])
     trials = _testable(current, part[1:])
-    # Of the target, and of these among all that may stand in the place of effects.
+    # Products of the target and of all trials that may replace effects.
     place = {at: 1 + number for number, at in enumerate(current.replacing)}
     inside = [0, *(place[at] for at in trials)]
     gains = _gains_of_pairs(current, trials, rest[np.ix_(inside, inside)])
@@ -79,7 +84,7 @@ def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[Scored]:
         able = all(current.allows(at, c) for at, c in zip(pair, likelier.coefficients[-2:], strict=True))
         score = likelier.deviance - current.whole.deviance + (2 - len(gone)) * log_rows(model)
         if able and score < model.settings.far:
-            scores.append((score, pair))
+            scores.append(ScoredTrials(score, pair))
     return scores
 
 

@@ -48,7 +48,7 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
     kept = variances > 1e-6 * variances[-1]
     half = axes[:, kept]
     root = half * np.sqrt(variances[kept])
-    # What rounding has left of columns that the model can nearly make may correlate by more than one.
+    # Columns that the model nearly spans are rounding errors, and may correlate by more than one.
     root /= np.maximum(1.0, np.linalg.norm(root, axis=1))[:, None]
     draws = np.random.default_rng(seed).standard_normal((len(axes), NOISE_DRAWS), np.float32)
     scores = root.astype(np.float32) @ (half.T.astype(np.float32) @ draws)

@@ -119,7 +119,7 @@ def error_of_model(model: FittedModel) -> Array:
     expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
     movement = np.mean((values[1:] - values[0]) ** 2, axis=0)
     error = np.sqrt(np.maximum(movement - expected, 0.0))
-    # Of the stiffness twice as much, in parts; none where the frequency is held.
+    # The stiffness changes twice as much, in parts; not at all if the frequency is held.
     error[count:] *= 0.5 * model.rows[0].path.frequency * model.frequency_free
     return error
 

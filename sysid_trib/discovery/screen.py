@@ -228,7 +228,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
         omnibus_p_value=p_value,
         whole=whole,
     )
-    # Of each candidate the trial that gains most is asked, the next one where that is too fine.
+    # For each candidate test the trial of largest gain, or the next one if its column is not resolved.
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
     for too_fine in (at for at, fine in screening.fine.items() if not fine):
         reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0
@@ -241,7 +241,7 @@ def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialE
     trials, columns, scores = refined(model, trials)
     drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
     gains = np.where(drives, 0.0, scores**2)
-    # Of a few of its values, and with one that may be as far off.
+    # Compare a few of its values with one that may be as far off.
     likely = gains >= (1.0 - model.settings.family_tolerance) ** 2 * np.max(gains, initial=0.0)
     promising = {trials[at].force.symbol for at in np.flatnonzero(likely)}
     families = {trial.force.family for trial in model.trials if trial.added}

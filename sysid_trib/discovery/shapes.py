@@ -114,11 +114,11 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     if np.max(gains) < (1.0 - settings.family_tolerance) * of_gone:
         return []
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
-    # Of two that are alike either may lead further: where a shape hardly matters yet.
+    # Keep both of two similar starts: either may lead further where a shape hardly matters yet.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
     least = max(settings.outside_of_set, (1.0 - settings.family_tolerance) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
-    # What a trial gains, the trial, and the step of its shapes that is tried next, in parts of their ranges.
+    # Gain of a trial, the trial, and the next step of its shapes, in parts of their ranges.
     # First step, over the last.
     climbs = [(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
     ends = list[tuple[float, TrialEffect, float]]()

@@ -27,9 +27,20 @@ from sysid_trib.validation.holdout import first_held_out, up_to_held_out
 from sysid_trib.validation.random_force_test import dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns
 
-# Mean logarithm of the predictive density of the rows of each period of all parts, given those before; and
-# the RMS residual (rad) of the free motion, its start and the sensor's zero fitted.
-Prediction = tuple[Array, float]
+
+class Prediction(NamedTuple):
+    """How a model predicts parts that it has not seen.
+
+    Attributes
+    ----------
+    log_densities : (period,) array of float
+        Mean logarithm of the predictive density of the rows of each period of all parts, given those before.
+    rms : float, rad
+        RMS residual of the free motion, its start and the sensor's zero fitted.
+    """
+
+    log_densities: Array
+    rms: float
 
 
 def start_forces(
@@ -170,7 +181,7 @@ def predicted(
             residuals.append(root_mean_square(motion.residual))
         except SysidTribError:
             residuals.append(float("nan"))
-    return np.concatenate(scores), root_mean_square(residuals)
+    return Prediction(np.concatenate(scores), root_mean_square(residuals))
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
@@ -245,9 +256,9 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
     fewer than three.
     """
     better = []
-    for before, _ in predictions[:-1]:
+    for before in predictions[:-1]:
         with np.errstate(invalid="ignore"):
-            difference = predictions[-1][0] - before
+            difference = predictions[-1].log_densities - before.log_densities
         # Without periods in which a model's errors are not finite.
         difference = difference[np.isfinite(difference)]
         known = len(difference) >= 3 and np.ptp(difference)

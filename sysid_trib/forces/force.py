@@ -87,7 +87,7 @@ class Force:
         """Return the force with another symbol."""
         return replace(self, symbol=symbol, name=symbol if self.name == self.symbol else self.name)
 
-    # What follows from the formulas alone.
+    # Properties that follow from the formulas alone.
     test_points = cached_property(symmetry.test_points)
     parity = cached_property(symmetry.parity)
     character = cached_property(symmetry.character)

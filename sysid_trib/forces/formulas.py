@@ -16,7 +16,7 @@ import numpy as np
 
 Names: TypeAlias = Mapping[str, Any]
 Functions: TypeAlias = Mapping[str, Callable[..., Any]]
-# Of names, functions and signs of the surfaces.
+# Arguments: names, functions and signs of the surfaces.
 Program: TypeAlias = Callable[[Names, Functions, Names | None], Any]
 
 # Powers up to this one are products.

@@ -22,7 +22,7 @@ from sysid_trib.forces.symmetry import INPUT_KINDS, ORDERS
 TEXT_KEYS = ("name", "family", "meaning", "source", "curve")
 TABLE_KEYS = ("state", "memory", "start", "shape")
 SHORT_WORD = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
-# What each key of a table may be, and how that is said.
+# Allowed types of each key of a table, and their descriptions.
 Checks: TypeAlias = Mapping[str, tuple[Callable[[Any], Any], str]]
 
 

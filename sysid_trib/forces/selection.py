@@ -18,7 +18,7 @@ from sysid_trib.forces.library import TEXT, Checks, check_keys, is_number, libra
 EFFECTS, INPUTS, HYSTERESIS = "candidate_effects", "inputs", "hysteresis"
 SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS, HYSTERESIS, "water")
 SYSTEMS_FILE = "systems.toml"
-# What a system's signal can be.
+# Possible signals of a system.
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
 SYMBOL_LISTS = ("forces", "impossible", "not_negative")
 COLUMN_NAMES = "columns"

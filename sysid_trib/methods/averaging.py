@@ -35,7 +35,7 @@ SCOPE = MethodScope(
     family="averaging",
     variants={
         "analytic signal": {"curve": "analytic-signal"},
-        # As Le Bot et al. 2019 print it: last frequency, least squares, first order.
+        # The rule printed by Le Bot et al. 2019: last frequency, least squares, first order.
         "printed rule": {"frequency": "last", "correct": False, "weighted": False},
     },
 )
@@ -226,10 +226,10 @@ class Averaging(Constrained):
                 parameters if reference is None else np.append(parameters, reference)
             )
             if reference is None:
-                # That at zero amplitude, which damping lowers.
+                # Frequency at zero amplitude, which damping lowers.
                 for at, factor in damping:
                     frequency = np.hypot(frequency, factor * products[at])
-            # Of the frequency that holds here, and not of the one at zero amplitude.
+            # Relative to the frequency at this amplitude, not at zero amplitude.
             coefficients = np.array(products)[free.free] / frequency
             return np.append(free.matrix @ coefficients + free.constant, frequency)
 

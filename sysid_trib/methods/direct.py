@@ -44,7 +44,7 @@ from sysid_trib.results.variables import Variables, start_variables
 MAX_SELECTIONS = 5
 # The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
 FIRST_ESTIMATES = 2
-# Of a record of fewer radians the half tells no more than the whole.
+# Half of a record of fewer radians gives no better start.
 FEWEST_RADIANS = 120.0
 
 
@@ -208,7 +208,7 @@ class Direct(Constrained):
         solution, linear_about = solve(last, constraints), begun.runs
         if self.form == "strong":
             return solution, False
-        # What was dropped is no part of the motion's stiffness and damping.
+        # Dropped forces do not contribute to stiffness and damping.
         if linear_about[0].coefficients[~constraints.in_model].any():
             pairs = zip(solution.runs, linear_about, strict=True)
             linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)

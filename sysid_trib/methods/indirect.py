@@ -180,7 +180,7 @@ def _corrected(
         steps.append(biased - auxiliary.values(fit))
         values = _accelerated(tried, steps, np.where(settled > 0.0, settled, 1.0))
         if np.all(np.abs(steps[-1]) <= settled):
-            # What the auxiliary model leaves of a motion of its own is no sign of another force.
+            # The residual of the auxiliary model on its own motion does not indicate another force.
             return values, {name: old.without_bias(fit[name]) for name, old in first.items()}
     raise SysidTribError("the correction did not settle")
 

@@ -197,7 +197,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
     None where it fails and a start model is given.
     """
     parameters = problem.parameters
-    # What is held acts on the first guess too; of what is tied only the motion itself knows.
+    # Held parameters act on the first guess too; ties act only in the fit of the motion.
     guessed = parameters.library.select(
         s for s in parameters.library.symbols if s not in parameters.constraints.ties
     )
@@ -225,7 +225,7 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
     if no_start or method.start is not None or free:
-        # Of the runs themselves: a record may be of another quantity than the angle.
+        # Use the runs themselves: a record may hold another quantity than the angle.
         pairs = ((run.time.values.astype(float), run.angle.values.astype(float)) for run in problem.runs)
         per_run = np.array([(*first_guess(time, angle, w), 0.0) for time, angle in pairs])
     else:

@@ -179,7 +179,7 @@ LOWEST, HIGHEST, GRID = 1e-4, np.pi, 55
 RULES = ("peak force", "averaged")
 # Forces of these characters act on the envelope, and on the frequency.
 ACTS_ON = {"envelope": ("dissipative", "mixed"), "frequency": ("conservative", "mixed")}
-# Of ln a, for the slope of two weights that cross.
+# Step of ln a, for the slope of two weights that cross.
 RELATIVE_STEP = 1e-4
 Weight = Callable[[Array], Array]
 

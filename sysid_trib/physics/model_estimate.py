@@ -277,7 +277,7 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
 
 def _exact_stop(estimate: ModelEstimate, start: float, averaged: float) -> float:
     period = 2.0 * np.pi / estimate.frequency
-    # Of periods: a longer motion is not simulated to its end.
+    # Periods of the longest motion that is simulated to its end.
     if not averaged < 20_000 * period:
         return np.nan
     # Averaging errs by no more than a few periods and a part of the whole.

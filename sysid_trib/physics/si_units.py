@@ -303,7 +303,7 @@ def check_angle_unit(unit: str) -> None:
     UsageError
         With what to give instead.
     """
-    # What was measured of an angle may be its rate, in rad/s.
+    # The measured quantity may be the rate of an angle, in rad/s.
     if unit.partition("/")[0] != ANGLE_UNIT:
         raise UsageError(
             f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass of a "

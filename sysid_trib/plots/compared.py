@@ -203,7 +203,7 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
     named, middle = of_quantity.isel(run=far), np.mean(ax.get_xlim())
     for x, value, run in zip(at[far], named.value.values, named.run.values, strict=True):
-        # Beside its mark, towards the middle, where there is room.
+        # Place it at its mark, towards the middle, where there is room.
         if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
             side, end = (5, "left") if x < middle else (-5, "right")
             ax.annotate(str(run), (x, value), (side, 0), ha=end, fontsize=6, **style.LABEL_OFFSET)

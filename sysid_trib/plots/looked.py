@@ -33,7 +33,8 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
     Parameters
     ----------
     data : Dataset or DataTree
-        Of `backbone`, or a record; or a result of `identify`, whose models' curves are drawn too.
+        Of `backbone`, or a record; or a result of `identify`, whose model curves are drawn over those of its
+        record.
     run : int
         Which of several runs of a result, from 0.
     width : float, inch
@@ -157,7 +158,7 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     record = tree[record_groups(tree)[run]].to_dataset()
-    # Of a discovery it is the last model.
+    # For a discovery, take the last model.
     compared = tree.children.get("comparison")
     answer = record.model.values[-1] if compared is None else compared.attrs["answer"]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)

@@ -227,8 +227,8 @@ def weights(
     """
     if quantity not in weighed:
         raise UsageError(
-            "plots.weights shows peak_force, decay, frequency_shift, decay_share or frequency_share of what "
-            f"physics.weights(result, amplitudes) returns; {quantity} is not in what was given."
+            f"plots.weights shows {quantity} from physics.weights(result, amplitudes); give that, and "
+            "peak_force, decay, frequency_shift, decay_share or frequency_share."
         )
     ax, attrs = style.axes(ax), weighed[quantity].attrs
     unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"

@@ -15,7 +15,7 @@ from sysid_trib.plots.over_time import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
 from sysid_trib.results.variables import signal_units, small_units
 
-# Of a Gaussian, in standard deviations.
+# Half width of a 95 % interval of a Gaussian, in standard deviations.
 BAND_LEVEL = 0.95
 BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - BAND_LEVEL)))
 BAND_NAME, BAND_COLOR = f"{100.0 * BAND_LEVEL:g} % band", "0.85"

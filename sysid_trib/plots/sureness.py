@@ -173,7 +173,7 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
         style.interval(ax, at, z[at], half, (-MOST_ERRORS, MOST_ERRORS), color=colour, markersize=4)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
-        # Beside the row, or in a column above it.
+        # Place it at the row, or above it in a column.
         place, side = ((1.01, at), "center") if wide else ((0.02, at - 0.16), "bottom")
         note: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
         note |= {"va": side, "color": colour, "fontsize": 8 if wide else FONT}

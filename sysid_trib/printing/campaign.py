@@ -31,7 +31,9 @@ STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
 AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
-COLLINEAR = "Condition '{}' goes with {} in these records: it is left out, and an effect may be of either."
+COLLINEAR = (
+    "Condition '{}' is confounded with {} in these records and left out: an effect may be due to either."
+)
 
 
 def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None) -> list[Block]:
@@ -80,7 +82,7 @@ def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
         yield f"{'; '.join(verdicts[:REFUSALS])}."
     if listed := [f"{symbol} in {count:,}" for symbol, count in named_counts(store).items()]:
         more = f", {len(listed) - NAMES_LISTED} more" if len(listed) > NAMES_LISTED else ""
-        yield f"Named, or not to be separated from a name: {', '.join(listed[:NAMES_LISTED])}{more}."
+        yield f"Named, or not separable from a name: {', '.join(listed[:NAMES_LISTED])}{more}."
 
 
 def named_counts(store: xr.Dataset) -> dict[str, int]:
@@ -102,7 +104,7 @@ def named_text(record: xr.Dataset) -> str:
     p_values = record[EFFECT_P_VALUE]
     pairs = [f"{s} (p {layout.p_value_text(p_values.sel(force=s).item())})" for s in named.split(", ")]
     tied = str(record[TIED].item())
-    return f"{', '.join(pairs)}{f'; not to be separated: {tied}' if tied else ''}"
+    return f"{', '.join(pairs)}{f'; not separable: {tied}' if tied else ''}"
 
 
 def _varying(compared: xr.Dataset) -> Iterator[Block]:
@@ -206,7 +208,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
         yield error_parts_sentence(name, run)
         if "held_out_rms" in run:
             ratio = f"{(run.held_out_rms / run.noise).item():.3g} times the noise"
-            yield f"Of held-out parts of {name} its model leaves {ratio}."
+            yield f"Held-out residual of {name}: {ratio}."
 
 
 def _test_of_all(data: xr.Dataset) -> str:
@@ -229,13 +231,13 @@ def _first_sentence(tree: xr.DataTree) -> str:
             pair = " and ".join(layout.with_unit(layout.quantity(row, side), unit) for side in SIDES)
             parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
     if parts:
-        rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
-        rest += f"; not tested, since held in both: {', '.join(held)}" if held else ""
-        rest += f"; not tested, since at a bound: {', '.join(bounded)}" if bounded else ""
+        rest = f"; no difference was found in {', '.join(others)}" if others else ""
+        rest += f"; not tested (held in both): {', '.join(held)}" if held else ""
+        rest += f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
         return f"{'; '.join(parts)}{rest}."
     if data.attrs["verdict"] == "together they differ":
-        return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
-    rest = f"; not tested, since at a bound: {', '.join(bounded)}" if bounded else ""
+        return f"The samples differ ({test}), although no single coefficient does{_sufficient(tree)}."
+    rest = f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
     return f"No difference was found in {', '.join(others) or 'the samples'} ({test}){rest}."
 
 
@@ -257,7 +259,7 @@ def _sufficient(tree: xr.DataTree) -> str:
             for name, pair in choice.items()
         ]
         parts.append(" and ".join(of_each))
-    return f"; where all others are equal it is {', or '.join(parts)}" if parts else ""
+    return f"; if all others are equal, the difference is {', or '.join(parts)}" if parts else ""
 
 
 def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
@@ -265,21 +267,21 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
     data, (first, second) = tree.to_dataset(), sample_names(tree.to_dataset())
     value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
     z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
-    yield f"Stiffness of {first} over that of {second}, less 1: {layout.value_with_error(value, error)}{z}."
+    yield f"Stiffness of {first} relative to {second}, minus 1: {layout.value_with_error(value, error)}{z}."
     if incomplete := [name for name, run in _runs(tree) if "error_of_model" in run]:
         yield (
-            f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
-            "(--explain splits them)."
+            f"The residual exceeds the noise in {', '.join(incomplete)}: the errors include the model error "
+            "(--explain shows both parts)."
         )
     at_bounds = [f"{symbol} in {name}" for name, run in _runs(tree) for symbol in at_bound(run)]
     if at_bounds:
         yield (
-            "At a bound, where an error has but one side and z counts too much: "
-            f"{', '.join(at_bounds)}. No test rests on it (--bound NAME=-1:1 frees it)."
+            "At a bound, where the error is one-sided and z is too large: "
+            f"{', '.join(at_bounds)}. It is not tested (--bound NAME=-1:1 frees it)."
         )
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]
     if methods[0] != methods[1]:
-        yield f"The methods differ, {' and '.join(methods)}: a part of the differences may be theirs."
+        yield f"The methods differ ({' and '.join(methods)}): part of the differences may come from them."
 
 
 def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:

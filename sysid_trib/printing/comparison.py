@@ -156,7 +156,7 @@ def _prediction(tree: xr.DataTree) -> str:
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
     """Describe the meaning of the coefficients where no method explains the record."""
     stochastic = _with_random_force(tree)
-    # Of a motion that leaves the record it is not a number.
+    # It is nan for a motion that diverges from the record.
     if not ratio_of_best(table) <= LARGE:
         effective = f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."
         yield STOCHASTIC_METHODS.format(", ".join(stochastic)) if stochastic else effective
@@ -224,7 +224,7 @@ def _by_accident(table: xr.Dataset) -> Iterator[str]:
 def _differences(table: xr.Dataset) -> dict[str, str]:
     """Return a sentence by probable cause on methods that differ significantly from the best."""
     best = table.attrs["best"]
-    # What the best method lacks is in each difference from it.
+    # Forces missing from the best method appear in each difference from it.
     lacks = table.sel(model=best)
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for label, z in _differences_of(table).iterrows():

@@ -112,7 +112,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
     likely = ", ".join(f"{s} {_probability(p)}" for s, p in [*probabilities.items()][: COMPETING + 1])
     yield f"{symbol} cannot be separated from: {named}{more}."
     yield f"With equal prior probabilities: {likely}."
-    # Which forces no run separates, and the measurement that would separate the others.
+    # List the forces that no run separates, and the measurement that would separate the others.
     size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
     fitted = [step[name].to_series().dropna() for name in ("shape", "competing_shape") if name in step]
     shapes = {name: value for part in fitted for name, value in part.items()}

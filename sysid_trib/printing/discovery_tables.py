@@ -32,7 +32,7 @@ WHERE = {
 CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
 EVEN, TILTED = "even", "one-sided dissipative"
 SENSOR_CURVE = "an even force is missing, or the sensor is not linear"
-# What the omnibus test's types of force mean, alone and together.
+# Meanings of the types of force in the omnibus test, alone and together.
 MEANINGS = {
     frozenset({CONSERVATIVE}): "a conservative force is missing, or the clock is wrong",
     frozenset({DISSIPATIVE}): "a dissipative force is missing",

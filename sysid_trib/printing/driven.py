@@ -215,8 +215,9 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
     if len(models) > 1:
         yield (
-            f"{run}: of {', '.join(models[:-1])} and {models[-1]} the right one will have odds of "
-            f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
+            f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
+            f"{data.attrs['odds']:g} to 1 against each other model with probability "
+            f"{best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
         parts = [
@@ -224,17 +225,17 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
             f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
             for symbol in [*wanted] or data.force.values.tolist()
         ]
-        yield f"{run}: {', '.join(parts)}, by all records together."
+        yield f"{run}: {', '.join(parts)}, from all records together."
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
-        yield f"In these is the error of what the model lacks, which no further run takes away: {listed}."
+        yield f"The model error ({listed}) is included; more data cannot reduce it."
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Left out: {runs} longer than another that tells as much, by the digits shown."
+        yield f"Not shown: {runs} longer than another with the same numbers."
 
 
 def _size(run: xr.Dataset) -> str:
@@ -253,7 +254,7 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
         errors = (f"{error:.2g}" for error in run.standard_error.values)
         rows.append(row | dict(zip(heads, errors, strict=True)))
-    # Of runs that are said to tell as much the shorter one comes first.
+    # Of runs with the same numbers keep the shorter one, which comes first.
     table = pd.DataFrame(rows)
     return list(table.drop_duplicates(table.columns.drop([release, DURATION])).to_dict("records"))
 

@@ -25,7 +25,7 @@ LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
 LATEX_ESCAPES |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim "}
 LATEX_TEXT = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 FREQUENCIES_LATEX = {"reference_frequency": r"\omega", "asymptotic_frequency": r"\omega_\infty"}
-# What each method is, in the words of a methods section.
+# Description of each method for a methods section.
 IN_WORDS = {
     "direct": (
         "regression of the equation of motion in weak form with refined instrumental variables"

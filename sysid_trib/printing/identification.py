@@ -86,7 +86,7 @@ def identification_table(tree: xr.DataTree) -> Table:
     """
     checked, results = tree["comparison"].to_dataset(), findings.kept_results(tree)
     kept = checked.sel(model=list(results))
-    # Of one method there is no difference.
+    # With one method there is no difference.
     z = dict(checked.z.to_series()) if len(results) > 1 else {}
     ratios = {name: f"{findings.residual_over_noise(tree, name):.3g} x noise" for name in results}
     noise = f"noise: {findings.record_noise(tree):.2g} {signal_units(tree)}"

@@ -108,7 +108,7 @@ def text_table(
     table = Table(box=None, pad_edge=False, header_style="bold")
     heads = list(dict.fromkeys(head for row in rows for head in row))
     for head in heads:
-        # As wide as a word of the head: a narrow terminal would break it.
+        # Make it as wide as a word of the head, which a narrow terminal would break.
         cells = (*(row.get(head, "") for row in rows), *head.split())
         longest = max(len(line) for cell in cells for line in cell.split("\n"))
         folds = head in words and head not in whole
@@ -267,7 +267,7 @@ def records_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def csv_of(heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     """Rows by the heads of their columns, as CSV."""
-    # What a row lacks is empty, a number that is none is nan.
+    # A missing cell is empty, a number that is not finite is nan.
     whole = [dict.fromkeys(heads, "") | dict(row) for row in rows]
     table = pd.DataFrame(whole, columns=list(heads), dtype=object)
     # A spreadsheet would execute a text that begins as a formula does.

@@ -17,7 +17,7 @@ from sysid_trib.results.schema import library_of
 from sysid_trib.validation.findings import given_results
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
-# Of a normal interval: 95 %.
+# Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
 # Of a campaign: whether there is one for each force.
 _CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}

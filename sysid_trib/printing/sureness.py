@@ -215,7 +215,7 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     }
     groups = group_names("innovations", len(record_groups(tree)))
     if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
-        # Of runs whose lengths differ, records too short for all lags have fewer.
+        # Records too short for all lags have fewer.
         lags = min(run.sizes["lag"] for run in followed)
         correlations = [run.autocorrelation.values[:lags] for run in followed]
         data["innovations"] = {

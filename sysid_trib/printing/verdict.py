@@ -129,7 +129,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
     # Where the model misses the backbone most.
     groups = [name for name in tree.children if name.startswith("lack_of_fit")]
     of_runs = [lack_of_fit.departures(tree[group].to_dataset(), answer) for group in groups]
-    farthest = max(of_runs, key=lambda ranges: abs(ranges[0][1]) if ranges else 0.0, default=[])
+    farthest = max(of_runs, key=lambda ranges: abs(ranges[0].deviation) if ranges else 0.0, default=[])
     missed = lack_of_fit.departure_sentence(farthest, signal_units(tree))
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
     said = UNEXPLAINED[verdict].format(f"{near}; it misses the record {missed}" if missed else near)
@@ -151,7 +151,7 @@ def test_sentences(tree: xr.DataTree) -> Iterator[str]:
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     """The two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *findings.error_parts(result), strict=True)
-    # What is held, or follows from the frequency, has no parts of its own.
+    # Held values, and those that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
     return f"Errors of {name} by the noise and by the model: {texts}."
 

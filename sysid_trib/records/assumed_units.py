@@ -70,7 +70,7 @@ def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
             return text, f"time in {text}: it counts from 1970"
     # Days that spreadsheets count from 1900 and MATLAB from the year 0, and stamps that count from 1970.
     for low, high in ((32874.0, 73051.0), (726834.0, 767011.0)):
-        # Of the years 1990 to 2100.
+        # Seconds of the years 1990 to 2100.
         if 0.0 < usual < 1e-2 and low < stamps.min() and stamps.max() < high:
             return "d", "time in days: it counts them as a calendar does"
     return None, "unit of time not stated: taken as s, though its stamps are whole" * are_whole(stamps)
@@ -105,7 +105,7 @@ def unit_of(
     unit, why = given or stated, ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
-        # What is not named, or by its axis alone, may be an accelerometer.
+        # A column without a name, or named by its axis alone, may be an accelerometer.
         nameless = how.quantity is None and lab.names_quantity(column.base) in ("", "displacement")
         felt = _gravity_on_axes(table, column, signals, values) if nameless else ""
         if not felt and meant in (None, ""):

@@ -236,7 +236,7 @@ class Column:
             return False
         column = self.cells.astype(float)
         back = np.flatnonzero(np.diff(column) <= 0.0) + 1
-        # Of the range of times: runs below each other begin as near to each other as this.
+        # Part of the range of times: runs below each other begin as near to each other as this.
         begins = np.abs(column[back] - column[0]) <= 0.01 * np.ptp(column)
         return bool(0 < back.size <= MOST_SET_BACK and begins.all())
 

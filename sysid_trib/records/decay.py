@@ -65,7 +65,7 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     # Half periods of the same sign: an error of the equilibrium makes them as long.
     half_period = duration[1] + np.clip(duration[1] - duration[3], -0.1 * duration[1], 0.1 * duration[1])
     decay = max(0.0, float(np.log(peak[0] / peak[2])) / 2.0)
-    # Of the cosine whose amplitude decays; the extremum itself comes a little sooner.
+    # Time of the cosine with a decaying amplitude; its extremum comes a little sooner.
     middle = swing.halves.crossing[run.start] - 0.5 * half_period
     extremum = middle - half_period * np.arctan(decay / np.pi) / np.pi
     away = middle - smoothed[smoothed < extremum]

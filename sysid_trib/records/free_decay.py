@@ -194,9 +194,9 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         if decays and (not _alike(decay, decays[0]) or checks.is_held(decay, decays[0])):
             continue
         decays.append(decay)
-        # What comes after it and before it.
+        # Search after it and before it.
         ends = slice(decay.free.stop, None), slice(decay.free.start)
-        waiting = [*((decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
+        waiting = [*(Piece(decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
         raise _naming_modes(refusals[0], longest, source)
     return sorted(decays, key=lambda decay: decay.time[decay.free.start])
@@ -282,7 +282,8 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     longest = max(range(len(parts)), key=lambda at: parts[at].size)
     mended = [swing.mended] * len(parts)
     mended[longest] = "; ".join(text for text in (swing.mended, said) if text)
-    return [(swing.time[part], swing.signal[part], text) for part, text in zip(parts, mended, strict=True)]
+    pairs = zip(parts, mended, strict=True)
+    return [Piece(swing.time[part], swing.signal[part], text) for part, text in pairs]
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:

@@ -47,7 +47,7 @@ def after_the_drive(swing: Swing) -> Swing:
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
-# What is left to do with a record that is no decay.
+# Advice for a record that is no decay.
 AS_IT_IS = "name the forces that act (--forces) to take it as it is"
 
 
@@ -149,7 +149,7 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
     rise, lowest_before = min(rises)
     level = float(peak[rise:].max())
     stop = int(np.argmax(peak <= level))
-    # What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
+    # A motion after a decay below this part of its largest amplitude has another cause.
     if level <= 0.25 * peak[0] and stop >= FEWEST_EXTREMA:
         return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
     instant = swing.halves.crossing[swing.run.start + rise]
@@ -211,7 +211,7 @@ def _deviation_from_decay(level: Array) -> Array:
     before, after = level[1:-3], level[3:-1]
     around = np.stack([level[:-4], before, after, level[4:]])
     off[2:-2] = level[2:-2] - np.median(around, axis=0)
-    # Of a push, or of beats, what follows is larger than what was before.
+    # After a push, and in beats, the amplitude rises.
     off[2:-2][after > before + 0.5 * WRONG_PART] = 0.0
     return off
 

@@ -21,7 +21,7 @@ IMPULSES = 8
 """Impulses in each half period that stand for white acceleration."""
 SPAN = 4
 """Half periods before and after an impulse whose extrema it moves otherwise than for good."""
-# Of the swing's amplitude.
+# Relative to the amplitude of the swing.
 IMPULSE_SIZE = 1e-5
 
 
@@ -234,7 +234,7 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
     -cos(phi)/a to the phase. A curve through the half period of the impulse takes part of it, found here by
     trying.
     """
-    # Of the swing that has the impulse.
+    # Half periods around the one with the impulse, and samples of each.
     around, samples = 10, 64
     number = np.arange(-around, around + 2)
     crossing = np.pi * (np.append(number, around + 2) - 0.5)
@@ -264,7 +264,7 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
 
-    # Of extrema, then of their times.
+    # For extrema, then for their times.
     of_half_period = np.stack([size, size * (duration / np.pi)])
     of_extremum = np.stack([np.ones(count), 1.0 / b])
 

@@ -21,7 +21,7 @@ from sysid_trib.records import (
     tables,
     units as lab,
 )
-from sysid_trib.records.columns import Chosen, choose_columns
+from sysid_trib.records.columns import ChosenColumns, choose_columns
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
 
@@ -143,14 +143,14 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     return records
 
 
-def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.Dataset:
-    time_column, column, why_this = columns
+def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading) -> xr.Dataset:
+    column, time_column = columns.signal, columns.time
     values, absent = column.signal
     times = row_times(table, time_column, column, values, how)
     time, rows, breaks, seen, _ = times.clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [why_this, *table.said, *times.said, absent]
+    said = [columns.reason, *table.said, *times.said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]

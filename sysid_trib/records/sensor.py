@@ -36,7 +36,7 @@ def sensor_step(signal: Array) -> float:
     the sensor's. A step divides nearly all spacings between neighbouring values.
     """
     held, every = np.unique(signal[1:][np.diff(signal) == 0.0]), np.unique(signal)
-    # Of values that repeat twenty times on average two spacings are enough.
+    # If values repeat twenty times on average, two spacings are enough.
     fewest = 12 if 20 * every.size > signal.size else 2
     for values in (held, every):
         step = _lattice(values, fewest)

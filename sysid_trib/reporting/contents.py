@@ -178,7 +178,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
         z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
         largest[compared["at"].values] = z.max(axis=1)
     order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
-    # Of a large store only what is shown is read.
+    # Read only the shown part of a large store.
     last = store.sel(model=reported_method(store)).isel(record=order).load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     rows = [

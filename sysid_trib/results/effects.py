@@ -13,7 +13,7 @@ from sysid_trib.forces import force, library
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
-# Of an effect of this many standard errors the name is asked for.
+# Number of standard errors at which an effect needs a name.
 NAMED = 20.0
 
 

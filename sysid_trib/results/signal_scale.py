@@ -64,7 +64,7 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
         if scale is None:
             return function(**given)  # type: ignore[call-arg]
         if isinstance(candidates := given.get("candidates"), ForceLibrary):
-            # What may be missing is offered as far as it can be; what is asked for is refused by name.
+            # Offer possible candidates where they apply; raise an error for forces that were named.
             kept = tuple(force for force in candidates if scalable(force))
             given["candidates"] = replace(candidates, forces=kept)
         inside = scale.inwards(given)
@@ -241,7 +241,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     inputs = frozenset(c.input for force in _forces(given) for c in force.channels if c.kind)
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees, inputs)
-    # What does not move, or is no number, is refused where it is used.
+    # A signal without motion, or not finite, is rejected where it is used.
     # The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
     size = 2.0 ** np.ceil(np.log2(largest / 0.5)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])

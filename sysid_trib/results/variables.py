@@ -21,7 +21,7 @@ from sysid_trib.errors import UsageError
 FORMAT_VERSION = 4
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
-# What validation and physics return, by their names.
+# Variables of validation and physics, by name.
 RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 

@@ -45,7 +45,7 @@ def leading(force: Force, tau: Array, x: Array, v: Array) -> Forcing:
     forcing = np.zeros((len(tau) - 1, 1 + len(force.channels), 4))
     # x'' + x of each cubic; inputs of the force, which does not act, are zero.
     forcing[:, 0] = np.stack([value + 2.0 * square, slope + 6.0 * cube, square, cube], axis=1)
-    return tau[:-1] - tau[0], forcing, np.zeros((len(forcing), 2))
+    return Forcing(tau[:-1] - tau[0], forcing, np.zeros((len(forcing), 2)))
 
 
 def states_along(

@@ -185,7 +185,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
     knots = np.union1d(ends, bends[(bends > tau[0]) & (bends < tau[-1])])
     increments = np.zeros((len(knots), 2))
     increments[np.searchsorted(knots, ends)] = added
-    return knots, polynomials_of(model, knots), increments
+    return Forcing(knots, polynomials_of(model, knots), increments)
 
 
 def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:

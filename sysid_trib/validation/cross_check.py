@@ -146,7 +146,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     if moving and not biased:
         covariance, errors = _covariance(pair, moving[0], kept)
     error = np.sqrt(np.diag(covariance))
-    # What neither leaves free does not differ.
+    # Quantities that both hold do not differ.
     z = np.divide(difference, error, out=np.zeros_like(difference), where=error != 0.0)
     chi_square = float("nan")
     if np.all(np.isfinite(covariance)):
@@ -210,9 +210,9 @@ def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) 
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
         with suppress(DecayError):
-            backbone, weights = smoothed_backbone(run)
-            groups[of_record] = backbone
-            groups[of_models] = lack_of_fit(run, results, (backbone, weights))
+            smoothed = smoothed_backbone(run)
+            groups[of_record] = smoothed.curves
+            groups[of_models] = lack_of_fit(run, results, smoothed)
     return groups
 
 
@@ -280,7 +280,7 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
             continue
         tracked = followed.tracked(at)
         groups[of_innovations] = innovations.innovations_of(decay, tracked)
-        # Of a record too short to predict anything there is no figure.
+        # A record too short for predictions has no figure.
         with suppress(SysidTribError):
             groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
     return groups

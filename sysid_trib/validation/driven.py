@@ -98,7 +98,7 @@ def identified_driven(
     together = dict(enumerate(runs))
     best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
     random_explains, stochastic = False, None
-    # What is integrated is no record in which a random force could be told from noise.
+    # In an integrated record a random force cannot be separated from noise.
     own_quantity = any(MEASURED in run for run in runs)
     if direct.random_force == "auto" and not own_quantity and _sizes(best)["residual_p_value"] < WHITE_LEVEL:
         tell("random force")

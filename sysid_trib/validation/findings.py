@@ -18,7 +18,7 @@ from sysid_trib.results.variables import Variables, described, group_names, reco
 # Beyond so many noise levels (RMS) a residual is large.
 LARGE = 1.5
 DIVERGES = "its motion diverges"
-# What `discover` holds out where nothing else is asked for.
+# Default held-out part of `discover`.
 LAST_THIRD = "the last third"
 
 

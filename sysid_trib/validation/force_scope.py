@@ -41,7 +41,7 @@ def force_scope(
     if result is None and scope.identifies != MethodScope.identifies:
         return row
     fitted: Sequence[str] = () if result is None else result.force.values.tolist()
-    # Else it is exchangeable with the frequency.
+    # Otherwise it can be exchanged with the frequency.
     held = stiffness is None or stiffness.symbol in fitted
     library = library.select(s for s in library.symbols if held or library[s] is not stiffness)
     fitted = fitted or library.symbols
@@ -94,6 +94,6 @@ def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> t
     except SysidTribError:
         return True, True
     # Internal states are zero here: a force that is made of them alone has its own averages for a size.
-    # Of the largest force on the cycle; below it a signature is rounding.
+    # Part of the largest force on the cycle; a smaller signature is rounding.
     least = 1e-9 * max(float(size), sine, cosine)
     return sine > least, cosine > least

@@ -159,7 +159,7 @@ def usual_methods(
         library, size, frequency_free=reference_frequency is None, shapes=shapes
     )
     if any(MEASURED in run for run in runs):
-        # What is reported last is that in the quantity that was measured.
+        # Trajectory comes last: it compares the measured quantity itself.
         return [averaging if averaged else direct, trajectory]
     # One that is too short or grows has no envelope to be averaged.
     if not averaged or any(run.attrs.get("taken_as_it_is") for run in runs):

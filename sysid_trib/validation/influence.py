@@ -314,10 +314,10 @@ def _of_motion(
         rows = _weak_rows(followed, run, noise) if of_rows else noise
         seen.append(rows)
         common, own = _sensitivities(followed, run, parameters)
-        # Of a start the rows see nothing.
+        # The rows do not depend on the start.
         common, own = rows.white(common), rows.white(own[:, 2:] if of_rows else own)
         own = own / np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny)
-        # What the start and the zero of the run take is not told of the forces.
+        # Project out the start and the zero of the run.
         tables.append((common - own @ np.linalg.lstsq(own, common, rcond=None)[0]) / noise.level)
     information = np.sum([table.T @ table for table in tables], axis=0)
     size = np.sqrt(np.diag(information))

@@ -1,6 +1,7 @@
 """Lack of fit of models: in damping or frequency, by a force over angle and rate, by a spectral line."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -60,9 +61,22 @@ def lack_of_fit(
     return xr.Dataset(described("lack_of_fit", values), coords)
 
 
-# A curve, its largest deviation there in half widths of the band, positive where the model is above the
-# record; the amplitudes between which that is, infinite beyond the ends of the record's.
-Departure = tuple[str, float, tuple[float, float]]
+class Departure(NamedTuple):
+    """A range of amplitude in which a model is outside of the band of a curve.
+
+    Attributes
+    ----------
+    curve : str
+    deviation : float
+        The largest, in half widths of the band, positive where the model is above the record.
+    low, high : float
+        The range of amplitude; 0 and infinite beyond the ends of the record's.
+    """
+
+    curve: str
+    deviation: float
+    low: float
+    high: float
 
 
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:
@@ -78,15 +92,15 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
             farthest = float(part[np.argmax(np.abs(part))]) if len(part) else np.inf
             low = amplitude[first] if first else 0.0
             high = amplitude[end - 1] if end < len(amplitude) else np.inf
-            those.append((name, farthest, (low, high)))
-    return sorted(those, key=lambda departure: -abs(departure[1]))
+            those.append(Departure(name, farthest, low, high))
+    return sorted(those, key=lambda departure: -abs(departure.deviation))
 
 
 def departure_sentence(ranges: Sequence[Departure], unit: str) -> str:
     """Describe the largest departure from each curve of the backbone."""
-    farthest = {curve: (abs(size), limits) for curve, size, limits in reversed(ranges)}
-    ordered = sorted(farthest.items(), key=lambda item: -item[1][0])
-    return " and ".join(f"in {SHORT[curve]} {_between(*limits, unit)}" for curve, (_, limits) in ordered)
+    farthest = {departure.curve: departure for departure in reversed(ranges)}
+    ordered = sorted(farthest.values(), key=lambda departure: -abs(departure.deviation))
+    return " and ".join(f"in {SHORT[d.curve]} {_between(d.low, d.high, unit)}" for d in ordered)
 
 
 def _between(low: float, high: float, unit: str) -> str:
@@ -140,7 +154,7 @@ def _model_rows(
         u, first = np.unique(u + np.log(largest), return_index=True)
         if u[0] <= low:
             break
-    return u, rows["frequency"][0][first], rows["damping_ratio"][0][first]
+    return u, rows["frequency"].target[first], rows["damping_ratio"].target[first]
 
 
 @signal_scale.in_units_of_the_motion
@@ -356,7 +370,7 @@ def _harmonics(
     low, high = min(np.abs(rates)), max(np.abs(rates))
     # Means of quarters: a frequency that goes on evenly is beyond them at either end.
     low, high = low - (high - low) / 6.0, high + (high - low) / 6.0
-    # What drifts slowly is no line.
+    # A slow drift is no line.
     excluded = at <= slowest * resolution
     for harmonic in range(1, most + 1):
         middle, half = 0.5 * harmonic * (low + high), 0.5 * harmonic * (high - low)

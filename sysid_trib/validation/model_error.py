@@ -195,7 +195,7 @@ def _held_out(
 
 def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
     """Return the residual RMS (rad) of a model, start and zero fitted; nan without a motion."""
-    # What is too stiff predicts nothing, and is not waited for.
+    # A model that is too stiff gives no prediction; do not wait for it.
     motion = None if result is None else fitted_motion(rest, result, most_steps=motions.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")

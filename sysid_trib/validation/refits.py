@@ -1,6 +1,7 @@
 """Refits of the same forces in every other defensible way, compared at one reference frequency."""
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -17,8 +18,26 @@ from sysid_trib.results import references, schema, signal_scale, variables
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
-# One fit: what it is, the method, and the runs.
-Refit = tuple[str, Method, list[xr.Dataset]]
+
+
+class Refit(NamedTuple):
+    """A fit of the same forces, made otherwise.
+
+    Attributes
+    ----------
+    kind : str
+        window, start, sampling, noise or method.
+    label : str
+        What is other in it.
+    method : Method
+    parts : list of Dataset
+        What it is fitted to.
+    """
+
+    kind: str
+    label: str
+    method: Method
+    parts: list[xr.Dataset]
 
 
 def refit(
@@ -98,15 +117,15 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     runs, library = as_runs(decay, driven=True), schema.library_of(result)
     symbols = references.forces_in_model(result)
     reference, made = result.reference_frequency.item(), []
-    for label, method, parts in _fits(method_of(result), runs, reference):
-        tell(label)
-        made.append((*label.split(": ", 1), *refit(method, parts, library, runs)))
+    for fit in _fits(method_of(result), runs, reference):
+        tell(f"{fit.kind}: {fit.label}")
+        made.append((fit.kind, fit.label, *refit(fit.method, fit.parts, library, runs)))
     kinds, labels, results, reasons = zip(*made, strict=True)
     values, covariances = at_reference(results, symbols, reference)
     values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
     estimate, held = result.coefficient.values, references.held(result)
-    # What is held is the same in every fit, whatever its reference frequency.
+    # Held values are the same in every fit, at any reference frequency.
     values = np.where(held & np.isfinite(values), estimate, values)
     errors = np.where(held & np.isfinite(errors), 0.0, errors)
     everything = np.vstack([estimate, values])
@@ -129,17 +148,17 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     """Every fit: what it is, and how it is made."""
     whole = list(runs)
     for name, limits in RECORD_PARTS.items():
-        yield f"window: {name}", method, [run.isel(time=between(run, limits)) for run in runs]
+        yield Refit("window", name, method, [run.isel(time=between(run, limits)) for run in runs])
     # Starts: so many periods of the record are left out before it.
     for periods in (1.0, 3.0):
         later = 2.0 * np.pi * periods / reference
         parts = [run.isel(time=run.time.values >= run.time.values[0] + later) for run in runs]
-        yield f"start: {periods:g} periods later", method, parts
+        yield Refit("start", f"{periods:g} periods later", method, parts)
     for first, label in enumerate(("first", "second")):
         parts = [run.isel(time=slice(first, None, 2)) for run in runs]
-        yield f"sampling: every other, {label} on", method, parts
+        yield Refit("sampling", f"every other, {label} on", method, parts)
     for noise in NOISES if hasattr(method, "random_force") else ():
-        yield f"noise: random force {noise}", with_random_force(method, noise), whole
+        yield Refit("noise", f"random force {noise}", with_random_force(method, noise), whole)
     common = ("reference_frequency", "shapes", "random_force")
     options = {name: getattr(method, name) for name in common if hasattr(method, name)}
     constraints = Constraints(getattr(method, "constraints", {}))
@@ -148,4 +167,4 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     for kind in kinds:
         if kind is not type(method):
             other = constrained(kind(**options), constraints)
-            yield f"method: {type(other).__name__.lower()}", other, whole
+            yield Refit("method", type(other).__name__.lower(), other, whole)

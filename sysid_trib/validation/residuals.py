@@ -24,7 +24,7 @@ from sysid_trib.validation import findings, lack_of_fit
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
-# What is said of each model.
+# Variables of each model.
 RESIDUALS = (
     *("residual_rms", "residual_over_noise", "departure_time", "residual_p_value"),
     *("line_frequency", "line_amplitude"),

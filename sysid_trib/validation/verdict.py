@@ -227,7 +227,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
     stochastic: dict[int, FollowedRuns] = {}
     # From here on a residual may be that of a random force, which is then looked for.
-    # What depends on the amplitude is refused before the long search.
+    # Reject a dependence on the amplitude before the long search.
     deciding = results[open_ones[-1]] if open_ones else None
     if deciding and _residual(deciding)[0] < 0.05 and not _depends_on_amplitude(deciding):
         stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
@@ -317,7 +317,7 @@ def _stochastic(
             if at == last:
                 refused = _residual(stochastic[at])[0] < RESIDUAL_LEVEL or not is_random(stochastic[at])
             elif scope_of(method).family == "averaging" and is_found(random_force_of(result)):
-                # What the quicker methods refuse is not looked for by the slower ones.
+                # If a fast method rejects the random force, the slow methods do not search for it.
                 refused = not is_random(stochastic[at])
         except (SysidTribError, np.linalg.LinAlgError):
             refused = at == last

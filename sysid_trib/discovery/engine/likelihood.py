@@ -102,7 +102,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         gains[r] = deviances[0] - deviance
     there = [run.at(ratio, places) for run, ratio in zip(runs, ratios.tolist(), strict=True)]
     parts = [run.products / np.outer(size, size) for run in there]
-    # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.
+    # Evaluate several runs at these ratios, not at the nearest tried ones: otherwise a fit may not converge.
     settled, _, variances = _settled(there, parts, [0] * len(runs), variances)
     coefficients, covariance = _solution([part[0] for part in parts], variances)
     return Likelihood(

@@ -66,7 +66,7 @@ def fit_model(
     """
     guess, settings = np.zeros(len(trials) + 1) if first is None else first, paths[0].settings
     model = fitted_along(_of_any_ratio(paths), trials, guess)
-    # What a shape goes in a round at most, in parts of its range.
+    # Largest step of a shape in a round, in parts of its range.
     reach = longest = part * settings.shape_step
     rounds, before, unphysical = list[FittedModel](), 0.0, 0
     # Has it an error of the sensor of which nothing is known yet?

@@ -140,7 +140,7 @@ def tried_ratios(tau: Array, step: float, near: float | None) -> Array:
     span = np.log(ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau)))))
     logs = np.arange(span[0], span[1], step)
     if near:
-        # None beyond the ends of all, with which columns are screened; the ends where they are near.
+        # Stay within the ends that screening uses; include an end if it is near.
         middle = np.clip(0.5 * CLOSE * np.round(np.log(near) / (0.5 * CLOSE)), logs[0], logs[-1])
         tried = np.unique(np.clip(middle + ABOUT_LIKELY, logs[0], logs[-1]))
         inside = np.minimum(tried - tried[0], tried[-1] - tried)[1:-1] > LEAST_APART
@@ -212,6 +212,6 @@ def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Arra
     try:
         motions = scipy.linalg.solve_banded((2, 0), band, start, check_finite=False)
     except np.linalg.LinAlgError:
-        # What drives so strongly that steps do not follow it has no free motions to speak of.
+        # A force too strong for the steps leaves no free motions.
         return float("nan")
     return float(np.linalg.slogdet(motions.T @ motions)[1])

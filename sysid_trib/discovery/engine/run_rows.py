@@ -19,7 +19,7 @@ from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, log_determinant, whiten
 from sysid_trib.records import equilibrium, sensor, signal, smoothing
 
-# Of a sensor of coarse steps at least so many samples a period are kept.
+# Samples per period that are kept at least for a sensor with coarse steps.
 FEWEST_PER_PERIOD = 10
 # Least rise of what a sensor shows with the angle.
 LEAST_SENSOR_GAIN = 0.05
@@ -46,7 +46,7 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     if smoothed:
         angle = scipy.signal.savgol_filter(angle, width, 2)
     kept = slice(factor // 2, None, factor)
-    # What holds for the whole decay, such as its equilibrium, stays.
+    # Keep properties of the whole decay, such as its equilibrium.
     fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))
     fewer = fewer.assign(angle=("time", angle[kept], decay.angle.attrs))
     how = "parabolas" if smoothed else "single samples"
@@ -108,7 +108,7 @@ class RunRows:
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
         """Return columns of trials from a fifth of the points, for comparisons."""
         settings = self.path.settings
-        # Not kept: of a long record it is tens of MB for the rows of each model.
+        # Do not cache this: for a long record it takes tens of MB per model.
         fewer = replace(settings, points_per_period=settings.points_per_period // 5)
         return replace(self.path, settings=fewer).columns(trials, self.operator)
 

@@ -49,9 +49,9 @@ class GivenMotion:
         self.tau, self.time = tau, time
         self.x, self.v = CubicHermiteSpline(tau, x, v), CubicSpline(tau, v)
         zeros = np.sort(_zeros(self.v))
-        # Not the release itself: there the start values hold. One at a sample is found in both steps.
+        # Exclude the release, where the start values apply. A reversal at a sample is found in both steps.
         self.reversals = zeros[np.diff(zeros, prepend=tau[0]) > 1e-9]
-        # What a force with values of its shape parameters was along this motion.
+        # Cache of forces along this motion, by the values of their shape parameters.
         self.followed: dict[tuple[Force, tuple[float, ...]], Array] = {}
 
     @cached_property
@@ -149,7 +149,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
     linear, values = is_linear(force), values_along(motion, force, [shapes])
-    # What is linear grows with the motion, and need not be followed along a larger one.
+    # A linear force is proportional to the motion, and needs no second motion.
     of_larger = values if linear else values_along(motion.larger, force, [shapes])
     if values is None or of_larger is None:
         return still, still
@@ -241,7 +241,7 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     triangle, vectors = schur(jacobian, output="complex")
     inverse = vectors.conj().T
     forcing = np.stack([np.broadcast_to(f.evaluate(rest), (2, count)) for f in rates.values()])
-    # Of so few states sums are faster than products of matrices.
+    # For so few states sums are faster than matrix products.
     forcing = np.stack([sum(c * part for c, part in zip(row, forcing, strict=True)) for row in inverse])
     first = inverse @ [start[k] for k in rates]
     states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(forcing)

@@ -206,7 +206,7 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         nearby = [1.0 + side * off for off in OFF_RESONANCE for side in (-1.0, 1.0)]
         return np.sort([*inside, *broad, *(k for k in nearby if shape.low <= k <= shape.high)])
     if is_phase(force, name):
-        # Neither end: from there the way is as long as it can be.
+        # Do not start at an end, from which the way can be longest.
         return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + 0.5 * (
             shape.low + shape.high
         )
