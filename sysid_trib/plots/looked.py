@@ -160,7 +160,8 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     record = tree[record_groups(tree)[run]].to_dataset()
     # For a discovery, take the last model.
     compared = tree.children.get("comparison")
-    answer = record.model.values[-1] if compared is None else compared.attrs["answer"]
+    stated = {} if compared is None else compared.attrs
+    answer = stated.get("answer", stated.get("best", record.model.values[-1]))
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
     figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
@@ -170,7 +171,8 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
         panel.set_ylabel(f"input {name}{f' ({style.unit_label(units)})' if units else ''}")
     motion, residual = panels[-2:]
     curve(motion, time, record.angle.values, RECORD_POINTS)
-    for name, colour in zip(record.model.values.tolist(), (ORANGE, BLUE), strict=False):
+    moving = record.dropna("model", how="all", subset=["simulated_angle"]).model.values.tolist()
+    for name, colour in zip(moving, (ORANGE, BLUE), strict=False):
         simulated = record.simulated_angle.sel(model=name).values
         if name == answer:
             curve(motion, time, simulated, {"color": colour, "linewidth": 0.8, "label": name})

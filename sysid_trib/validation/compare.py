@@ -175,12 +175,19 @@ def _compared(
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
     _, _, of_best = trials[best]
-    motions: Sequence[xr.Dataset | None] = of_best.get("residual") or [None] * len(runs)
-    for name, (run, _, rest, _), motion in zip(of_records, parts, motions, strict=True):
+    for at, (name, (run, _, rest, _)) in enumerate(zip(of_records, parts, strict=True)):
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
-        shown = [] if motion is None else [run.angle.values - motion.residual.values]
-        simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
-        groups[name] = findings.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
+        # A model without a motion has nan.
+        nothing = np.full(run.sizes["time"], np.nan)
+        residuals_of = {
+            label: motions["residual"][at].residual.values if motions.get("residual") else nothing
+            for label, (_, _, motions) in trials.items()
+        }
+        simulated = run.angle.values - np.array(list(residuals_of.values()))
+        # For a driven record the noise is at most the residual of the best model.
+        of_noise = findings.with_noise_and_models(run, [best], run.angle.values - residuals_of[best][None])
+        kept = findings.with_noise_and_models(run, list(trials), simulated).assign(noise=of_noise.noise)
+        groups[name] = kept.assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
         residuals = [motion.residual.values for motion in of_best.get("residual", [])]
