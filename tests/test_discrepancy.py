@@ -153,7 +153,7 @@ def test_a_search_ends_at_its_time_limit():
     run = with_two()
     tree = discover(run, BASE, FEW, time_limit=1e-3)
     assert tree.attrs["out_of_time"] == "0.001 s"
-    assert tree.attrs["converged"] == "False"
+    assert not tree["converged"]
     assert tree.attrs["verdict"] == "unknown effect"
     assert tree["steps"].attrs["count"] == 0
     told = " ".join(verdict_sentences(tree))
@@ -204,7 +204,7 @@ def test_discover_is_blind_to_the_last_third_unless_asked():
     assert again["record"].sizes["time"] == run.sizes["time"]
     for tree in (blind, again):
         assert tree.attrs["verdict"] == "explained"
-        assert tree.attrs["converged"] == "True"
+        assert tree["converged"]
         assert tree["steps"].symbol.values.tolist() == ["even_spring"]
         assert tree["steps"].prediction_z.item() > -DEFAULTS.refuted
         assert not tree["steps"].worsens_holdout.item()

@@ -145,7 +145,7 @@ def _ends(rows: Sequence[Row], drawn: Sequence[Row], slow: float) -> list[tuple[
         "given up": late,
         "errors in the exact fit of the truth": len(rows) - len(drawn),
         "refused with an error of the package": sum("refused" in row for row in drawn),
-        "not converged": sum(row["found"]["converged"] != "True" for row in drawn if "found" in row),
+        "not converged": sum(str(row["found"]["converged"]) != "True" for row in drawn if "found" in row),
     }
     lines = [(title, f"{count} of {len(rows)}") for title, count in counts.items()]
     seconds = pd.Series([row["seconds"] for row in drawn if "seconds" in row])

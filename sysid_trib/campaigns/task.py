@@ -246,7 +246,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
         # Of a discovery, behind its verdict.
-        early = "" if tree.attrs["converged"] == "True" else " (its search ended before it had converged)"
+        early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
 

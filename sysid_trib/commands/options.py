@@ -19,7 +19,7 @@ OptionRows = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class CommandOptions:
-    """Values of the options of a command, one attribute for each option."""
+    """Options of a command with the values that were given."""
 
     def but(self, **values: Any) -> Self:
         """Return the options with some values replaced."""
@@ -74,7 +74,7 @@ class ConstraintOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions(ForcesOptions, ConstraintOptions):
-    """Options of the model to identify."""
+    """Forces to identify, with their constraints."""
 
     omega0: str | None = None
     random_force: str = "auto"
@@ -91,7 +91,7 @@ class StartOptions(ForcesOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions(ForcesOptions):
-    """Options of a search: effects to add to its start model."""
+    """Limits of a search."""
 
     candidates: str | None = None
     max_effects: int = 4
@@ -114,7 +114,7 @@ class MeasuredOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ShownOptions(CommandOptions):
-    """Options of the presentation of a result."""
+    """Forms in which a result is shown."""
 
     as_json: bool = False
     plot: Path | None = None
@@ -299,7 +299,7 @@ COMMANDS: dict[str, Any] = TABLE.pop("commands")
 
 
 def _whole(name: str, title: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of an option with what the table leaves out."""
+    """Return the row of an option with what the table leaves out."""
     whole: dict[str, Any] = {"title": title, "flag": f"--{name.replace('_', '-')}", **row}
     if whole.get("within") == "positive":
         whole["within"] = POSITIVE

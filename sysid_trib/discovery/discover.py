@@ -150,7 +150,7 @@ NEARER = 0.95
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """Options of a search.
+    """Plan of a search.
 
     Attributes
     ----------
@@ -215,18 +215,13 @@ def _discovery(
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
+    groups["/"] = xr.Dataset(variables.described("search", {"converged": done.converged}))
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
-    options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-    options |= {
-        "refit": how.refit,
-        "reference_frequency": reference_frequency,
-        "constraints": dict(constraints),
-    }
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
         **schema.provenance(None, one_or_all(runs), model),
         "method": "discover",
-        "options": json.dumps(options),
+        "options": json.dumps(_options_of(how, constraints)),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         **_outcome(done, closing),
@@ -244,6 +239,18 @@ def _discovery(
     return tree
 
 
+def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]:
+    """Return the options of a search as they are kept in its result."""
+    return {
+        "max_effects": how.settings.max_effects,
+        "level": how.settings.level,
+        "seed": how.settings.seed,
+        "refit": how.refit,
+        "reference_frequency": how.reference_frequency,
+        "constraints": dict(constraints),
+    }
+
+
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
     """Return what a search says of itself, as attributes of its result."""
     return {
@@ -251,7 +258,6 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
-        "converged": str(done.converged),
         "failed_fits": done.failed,
     }
 

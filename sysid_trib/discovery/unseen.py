@@ -29,7 +29,7 @@ from sysid_trib.validation.residuals import FollowedRuns
 
 
 class Prediction(NamedTuple):
-    """Prediction of parts that the model has not used.
+    """Prediction of parts that a model has not seen.
 
     Attributes
     ----------

@@ -115,7 +115,7 @@ class SimulatedMotion:
 
 
 class Forcing(NamedTuple):
-    """Forcing over time.
+    """Inputs and random force of a motion over time.
 
     Attributes
     ----------

@@ -183,7 +183,8 @@ def _compared(
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
         residuals = [motion.residual.values for motion in of_best.get("residual", [])]
         p_value = len(runs) * min(map(white_p_value, residuals), default=0.0)
-        table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
+        white = variables.described("comparison", {"white_residual": p_value >= WHITE_LEVEL})
+        table = table.assign(white)
     table.attrs |= _not_separable(runs, list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})
 
@@ -287,10 +288,9 @@ def _bias(result: xr.Dataset | None) -> str:
     """Return the bias that a method reports."""
     if result is None:
         return ""
-    removed = str(result.attrs.get("first_order_bias_removed", "yes"))
-    if removed == "no" or removed.startswith("no:"):
-        why = removed[2:].strip(" :.")
+    if not result.get("first_order_bias_removed", True):
+        why = result.attrs.get("first_order_bias_reason", "").rstrip(".")
         return f"first-order bias not removed{': ' + why if why else ''}"
-    if result.attrs.get("refined", "True") != "True":
+    if not result.get("refined", True):
         return "columns from the smoothed record, whose noise biases them"
     return ""
