@@ -45,7 +45,7 @@ def law_held(kind: str, clean: xr.Dataset, library: st.forces.ForceLibrary, nois
     tree, seconds = timed(lambda: st.laws(decay), time.process_time)
     result, found = (
         st.best(tree),
-        {"seconds": seconds, "direct": tree["comparison"].attrs["answer"] == "direct"},
+        {"seconds": seconds, "direct": tree["judged"].attrs["preferred"] == "direct"},
     )
     for law, variable, symbol in (
         ("friction", "speed", "friction"),

@@ -11,8 +11,8 @@ from scipy.stats import binom, chi2
 from sysid_trib import Model, load_library, methods
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.printing import Layer
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 Array = NDArray[np.float64]

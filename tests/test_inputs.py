@@ -145,7 +145,7 @@ def test_runs_share_what_is_theirs_and_have_the_rest_of_their_own() -> None:
         assert result.force.values.tolist() == ["gain", "zeta", "epsilon", "lambda_1", "lambda_2"]
         truth = {s: TRUTH[s] for s in ("gain", "zeta", "epsilon")} | {"lambda_1": 0.004, "lambda_2": 0.008}
         assert np.abs(scores(result, truth)).max() < 4.5
-    assert tree["comparison"].attrs["verdict_on_record"] == "explained"
+    assert tree["judged"].attrs["verdict"] == "explained"
     predicted = st.predict(tree["trajectory"].to_dataset(), runs[1], run=1)
     assert predicted.residual_rms == pytest.approx(1e-4, rel=0.1)
     wrong = st.predict(tree["trajectory"].to_dataset(), runs[1], run=0)

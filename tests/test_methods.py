@@ -137,11 +137,11 @@ def test_identify_gives_what_the_command_gives(example, tmp_path):
     assert run("identify", "-o", tmp_path / "command.nc").status == 0
     by_command, here = st.load(tmp_path / "command.nc"), st.identify(example)
     assert set(here.children) == set(by_command.children)
-    for group in ("averaging", "direct", "comparison"):
+    for group in ("averaging", "direct", "judged", "agreement"):
         for name, variable in here[group].data_vars.items():
             if variable.dtype.kind == "f":
                 np.testing.assert_allclose(variable, by_command[group][name], rtol=1e-12, err_msg=name)
-        assert here[group].attrs.get("verdict_on_record") == by_command[group].attrs.get("verdict_on_record")
+        assert here[group].attrs.get("verdict") == by_command[group].attrs.get("verdict")
 
 
 def test_a_campaign_has_as_many_workers_and_as_much_memory():

@@ -37,8 +37,8 @@ from benchmarks import peers
 from benchmarks.study import common
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Averaging, Direct, FrequencyShift, Trajectory
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.validation import cramer_rao_bound, run_agreement
 
 STRONG = SIX | {"lambda": 1e-3}

@@ -35,8 +35,8 @@ from benchmarks.measured import BOTH, records_folder
 from benchmarks.random_force_kinds import FILM, RECORDS
 from benchmarks.study.common import METHODS, NOISE, Pushed, W, density_of, over_seeds, shown, time_of, tried
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.validation.holdout import first_held_out
 
 PER_PERIOD, ANGLE = 60, 0.3
@@ -73,7 +73,7 @@ def verdict_of(decay: xr.Dataset, method) -> dict:
     result = st.identify(decay, OFFERED, method)
     tree = st.cross_check(decay, result, result)
     p = tree["random_force"].p_value.item() if "random_force" in tree.children else np.nan
-    return {"verdict": tree["comparison"].attrs["verdict_on_record"], "p": p}
+    return {"verdict": tree["judged"].attrs["verdict"], "p": p}
 
 
 def with_effect(force: st.forces.Force, random: np.random.Generator, noise: float) -> st.Model | None:

@@ -15,10 +15,11 @@ from sysid_trib.forces import selection
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
+from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.results.files import kind_of
-from sysid_trib.validation.findings import main_result
+from sysid_trib.results.judged import main_result
+from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.random_force import DENSITY_UNITS
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:

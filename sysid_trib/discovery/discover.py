@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import forces, records
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.discovery import parts, to_xarray
 from sysid_trib.discovery.engine import start_model
 from sysid_trib.discovery.engine.fitted_model import FittedModel
@@ -33,10 +34,9 @@ from sysid_trib.forces.selection import (
     viscous_model,
 )
 from sysid_trib.records import smoothing
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
-from sysid_trib.results import effects, schema, signal_scale, variables
-from sysid_trib.validation import findings
+from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
 
 
@@ -273,7 +273,7 @@ def _unless_laws_predict_better(
     named_rms = float(np.nan_to_num(done.predictions[-1].rms, nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
-    explains = named_rms <= findings.LARGE * noise or parts.closing_effect(done)
+    explains = named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
     tell("laws as the rival of the names")

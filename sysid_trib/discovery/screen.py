@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.discovery import single_columns as single
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
@@ -18,7 +18,6 @@ from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnib
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.shape_parameters import has_frequency_parameter
-from sysid_trib.records.decay import root_mean_square
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 NOT_FINITE = "it is not finite on this motion"

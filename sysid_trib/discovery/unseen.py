@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.paths import RecordPath
 from sysid_trib.discovery.engine.run_rows import decimated, run_rows
@@ -20,7 +20,6 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.weak_form import whiten
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_frequency
 from sysid_trib.validation.holdout import first_held_out, up_to_held_out

@@ -11,7 +11,6 @@ from sysid_trib.arrays import Array, jacobian
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import (
-    RandomForce,
     RandomForceOption,
     is_fitted,
     random_force_of_ratio,
@@ -29,6 +28,7 @@ from sysid_trib.methods.half_period_equations import DENSITY, ENVELOPE_ERRORS
 from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start

@@ -10,9 +10,9 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
 from sysid_trib.questions.difference import SIDES
-from sysid_trib.results.files import kind_of
-from sysid_trib.results.schema import library_of
-from sysid_trib.validation.findings import given_results
+from sysid_trib.results.judged import given_results
+from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.models import library_of
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.

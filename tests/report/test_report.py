@@ -161,7 +161,7 @@ def test_python_on_the_page_makes_the_result_again(results, folder, kind, monkey
     again, before = (names["result"], tree) if kind == "identify" else (names["second"], tree["direct"])
     np.testing.assert_array_equal(again.coefficient, before.coefficient)
     if kind != "identify":
-        assert names["tree"]["comparison"].p_value.item() == tree["comparison"].p_value.item()
+        assert names["tree"]["agreement"].p_value.item() == tree["agreement"].p_value.item()
 
 
 def test_python_of_compare_and_discover_is_python(pages):
@@ -216,7 +216,7 @@ def test_bad_results_are_refused(folder, tmp_path, what, without_figures):
         source.mkdir()
     else:
         tree = st.load(folder / "cross_check.nc")
-        tree["comparison"] = xr.DataTree(tree["comparison"].to_dataset().drop_vars("p_value"))
+        tree["judged"] = xr.DataTree(tree["judged"].to_dataset().drop_vars("p_value"))
         st.save(tree, source)
     ending = run("report", source, "-o", tmp_path / "page.html")
     assert ending.status == 1

@@ -14,7 +14,7 @@ from sysid_trib.plots.figure import figures_of, new_figure
 from sysid_trib.questions.difference import held_against
 from sysid_trib.questions.profiles import profile
 from sysid_trib.records.smoothing import swing_frequency
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.kinds import kind_of
 
 # mm, as journals have them.
 WIDTHS = (88.0, 180.0)

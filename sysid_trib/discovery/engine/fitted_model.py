@@ -6,14 +6,13 @@ from functools import cached_property
 
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery.engine.likelihood import Likelihood
 from sysid_trib.discovery.engine.paths import RecordPath, Terms
 from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.engine.trials import Settings, TrialEffect, reference_power
 from sysid_trib.forces.shape_parameters import slope_of_unit
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.records.decay import root_mean_square
 
 # Difference of a shape parameter for its column, in parts of its range.
 SHAPE_DIFFERENCE = 1e-4
