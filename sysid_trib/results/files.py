@@ -2,7 +2,9 @@
 
 import errno
 import io
+import json
 import os
+import re
 import secrets
 import sys
 import uuid
@@ -54,7 +56,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
         node.attrs |= {name: np.ravel(node.attrs[name]).astype(str).tolist() for name in lists}
         if version == FORMAT_WITH_METHODS:
             node.attrs["format_version"] = FORMAT_VERSION
-        node.dataset = with_booleans(over_models(node.to_dataset(inherit=False)))
+        node.dataset = without_meaning_in_texts(over_models(node.to_dataset(inherit=False)))
     return tree
 
 
@@ -67,13 +69,19 @@ TRUE_TEXTS = {
 }
 
 
-def with_booleans(data: xr.Dataset) -> xr.Dataset:
-    """Return a dataset with true or false as variables, which results of older versions have as texts."""
+def without_meaning_in_texts(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with the truths and numbers that results of older versions have as texts alone."""
     for name in TRUE_TEXTS.keys() & data.attrs.keys():
         said = str(data.attrs.pop(name))
         data[name] = said == TRUE_TEXTS[name]
         if said.startswith("no: "):
             data.attrs["first_order_bias_reason"] = said.removeprefix("no: ")
+    if "converged" in data and "refitted" not in data:
+        data["holdout_given"] = not str(data.attrs["held_out"]).startswith("the last third")
+        data["refitted"] = json.loads(data.attrs["options"])["refit"] and not data["holdout_given"]
+    if "angle" in data and "decimated" in data.attrs and "decimation" not in data.attrs:
+        before, after = re.findall(r"\d+", str(data.attrs["decimated"]))[:2]
+        data.attrs["decimation"] = int(before) / int(after)
     return data
 
 
