@@ -14,8 +14,8 @@ from sysid_trib.commands.options import SearchOptions
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing import discovery, layout
 from sysid_trib.results.files import save
+from sysid_trib.results.judged import record_noise, residual_of
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.findings import record_noise, residual_of
 
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}
@@ -107,7 +107,7 @@ def test_what_is_not_predicted_is_said_and_fitted_next(twin):
     tree = twin[0].copy(deep=True)
     assert next_step(tree)[0] == "identify"
     tree["holdout"].rms[-1] = 3.4 * record_noise(tree)
-    assert "But it leaves 3.4 times the noise of what was held out (the last third)." in story(tree)
+    assert "But the residual is 3.4 times the noise on the held-out part (the last third)." in story(tree)
     # Two methods are fitted to the whole record: the search need not be run again.
     assert next_step(tree)[0] == "identify"
     given = SearchOptions(max_effects=2)
@@ -170,7 +170,7 @@ def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
     assert found["generic_p_value"] < 0.01
     told = story(load(tmp_path / "even.nc"))
     assert re.search("Unknown effect: the (model does|named effects do) not explain the record", told)
-    assert "The omnibus test rejects" in told
+    assert "The omnibus test shows that an effect is missing" in told
 
 
 @pytest.mark.slow

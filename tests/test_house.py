@@ -74,7 +74,7 @@ ALIASES = {"Array", "Vector", "Index", "Mask"}
 
 
 def wrong(found_in, is_wrong):
-    """Where a module says what it must not; `found_in` gives words and their lines."""
+    """Return the places where a module has something wrong; `found_in` gives words and their lines."""
     return [
         f"{name}:{line}: {word}"
         for name, module in modules().items()
@@ -118,7 +118,7 @@ def said(tree, text):
 
 
 def first_lines(tree, _):
-    """How docstrings begin."""
+    """Yield the first lines of docstrings."""
     for node in ast.walk(tree):
         holds = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         if holds and (text := ast.get_docstring(node)):
@@ -200,11 +200,11 @@ def test_a_constant_or_class_means_one_thing():
 # What is decided in one place, and read everywhere.
 HOMES = {
     "as_runs": "records/decay.py",
-    "kind_of": "results/files.py",
+    "kind_of": "results/kinds.py",
     "departure_time": "validation/residuals.py",
     "widening": "validation/verdict.py",
-    "verdict_on_record": "validation/verdict.py",
-    "answer_of": "validation/findings.py",
+    "verdict_word": "validation/judge.py",
+    "preferred_of": "results/judged.py",
     "move_of": "discovery/exchange.py",
 }
 
@@ -228,7 +228,7 @@ def test_what_is_decided_has_one_home():
 def test_the_kind_of_a_result_is_asked_not_guessed():
     guess = re.compile(r'"(?:steps|ranking|stiffness_difference)" (?:not )?in \w+')
     guesses = {name for name, (_, text) in modules().items() if guess.search(text)}
-    assert guesses == {"results/files.py"}
+    assert guesses == {"results/kinds.py"}
 
 
 def defined(tree):

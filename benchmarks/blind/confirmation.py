@@ -107,7 +107,7 @@ def _answers(case: Drawn) -> dict[str, Any]:
 
 
 def look(case: Drawn, settings: Settings) -> dict[str, Any]:
-    """What is named from the case's files."""
+    """Return the names that the program finds in the files of a case."""
     with tempfile.TemporaryDirectory() as folder:
         paths = []
         for number, angle in enumerate(case.angles):

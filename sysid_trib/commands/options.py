@@ -1,4 +1,4 @@
-"""Options of the commands with their types and defaults; `commands.toml` has what the help says of each."""
+"""Options of the commands with their types and defaults; `commands.toml` has their help."""
 
 import tomllib
 from collections.abc import Iterable, Mapping

@@ -89,7 +89,7 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
     ):
         return library(*given)
     raise UsageError(
-        f"{function} wants a force library: st.load_library('contact_forces'), its name, or "
+        f"{function} needs a force library: st.load_library('contact_forces'), its name, or "
         f"st.library(zeta='2*v'); not {_kind(given)}."
     )
 

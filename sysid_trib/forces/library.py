@@ -260,5 +260,5 @@ def _check_finite(force: Force, where: str) -> None:
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:
             raise LibraryError(
                 f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad "
-                "and states of either sign; mind overflow, division by zero, roots or logarithms below zero."
+                "and states of either sign; check for overflow, division by zero, roots of negative numbers."
             )

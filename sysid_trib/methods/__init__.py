@@ -1,6 +1,6 @@
 """Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`.
 
-What a method assumes, observes and identifies is its attribute `scope`.
+The attribute `scope` of a method states its assumptions, observed quantities and identified forces.
 """
 
 import json

@@ -11,7 +11,6 @@ from sysid_trib.arrays import Array, jacobian
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import (
-    RandomForce,
     RandomForceOption,
     is_fitted,
     random_force_of_ratio,
@@ -29,6 +28,7 @@ from sysid_trib.methods.half_period_equations import DENSITY, ENVELOPE_ERRORS
 from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
@@ -208,7 +208,7 @@ def _motion_from_start(
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
     """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
-    Of a motion that is pushed far the steps themselves converge slowly, or lead away.
+    With a strong random force the plain steps converge slowly, or diverge.
     """
     # Corrections by whose differences the next is shortened or lengthened.
     recent = slice(-5, None)

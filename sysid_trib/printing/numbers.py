@@ -10,9 +10,9 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
 from sysid_trib.questions.difference import SIDES
-from sysid_trib.results.files import kind_of
-from sysid_trib.results.schema import library_of
-from sysid_trib.validation.findings import given_results
+from sysid_trib.results.judged import given_results
+from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.models import library_of
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.
@@ -52,7 +52,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
         rows = _of_identifications(named)
     else:
         raise UsageError(
-            "summary wants a result of identify, laws, compare, discover or difference, or of a method."
+            "summary needs a result of identify, laws, compare, discover or difference, or of a method."
         )
     table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
     return table.rename(columns={"by": by}).set_index([by, "quantity"])

@@ -54,9 +54,9 @@ def free_part(swing: Swing) -> Swing:
 def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     """First sample at the extremum before the first zero crossing, 0 if the record is free before it, too.
 
-    What comes before that extremum may be the hand that holds the body, or moves it to its release. Free
-    motion takes a quarter period from the extremum to the crossing, a little more where it decays, and before
-    the extremum it is the mirror image of what follows, up to the decay, whatever the elastic forces.
+    Before that extremum a hand may hold the body, or move it to its release. Free motion takes a quarter
+    period from the extremum to the crossing, a little more where it decays, and before the extremum it is the
+    mirror image of what follows, up to the decay, whatever the elastic forces.
     """
     time, run, peak = swing.time, swing.run, swing.peaks
     duration = swing.halves.duration[run]
@@ -270,9 +270,6 @@ RecordLike: TypeAlias = (
 # One, or several.
 RecordsLike: TypeAlias = RecordLike | Iterable[RecordLike]
 
-# Of each run, by which it shows how far names and coefficients hold.
-RECORD_PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
-
 
 def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
     """The runs as a list, also if there is but one.
@@ -324,8 +321,3 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
 def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
     """The decay itself where there is but one."""
     return runs[0] if len(runs) == 1 else list(runs)
-
-
-def root_mean_square(values: ArrayLike) -> float:
-    """RMS of numbers."""
-    return float(np.sqrt(np.mean(np.square(values))))

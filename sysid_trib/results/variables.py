@@ -17,7 +17,9 @@ from sysid_trib.arrays import (
 )
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 4
+FORMAT_VERSION = 6
+# Parts of each run in which a result is fitted again, from and to in parts of its length.
+PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
 # Variables of validation and physics, by name.

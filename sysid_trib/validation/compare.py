@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import records
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -24,12 +25,15 @@ from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale, variables
-from sysid_trib.validation import cross_check, findings, holdout, residuals, verdict
-from sysid_trib.validation.driven import is_driven
+from sysid_trib.results.random_force import is_found, random_force_of
+from sysid_trib.validation import cross_check, holdout, judge, residuals, verdict
+from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
 
-RESERVED = ("", ".", "..", "record", "envelope", "comparison")
+RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
+# What the group `judged` has of each method, and so the table of methods has not.
+JUDGED_VARIABLES = ["residual_rms", "residual_over_noise", "failure"]
 Methods = Sequence[Method] | Mapping[str, Method]
 
 
@@ -121,15 +125,15 @@ def compare(
     centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
     A method that does not apply keeps its row: nan, and why in `reason`.
 
-    Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
-    the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
+    The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
+    each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
     runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
     offered = verdict.checked_library("compare", library, [method for _, method in pairs], runs)
     if not pairs:
-        raise UsageError("compare wants at least one method, such as methods.Direct().")
+        raise UsageError("compare needs at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
     return _compared(runs, offered, named, contactless, constraints, tell)
 
@@ -161,32 +165,63 @@ def _compared(
         tell(label, at / len(named))
         held = with_stated(constraints, library, method)
         trials[label] = _try_method(method, parts, library, contactless, held)
-    results = {label: result for label, (result, *_) in trials.items() if result is not None}
+    results = {label: trial.result for label, trial in trials.items() if trial.result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
-        label, (_, row, _) = next(iter(trials.items()))
-        raise DecayError(f"No method can identify {subject}. {label}: {row['reason']}.")
+        label, trial = next(iter(trials.items()))
+        raise DecayError(f"No method can identify {subject}. {label}: {trial.row['reason']}.")
     medians = [(np.median(np.diff(of.extremum_time)), np.median(np.diff(run.time))) for run, *_, of in parts]
     # Samples of a period.
     blocks = [max(1, round(2.0 * half_period / step)) for half_period, step in medians]
     table = holdout.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
-    _, _, of_best = trials[best]
+    of_best = trials[best].motions
     motions: Sequence[xr.Dataset | None] = of_best.get("residual") or [None] * len(runs)
     for name, (run, _, rest, _), motion in zip(of_records, parts, motions, strict=True):
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
         shown = [] if motion is None else [run.angle.values - motion.residual.values]
         simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
-        groups[name] = findings.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
+        groups[name] = residuals.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
-        residuals = [motion.residual.values for motion in of_best.get("residual", [])]
-        p_value = len(runs) * min(map(white_p_value, residuals), default=0.0)
+        of_runs = [motion.residual.values for motion in of_best.get("residual", [])]
+        p_value = len(runs) * min(map(white_p_value, of_runs), default=0.0)
         white = variables.described("comparison", {"white_residual": p_value >= WHITE_LEVEL})
         table = table.assign(white)
     table.attrs |= _not_separable(runs, list(results.values()), library)
-    return xr.DataTree.from_dict({**groups, **results, "comparison": table})
+    table, judged = _judged(table, runs, {label: trial.followed for label, trial in trials.items()})
+    return xr.DataTree.from_dict({**groups, **results, "comparison": table, "judged": judged})
+
+
+def _judged(
+    table: xr.Dataset, runs: Sequence[xr.Dataset], followed: Mapping[str, residuals.FollowedRuns | None]
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Judge the methods that gave an identification; the table of methods without what is judged."""
+    best = table.attrs["best"]
+    known = {label: of for label, of in followed.items() if of is not None}
+    # The verdict on the noise is that of the last.
+    known[best] = known.pop(best)
+    driven, of_best = is_driven(runs), known[best].result
+    tested = tested_driven(known) if driven else residuals.residuals(known, of_best)
+    p_value = float("nan")
+    if not driven and is_found(random_force_of(of_best)):
+        p_value = verdict.p_value_of_dependence(verdict.tested_runs(known[best]))
+    of_known = table.sel(model=list(known))
+    motion = root_mean_square([root_mean_square(run.angle.values) for run in runs])
+    values = {
+        "residual_rms": of_known.residual_rms.values,
+        "residual_over_noise": of_known.residual_over_noise.values,
+        "residual_over_motion": of_known.residual_rms.values / motion,
+        "held_out_rms": of_known.holdout_rms.values,
+        "failure": of_known.failure.values,
+        "random_force_p": np.full(len(known), p_value),
+    }
+    judged = tested.assign(variables.described("judged", values))
+    evidence = verdict.evidence_of_models(judged, known)
+    judged = judge.with_verdicts(judged, evidence, best, "compare")
+    there = [label for label in table.model.values if label in known]
+    return table.drop_vars(JUDGED_VARIABLES), judged.sel(model=there)
 
 
 def _try_method(
@@ -209,7 +244,7 @@ def _try_method(
     row = {**vars(scope_of(method)), **forces, "time_taken": seconds, "failure": ""}
     row["bias"] = _bias(result)
     if result is None:
-        return None, row | {"reason": reason}, {}
+        return Trial(None, row | {"reason": reason}, {})
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
@@ -229,7 +264,7 @@ def _try_method(
     if not forces["neglects"]:
         row["failure"] = holdout.failure_of(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
-    return result, row | {"reason": reason or part_reason}, motions
+    return Trial(result, row | {"reason": reason or part_reason}, motions, followed)
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:

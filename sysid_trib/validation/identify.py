@@ -14,11 +14,12 @@ from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_stated
 from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results.judged import last_of
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
@@ -150,7 +151,7 @@ def usual_methods(
         return [Direct(**asked, own=own), Trajectory(**asked, own=own, warm_up=warm_up)]  # type: ignore
     if own:
         raise UsageError(
-            "Coefficients of each run's own are of driven records (--input); identify each free decay alone."
+            "Individual coefficients of runs need driven records (--input); identify free decays one by one."
         )
     # Amplitudes and frequencies tell no term of the sensor from a force, and not all forces from each other.
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -171,7 +172,7 @@ def _held_against_each_other(
 ) -> xr.DataTree:
     """Cross-check two methods; for several runs, test whether these agree."""
     if len(methods) != 2:
-        raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
+        raise UsageError(f"identify takes one method, or two to compare, not {len(methods)}.")
     runs = as_runs(decay, driven=True)
     if driven.is_driven(runs):
         direct, trajectory = methods
@@ -181,8 +182,7 @@ def _held_against_each_other(
     tree = identified_and_checked(one_or_all(list(runs)), library, methods, tell=tell)
     if len(runs) > 1:
         tell("each run by itself")
-        second = tree[tree["comparison"].attrs["second"]].to_dataset()
-        tree["runs"] = xr.DataTree(run_agreement(runs, second))
+        tree["runs"] = xr.DataTree(run_agreement(runs, last_of(tree)))
     return tree
 
 
