@@ -34,8 +34,8 @@ from sysid_trib.forces.selection import (
     viscous_model,
 )
 from sysid_trib.records import smoothing
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
 
