@@ -19,7 +19,6 @@ from scipy.stats import beta
 import sysid_trib as st
 from benchmarks.study.common import added, read
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces.shape_parameters import from_unit
 from sysid_trib.questions.rivals import ODDS
 
 LIMITS, DURATION, RATE, NOISE, MOST_RUNS = (0.1, 0.8), 12.0, 50.0, 2e-3, 5
@@ -69,7 +68,7 @@ def hidden_in(seed: int, drawn: bool) -> tuple[str, st.Model]:
     offered = [*library, *st.load_library("candidate_effects")]
     while True:
         force = offered[rng.integers(len(offered))]
-        shapes = {f"{force.symbol}.{n}": float(from_unit(s, rng.uniform())) for n, s in force.shape.items()}
+        shapes = {f"{force.symbol}.{n}": float(s.at(rng.uniform())) for n, s in force.shape.items()}
         if force.symbol == "zeta" or not shown.testable.sel(candidate=force.symbol):
             continue
         size = shown.detectable.sel(candidate=force.symbol).item() * np.exp(rng.uniform(*np.log(STRENGTHS)))

@@ -112,7 +112,7 @@ def test_what_is_not_predicted_is_said_and_fitted_next(twin):
     assert next_step(tree)[0] == "identify"
     given = SearchOptions(max_effects=2)
     assert alternatives(tree, given)[-1].endswith(": sysid-trib discover --max-effects 2 --refit")
-    tree.attrs["options"] = json.dumps({"refit": True})
+    tree["refitted"] = True
     assert "But" not in story(tree)
     assert next_step(tree)[0] == "identify"
 

@@ -199,7 +199,7 @@ def test_a_constant_or_class_means_one_thing():
 
 # What is decided in one place, and read everywhere.
 HOMES = {
-    "as_runs": "records/decay.py",
+    "as_runs": "records/runs.py",
     "kind_of": "results/kinds.py",
     "departure_time": "validation/residuals.py",
     "widening": "validation/verdict.py",

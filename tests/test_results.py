@@ -212,10 +212,9 @@ def test_a_variable_scales_alike_in_every_table():
     assert scaling_of("reference_frequency_standard_error") == "fixed"
 
 
-def test_true_and_false_of_older_results_are_read(tmp_path):
-    new = Direct().identify(paper_run(duration=8.0).decay(1), st.load_library().select(["lambda", "zeta"]))
-    assert new.refined.dtype == bool
-    older = new.drop_vars("refined").assign_attrs(refined="False", format_version=3)
-    st.save(older, tmp_path / "older.nc")
-    read = st.load(tmp_path / "older.nc")["refined"]
-    assert (read.dtype, read.item()) == (bool, False)
+def test_true_and_false_come_back_as_booleans(tmp_path):
+    made = Direct().identify(paper_run(duration=8.0).decay(1), st.load_library().select(["lambda", "zeta"]))
+    assert made.refined.dtype == bool
+    st.save(made, tmp_path / "result.nc")
+    read = st.load(tmp_path / "result.nc")["refined"]
+    assert (read.dtype, read.item()) == (bool, made.refined.item())

@@ -22,10 +22,10 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
-from sysid_trib.records.decay import RecordLike, one_or_all
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import one_record
 from sysid_trib.records.read import read_records
+from sysid_trib.records.runs import RecordLike, one_or_all
 from sysid_trib.results import effects, judged, variables
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.validation import compare, cross_check, verdict

@@ -179,7 +179,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
         most = tree.attrs["max_effects"]
         if outstanding and tree["steps"].attrs["count"] >= most > 0:
             made.append(("For further effects", "discover", {"max_effects": str(most + MORE_EFFECTS)}))
-        if judged.held_out_excess(tree) and tree.attrs["held_out"].startswith(judged.LAST_THIRD):
+        if judged.held_out_excess(tree) and not tree["holdout_given"]:
             made.append(("To fit the same forces to the whole record", "discover", {"refit": ""}))
     elif kind_of(tree) == "laws":
         if judged.verdict_of(tree) != "explained" and not kinds.is_of_driven(tree):

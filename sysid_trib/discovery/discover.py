@@ -34,8 +34,8 @@ from sysid_trib.forces.selection import (
     viscous_model,
 )
 from sysid_trib.records import smoothing
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.inputs import inputs_for, inputs_of
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
 
@@ -215,7 +215,7 @@ def _discovery(
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
-    groups["/"] = xr.Dataset(variables.described("search", {"converged": done.converged}))
+    groups["/"] = _search_group(done, holdout_given=bool(unseen), refitted=how.refit and not unseen)
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
@@ -237,6 +237,12 @@ def _discovery(
     if refused or effects.misnamed_effects(tree):
         tree.attrs["verdict"] = "unknown effect"
     return tree
+
+
+def _search_group(done: Search, *, holdout_given: bool, refitted: bool) -> xr.Dataset:
+    """Return the variables of a search that are true or false."""
+    values = {"converged": done.converged, "holdout_given": holdout_given, "refitted": refitted}
+    return xr.Dataset(variables.described("search", values))
 
 
 def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_variables
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.variance_ratio import p_value_of_gain
-from sysid_trib.records.decay import one_or_all
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables

@@ -25,7 +25,7 @@ from sysid_trib.methods.auxiliary import (
 from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.indirect import IndirectEstimate, as_identification, as_measured, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 SCOPE = MethodScope(

@@ -35,7 +35,7 @@ from sysid_trib.likelihood.rows import (
 )
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion

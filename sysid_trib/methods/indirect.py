@@ -26,7 +26,7 @@ from sysid_trib.methods.auxiliary import (
 )
 from sysid_trib.methods.half_period_equations import DENSITY, ENVELOPE_ERRORS
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification

@@ -29,7 +29,7 @@ from sysid_trib.motion_fit.least_squares import (
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of

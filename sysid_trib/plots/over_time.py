@@ -15,7 +15,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND
 from sysid_trib.plots.style import MODEL_LINES, Style
-from sysid_trib.records.decay import RecordLike
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.results.effects import steps_taken, tied_name
 from sysid_trib.results.judged import LAST_THIRD, failures, is_refitted, judged_of
 from sysid_trib.results.kinds import kind_of

@@ -16,7 +16,7 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods import method_of, scope
-from sysid_trib.records.decay import RecordsLike, as_runs
+from sysid_trib.records.runs import RecordsLike, as_runs
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.effects import at_bound
 from sysid_trib.results.judged import error_parts, main_result

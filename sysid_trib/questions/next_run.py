@@ -1,6 +1,5 @@
 """Next run: release and duration that separate competing models, or give a wanted error."""
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TypeAlias
@@ -187,10 +186,9 @@ def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float
     record = result[group]
     time = record.time.values
     window = np.asarray(record.attrs.get("kept_window", time[[0, -1]]))
-    rate, text = 1.0 / float(np.median(np.diff(time))), str(record.attrs.get("decimated", ""))
-    before, after = re.findall(r"\d+", text)[:2] if text else (1, 1)
+    rate = 1.0 / float(np.median(np.diff(time)))
     release = float(np.abs(record.angle).max())
-    return release, float(window[-1] - window[0]), rate, rate * int(before) / int(after)
+    return release, float(window[-1] - window[0]), rate, rate * float(record.attrs.get("decimation", 1.0))
 
 
 def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:

@@ -11,7 +11,6 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.shape_parameters import slope_of_unit
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
@@ -164,7 +163,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
     """
     model, library = schema.model_of(result), schema.library_of(result)
     shapes = [(name.partition("."), value) for name, value in model.shapes.items()]
-    unit = np.array([slope_of_unit(library[force].shape[name], value) for (force, _, name), value in shapes])
+    unit = np.array([library[force].shape[name].slope(value) for (force, _, name), value in shapes])
     held = result.standard_error.sel(force=list(model.coefficients)).values == 0.0
     fitted = result.reference_frequency_standard_error.item() > 0.0
     is_free = np.flatnonzero([*~held, *np.full(len(unit), True), fitted])

@@ -10,9 +10,10 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes
-from sysid_trib.records.decay import RecordLike, decay_dataset, free_part, short_decay
+from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.in_memory import one_record
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.

@@ -1,6 +1,5 @@
 """Properties of a result: stored when it is made, and read from its tree."""
 
-import json
 from math import floor, log10
 
 import numpy as np
@@ -63,7 +62,7 @@ def held_out_excess(tree: xr.DataTree) -> float:
 
 def is_refitted(tree: xr.DataTree) -> bool:
     """True if the models of a discovery were fitted to the whole records in the end."""
-    return bool(json.loads(tree.attrs["options"])["refit"]) and tree.attrs["held_out"].startswith(LAST_THIRD)
+    return bool(tree["refitted"])
 
 
 def verdict_of(tree: xr.DataTree) -> str:

@@ -12,8 +12,8 @@ from numpy.typing import ArrayLike
 from sysid_trib._version import __version__
 from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.models import library_of as library_of, shape_values_of as shape_values_of
 from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, refuse_whole_result, variable
 from sysid_trib.simulation.model import Model

@@ -14,7 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.records.decay import one_or_all
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.simulation.model import Model

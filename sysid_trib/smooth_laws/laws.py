@@ -16,8 +16,8 @@ from sysid_trib.forces.force import LibraryLike
 from sysid_trib.forces.selection import System, load_system
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names

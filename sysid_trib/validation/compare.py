@@ -22,8 +22,8 @@ from sysid_trib.methods.scope import (
     with_stated,
 )
 from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale, variables
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.validation import cross_check, holdout, judge, residuals, verdict

@@ -16,8 +16,8 @@ from sysid_trib.errors import DecayError, SysidTribError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit import bands, innovations
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names

@@ -20,8 +20,8 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.conversion import factor_between
-from sysid_trib.records.decay import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.records.runs import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.results.judged import best
 from sysid_trib.results.models import library_of, shape_values_of

@@ -16,7 +16,7 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.methods import Averaging, Direct, Trajectory, as_method, method_of
 from sysid_trib.methods.scope import Method, constrained, with_stated
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.judged import last_of
 from sysid_trib.results.random_force import random_force_of

@@ -13,7 +13,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
-from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale, variables
 
 # The noise that a fit of the motion may allow for.

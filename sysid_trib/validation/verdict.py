@@ -16,7 +16,7 @@ from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import effects, references, schema, signal_scale, variables
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import model_error

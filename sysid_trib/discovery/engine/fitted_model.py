@@ -11,7 +11,6 @@ from sysid_trib.discovery.engine.likelihood import Likelihood
 from sysid_trib.discovery.engine.paths import RecordPath, Terms
 from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.engine.trials import Settings, TrialEffect, reference_power
-from sysid_trib.forces.shape_parameters import slope_of_unit
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 
 # Difference of a shape parameter for its column, in parts of its range.
@@ -196,7 +195,7 @@ class FittedModel:
         errors, by_name = np.sqrt(np.diag(self.likelihood.covariance)), dict[str, float]()
         for at, name, column in self.shape_columns:
             trial = self.trials[at]
-            slope = slope_of_unit(trial.force.shape[name], trial.value(name))
+            slope = trial.force.shape[name].slope(trial.value(name))
             by_name[f"{trial.force.symbol}.{name}"] = float(errors[column] * slope)
         return by_name
 
