@@ -220,9 +220,8 @@ def _general(path, documented):
     for pattern, name in (
         (r"(?<=^methods\.)[^.]+", "METHOD"),
         (r"(?<=^coefficients\.)[^.]+", "FORCE"),
-        (r"(?<=^cross_check\.models\.)[^.]+", "METHOD"),
-        (r"(?<=^comparison\.models\.)[^.]+", "METHOD"),
-        (r"(?<=^cross_check\.differences\.)[^.]+", "QUANTITY"),
+        (r"(?<=^judged\.)[^.]+", "METHOD"),
+        (r"(?<=^cross_check\.quantity\.)[^.]+", "QUANTITY"),
         (r"(?<=^per_input\.)[^.]+", "QUANTITY"),
         (r"(?<=\.coefficients\.)[^.]+", "FORCE"),
     ):
