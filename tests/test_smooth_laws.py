@@ -114,6 +114,13 @@ def test_a_result_without_laws_is_refused():
         st.physics.law_formulas(result)
 
 
+def test_formulas_of_a_law_without_an_error_are_refused():
+    result = st.best(identified("paper"))
+    held = result.assign(friction_standard_error=0.0 * result.friction_standard_error)
+    with pytest.raises(DecayError, match="has no error"):
+        st.physics.law_formulas(held)
+
+
 def test_the_smoothness_of_a_curve_follows_from_the_rows():
     draw = np.random.default_rng(3)
     x = np.linspace(0.0, 1.0, 300)

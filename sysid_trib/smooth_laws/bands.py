@@ -127,6 +127,16 @@ def _evaluated(
     return law(w), 0.5 * (covariance + covariance.T)
 
 
+def standard_errors(covariance: Array) -> Array:
+    """Return the square roots of the variances, (place,); rounding may make one of them negative.
+
+    Parameters
+    ----------
+    covariance : (place, place) array of float
+    """
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+
+
 def largest_of_draws(covariance: Array) -> Array:
     """Return the largest |z| along a curve of zero mean in each of many draws; empty if it has no error.
 
@@ -135,7 +145,7 @@ def largest_of_draws(covariance: Array) -> Array:
     covariance : (place, place) array of float
         Of the curve.
     """
-    errors = np.sqrt(np.diag(covariance))
+    errors = standard_errors(covariance)
     known = np.flatnonzero(errors > 0.0)
     if not len(known):
         return np.zeros(0)
@@ -174,7 +184,7 @@ def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str
     visited : (place,) array of bool
         Places over which the band is simultaneous.
     """
-    error = np.sqrt(np.diag(covariance))
+    error = standard_errors(covariance)
     half = simultaneous_factor(covariance[np.ix_(visited, visited)]) * error
     return {f"{name}_standard_error": error, f"{name}_low": values - half, f"{name}_high": values + half}
 
@@ -194,7 +204,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         covariance = law.covariance + added
         values[law.name] = law.values
         values |= band(law.name, law.values, covariance, law.visited)
-        values[f"{law.name}_error_of_model"] = np.sqrt(np.diag(added))
+        values[f"{law.name}_error_of_model"] = standard_errors(added)
         values[f"{law.name}_covariance"] = covariance
         values[f"{law.variable}_visited"] = law.visited
         places[law.variable] = law.places

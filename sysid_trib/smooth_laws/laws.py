@@ -202,8 +202,8 @@ def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
 def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
     """Return the covariance of a law by its change between parts of the record, (place, place)."""
     changes = [part.values - law.values for part in parts]
-    errors = [np.sqrt(np.diag(part.covariance)) for part in parts]
-    return model_error.covariance_by_parts(changes, errors, np.sqrt(np.diag(law.covariance)))
+    errors = [bands.standard_errors(part.covariance) for part in parts]
+    return model_error.covariance_by_parts(changes, errors, bands.standard_errors(law.covariance))
 
 
 def _tree(
