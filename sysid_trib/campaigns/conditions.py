@@ -21,7 +21,7 @@ def reported_method(store: xr.Dataset) -> str:
     """Label of the identification by which a campaign's records are held against each other.
 
     Of those that identify most forces the one that most often predicts best, or where none is said to, the
-    last.
+    last. Of laws the preferred one.
     """
     done = np.flatnonzero(store.status.values == IDENTIFIED)
     labels = store.method.values.astype(str)

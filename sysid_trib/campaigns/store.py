@@ -20,7 +20,6 @@ from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
 from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
 from sysid_trib.campaigns.task import Task, checksum_of, empty_row, fingerprint
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.results.schema import force_labels
 
 FINGERPRINT = "task_fingerprint"
 # Of numbers, texts and small integers; no other kind is read, as it may run code.
@@ -251,11 +250,13 @@ def _near(path: Path, ending: str) -> Path:
 
 def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
     """Make the arrays of a store."""
-    labels, forces = task.axes, force_labels(list(task.forces))
+    labels = task.axes
+    units, degrees = zip(*task.quantities.values(), strict=True)
     coordinates: dict[str, tuple[str, Sequence[Any]]] = {
         "record": ("record", names_of(records)),
         **{dim: (dim, names) for dim, names in labels.items()},
-        **{name: ("force", forces[name][1]) for name in ("unit", "speed_degree")},
+        "unit": ("force", units),
+        "speed_degree": ("force", degrees),
     }
     for name, (dim, texts) in coordinates.items():
         values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)
@@ -263,7 +264,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
             stored.new_array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
     if isinstance(records, Study):
-        row[stored.TRUTH] = np.full(len(task.forces), np.nan)
+        row[stored.TRUTH] = np.full(len(task.quantities), np.nan)
     for name, empty in row.items():
         if not empty.size:
             continue

@@ -25,6 +25,7 @@ from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.references import with_scale_error
 from sysid_trib.results.variables import record_groups
+from sysid_trib.smooth_laws.method import law_methods
 from sysid_trib.smooth_laws.samples import laws_held_against
 from sysid_trib.validation import findings, profiles, refits
 from sysid_trib.validation.compare import compare as compared, every_method
@@ -200,7 +201,7 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
 
 def methods_asked(asked: Asked) -> dict[str, Method]:
     """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
-    methods = every_method(asked.reference_frequency, asked.shapes)
+    methods = every_method(asked.reference_frequency, asked.shapes) | law_methods()
     return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
 

@@ -24,14 +24,12 @@ from sysid_trib.smooth_laws import bands, curves
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
-from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
+from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
 from sysid_trib.validation import cross_check, findings, model_error
 from sysid_trib.validation.driven import clock_of, is_driven
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
-# A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
-BELOW_SMALLEST = 0.5
 # A residual of so many times the other method's is far worse.
 FAR_WORSE = 2.0
 
@@ -123,7 +121,7 @@ def _identified(
         direct = extended(direct)
     tell("averaging")
     # Averages tell nothing of even forces, nor of what a law does far below the smallest amplitude.
-    lowest = BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
+    lowest = smallest_part(amplitudes)
     method = Averaging(random_force=random_force, constraints=model.constraints)
     fits: dict[str, LawFit] = {}
     failed = ""

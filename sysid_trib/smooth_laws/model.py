@@ -16,6 +16,8 @@ from sysid_trib.smooth_laws import curves
 USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
 # Fewer half periods, or amplitudes that change by less than this factor, decide no curve.
 FEWEST_OF_A_CURVE, SMALLEST_RANGE = 8, 1.15
+# A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
+BELOW_SMALLEST = 0.5
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,11 @@ def with_jump(named: ForceLibrary, offered: ForceLibrary) -> ForceLibrary:
     if jump is None or named.role(JUMP) is not None:
         return named
     return replace(named, forces=(jump, *named.forces))
+
+
+def smallest_part(amplitudes: Array) -> float:
+    """Return where a law of averaging begins, in parts of the largest amplitude."""
+    return BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
 
 
 def why_no_curve(amplitudes: Array) -> str:

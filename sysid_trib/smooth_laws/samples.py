@@ -111,7 +111,7 @@ def _of_law(samples: list[xr.Dataset], law: str, common: Array) -> dict[str, Any
     """Return a law of both samples at common places, its difference and the tests of it."""
     laws, covariances, values = [], [], dict[str, Any]()
     for name, sample in zip(SIDES, samples, strict=True):
-        weights = _interpolation(sample[VARIABLE_OF_LAW[law]].values, common)
+        weights = interpolation(sample[VARIABLE_OF_LAW[law]].values, common)
         laws.append(weights @ sample[law].values)
         covariances.append(weights @ sample[f"{law}_covariance"].values @ weights.T)
         values[f"{law}_{name}"] = laws[-1], np.sqrt(np.diag(covariances[-1]))
@@ -126,10 +126,14 @@ def _of_law(samples: list[xr.Dataset], law: str, common: Array) -> dict[str, Any
     return values | of_band | {f"{law}_differs": differs, f"{law}_p_value": p_value(z, covariance)}
 
 
-def _interpolation(places: Array, common: Array) -> Array:
-    """Return the matrix that gives a law at common places from its values, (common, place).
+def interpolation(places: Array, common: Array) -> Array:
+    """Return the matrix that gives a law at other places from its values, (common, place).
 
-    A law that is known for positive places alone is odd.
+    Parameters
+    ----------
+    places : (place,) array of float
+        Of the law; one that is known for positive places alone is odd.
+    common : (common,) array of float
     """
     weights = np.zeros((len(common), len(places)))
     two_sided = bool(np.any(places < 0.0))
