@@ -9,7 +9,7 @@ import xarray as xr
 
 from sysid_trib.commands.app import Asked
 from sysid_trib.commands.asked import asked_constraints, parse_random_force
-from sysid_trib.commands.fits import measured_given, record_sentences
+from sysid_trib.commands.fits import measured_given, names_in, record_sentences
 from sysid_trib.commands.next_step import keep_next
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
@@ -42,7 +42,13 @@ def laws(tell: Tell, given: Asked) -> Callable[[], None]:
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
     tree = identified(
-        decays, system, constraints.table, library=library, random_force=random_force, tell=tell
+        decays,
+        system,
+        constraints.table,
+        library=library,
+        random_force=random_force,
+        own=names_in(given.own),
+        tell=tell,
     )
     predicted = _predicted(tree, given, tell)
     if calibration[1]:

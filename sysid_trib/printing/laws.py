@@ -17,6 +17,7 @@ from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.fits import NO_BETTER
+from sysid_trib.smooth_laws.laws import OWN_LAWS
 from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 from sysid_trib.validation import findings
 
@@ -52,11 +53,43 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         Block([*_no_curve(tree), *_method_sentences(tree)], ALWAYS),
         Block((), ALWAYS, FRICTION_TITLE, law_table(tree, "friction"), _caption(tree, "friction")),
         Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
+        *_own_blocks(tree),
         *_restoring_blocks(tree),
         Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
         Block([*_formula_sentences(tree)], title=FORMULA_TITLE),
         Block([*_details(tree)], details, SURENESS_TITLE),
     ]
+
+
+def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """The laws of each run that has its own."""
+    if OWN_LAWS not in tree.children:
+        return
+    own = tree[OWN_LAWS].to_dataset()
+    for law in shown.laws_in(_preferred(tree)):
+        curves = [shown.curve_of(own.sel(run=run), law) for run in own.run.values]
+        if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
+            # It is shared.
+            continue
+        word, unit_at, unit = _words(tree, law)
+        both = bool(np.any(curves[0].places < 0.0))
+        whole = shown.curve_of(_preferred(tree), law)
+        places = shown.places_shown(whole, SIDE_PARTS if both else SHOWN_PARTS)
+        rows = []
+        for at, place in enumerate(places):
+            row = {word: f"{place:.3g}"}
+            for run, curve in zip(own.run.values, curves, strict=True):
+                part = curve.at(places)
+                text = layout.value_with_error(part.values[at], part.errors[at])
+                row[f"run {run}"] = text if part.visited[at] else f"({text})"
+            rows.append(row)
+        title = "Friction of each run" if law == "friction" else "Restoring force of each run"
+        inertia = "inertia" if signal_units(tree) == "rad" else "mass"
+        caption = (
+            f"{title} over the {inertia} ({unit}) against {word} ({unit_at}), with standard errors; in "
+            "parentheses where the run does not reach. The table above holds the mean of the runs"
+        )
+        yield Block((), ALWAYS, title, layout.text_table(rows), caption)
 
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
@@ -441,6 +474,7 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
         "methods": methods,
         "comparison": {"models": models, "noise": findings.record_noise(tree), **compared, **checked.attrs},
         "feeds_energy": shown.feeding(preferred) if preferred is not None else {},
+        **({OWN_LAWS: tree[OWN_LAWS].to_dataset()} if OWN_LAWS in tree.children else {}),
     }
 
 
@@ -488,8 +522,36 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
                 "unit": unit,
                 "visited": bool(curve.visited[at]),
             }
+    yield from _own_rows(tree)
     if LAWS_SI in tree.children:
         yield from si_rows(tree[LAWS_SI].to_dataset())
+
+
+def _own_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
+    """The laws of each run that has its own, a row each place."""
+    if OWN_LAWS not in tree.children:
+        return
+    own, answer = tree[OWN_LAWS].to_dataset(), findings.answer_of(tree)
+    for run in own.run.values.tolist():
+        of_run = own.sel(run=run)
+        for law in shown.laws_in(_preferred(tree)):
+            variable, curve = shown.LAW_PLACES[law], shown.curve_of(of_run, law)
+            _, unit_at, unit = _words(tree, law)
+            for at, place in enumerate(curve.places.tolist()):
+                yield {
+                    "method": f"{answer}, run {run}",
+                    "law": law,
+                    "variable": variable,
+                    "at": place,
+                    "unit_at": unit_at,
+                    "value": curve.values[at],
+                    "standard_error": curve.errors[at],
+                    "low": curve.low[at],
+                    "high": curve.high[at],
+                    "error_of_model": of_run[f"{law}_error_of_model"].values[at],
+                    "unit": unit,
+                    "visited": bool(curve.visited[at]),
+                }
 
 
 def laws_csv(tree: xr.DataTree) -> str:

@@ -1,7 +1,7 @@
 """Friction against speed and restoring force against displacement of an identification, with bands."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -44,6 +44,10 @@ class Law:
     values: Array
     covariance: Array
 
+    def reached(self, largest: float) -> "Law":
+        """Return the law of a run that visits places up to the largest."""
+        return replace(self, visited=np.abs(self.places) <= largest * (1.0 + 1e-9))
+
 
 def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
     """Return places of a law, (place,), and which of them the record visits.
@@ -65,7 +69,7 @@ def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
     return np.asarray(places, dtype=float), visited
 
 
-def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
+def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = None) -> list[Law]:
     """Return the laws of any identification whose forces depend on speed or displacement alone.
 
     Parameters
@@ -74,6 +78,8 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
         An identification.
     largest : dict
         Largest displacement `x` (rad) and speed `v` (rad/s) of its records.
+    run : int, optional
+        Number of the run, from 1, if runs have laws of their own; without it their mean.
 
     Returns
     -------
@@ -87,7 +93,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
         forces = [force for force in library if depends_on(force, of)]
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
-        values, covariance = _evaluated(result, library, forces, of, places)
+        values, covariance = _evaluated(result, library, forces, of, places, run)
         laws.append(Law(name, variable, places, visited, values, covariance))
     return laws
 
@@ -96,24 +102,36 @@ def depends_on(force: Force, of: str) -> bool:
     """Return True if a force is a function of x, or of v, alone."""
     if force.kind != "force" or not force.memoryless or force.channels or force.holds_time:
         return False
-    return {"x", "v"} & set(force.formula.names) == {of} and force.run is None
+    return {"x", "v"} & set(force.formula.names) == {of}
 
 
 def _evaluated(
-    result: xr.Dataset, library: ForceLibrary, forces: Sequence[Force], of: str, places: Array
+    result: xr.Dataset,
+    library: ForceLibrary,
+    forces: Sequence[Force],
+    of: str,
+    places: Array,
+    run: int | None,
 ) -> tuple[Array, Array]:
     """Values of a law (place,), rad/s^2, and their covariance, (place, place)."""
     shapes = schema.shape_values_of(result)
     symbols = result.force.values.tolist()
     w = result.reference_frequency.item()
     coefficients = np.where(result.active.values, result.coefficient.values, 0.0)
+    runs = max((force.run or 1 for force in library), default=1)
+
+    def part(force: Force) -> float:
+        """How much of a force is in the law of the run, or in the mean of all runs."""
+        if force.run is None:
+            return 1.0
+        return 1.0 / runs if run is None else float(force.run == run)
 
     def columns(frequency: float) -> Array:
         """Forces over the inertia of coefficient 1, (place, force), rad/s^2."""
         x, v = (0.0 * places, places / frequency) if of == "v" else (places, 0.0 * places)
         values = np.zeros((len(places), len(symbols)))
         for force in forces:
-            values[:, symbols.index(force.symbol)] = force.value(x, v, shapes=shapes)
+            values[:, symbols.index(force.symbol)] = part(force) * force.value(x, v, shapes=shapes)
         return frequency**2 * values
 
     def law(frequency: float) -> Array:

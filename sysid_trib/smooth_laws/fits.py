@@ -75,6 +75,8 @@ def fit_of(
 ) -> LawFit:
     """Fit a law model with a method as it is."""
     library = model.library(runs, lowest, method.reference_frequency)
+    if model.own and isinstance(method, Direct):
+        method = replace(method, own=tuple(dict.fromkeys((*method.own, *model.own_symbols(library)))))
     result = method.identify(one_or_all(list(runs)), library)
     return LawFit(method, model, library, FollowedRuns(dict(enumerate(runs)), result))
 
@@ -168,10 +170,14 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
     """Fit the motion itself: the named forces are free, the parts of curves are held as Direct found them."""
     result = fit.followed.result
     coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
-    held = {force.symbol: coefficients[force.symbol] for force in fit.library if force.curve}
-    asked = Constraints({**fit.method.constraints, **held})
+    # With a copy of each run's own forces.
+    library = schema.library_of(result)
+    held = {force.symbol: coefficients[force.symbol] for force in library if force.curve}
+    own = fit.method.own if isinstance(fit.method, Direct) else ()
+    of_runs = Constraints(fit.method.constraints).of_each_run(own, len(runs))
+    asked = Constraints({**of_runs.table, **held})
     start = Model(
-        schema.library_of(result),
+        library,
         coefficients,
         result.reference_frequency.item(),
         schema.shape_values_of(result),
@@ -182,5 +188,5 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
         constraints=asked.table,
         start=start,
     )
-    result = method.identify(one_or_all(list(runs)), fit.library)
-    return LawFit(method, fit.model, fit.library, FollowedRuns(dict(enumerate(runs)), result))
+    result = method.identify(one_or_all(list(runs)), library)
+    return LawFit(method, fit.model, library, FollowedRuns(dict(enumerate(runs)), result))

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,14 +12,15 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.selection import System, load_system
+from sysid_trib.forces.selection import System, load_system, with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
-from sysid_trib.results.variables import described, group_names
+from sysid_trib.results.variables import Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
@@ -32,6 +33,8 @@ from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A residual of so many times the other method's is far worse.
 FAR_WORSE = 2.0
+# Group of a result that holds the laws of each run.
+OWN_LAWS = "own_laws"
 
 
 def laws(
@@ -41,6 +44,7 @@ def laws(
     *,
     library: ForceLibrary | None = None,
     random_force: RandomForceOption = "off",
+    own: Sequence[str] = (),
     tell: Tell = silent,
 ) -> xr.DataTree:
     """Identify friction as a function of speed and restoring force as a function of displacement.
@@ -58,6 +62,9 @@ def laws(
         Where forces of the constraints are looked for before those of the package.
     random_force : "off", "estimated" or float
         As that of `methods.Direct`.
+    own : sequence of str
+        Laws that each run has for itself, `friction` or `restoring`, and symbols of named forces; the other
+        laws are shared. By `direct`, of driven records also by `trajectory`.
     tell : callable
         Called with a few words as the work goes on.
 
@@ -73,14 +80,15 @@ def laws(
         decided about even parts (`even`) and errors of the sensor (`sensor`), and `reason` where the record
         decides no curve. Groups `friction_formulas` and `restoring_formulas` (see `physics.law_formulas`)
         where sums of up to three library forces stay within the band. Group `interaction` where the force is
-        no sum of both laws.
+        no sum of both laws. With `own` the laws of the identifications are the means over the runs, and group
+        `own_laws` holds that of each run: `friction(run, speed)`, ... by the preferred method.
 
     Raises
     ------
     DecayError
         The record cannot support the request.
     UsageError
-        No such system or force, or a force of an angle for a displacement.
+        No such system or force, a force of an angle for a displacement, or own laws of one run.
 
     Notes
     -----
@@ -91,6 +99,9 @@ def laws(
     moving = system if isinstance(system, System) else load_system(system)
     model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), library)
     runs = as_runs(decay, driven=True)
+    # An input acts by the first force that holds it, where none is named.
+    model = replace(model, named=with_inputs_acting(model.named, list(inputs_of(runs[0]))))
+    model = replace(model, own=_checked_own(own, model, len(runs)))
     if not signal_scale.counts_angles(runs[0]):
         for force in model.named:
             if not signal_scale.scalable(force):
@@ -99,9 +110,24 @@ def laws(
                     "leave it out, or give the pendulum's length, --length M."
                 )
     tree = _identified(decay, model, random_force, tell=tell)
-    asked = {"system": moving.name, "constraints": dict(constraints or {}), "random_force": random_force}
+    asked: dict[str, Any] = {
+        "system": moving.name,
+        "constraints": dict(constraints or {}),
+        "random_force": random_force,
+    }
+    asked |= {"own": list(own)} if own else {}
     tree["comparison"].attrs["options"] = json.dumps(asked)
     return tree
+
+
+def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, ...]:
+    """Return the laws and forces that each run has for itself; refused where there are none."""
+    offered = [*bands.VARIABLE_OF_LAW, *model.named.symbols]
+    if unknown := [name for name in own if name not in offered]:
+        raise UsageError(f"'{unknown[0]}' cannot be each run's own; there are {', '.join(offered)}.")
+    if own and runs < 2:
+        raise UsageError(f"Each run's own {own[0]} takes several runs, and this is one; leave it out.")
+    return tuple(dict.fromkeys(own))
 
 
 @signal_scale.in_units_of_the_motion
@@ -126,6 +152,8 @@ def _identified(
     fits: dict[str, LawFit] = {}
     failed = ""
     try:
+        if model.own:
+            raise UsageError("averaging fits no law of each run's own")
         fits["averaging"] = fitted(runs, method, model.of_odd_forces, lowest)
     except (SysidTribError, np.linalg.LinAlgError) as error:
         failed = str(error)
@@ -170,8 +198,8 @@ def _identified_driven(
         failed = str(error)
     tell("errors")
     largest = _largest(runs)
-    followed = {name: _with_laws(fit, largest) for name, fit in fits.items()}
-    return _tree(runs, followed, fits, failed)
+    of_fits = {name: _with_laws(fit, largest) for name, fit in fits.items()}
+    return _tree(runs, of_fits, fits, failed)
 
 
 def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
@@ -181,20 +209,55 @@ def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
     return {"x": ranges["x"], "v": ranges["v"] * w}
 
 
-def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
+class FitWithLaws(NamedTuple):
+    """An identification with its laws, and those of each run that has its own.
+
+    Attributes
+    ----------
+    followed : FollowedRuns
+    own : Dataset or None
+        `friction(run, speed)`, ...
+    """
+
+    followed: FollowedRuns
+    own: xr.Dataset | None
+
+
+def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FitWithLaws:
     """Return the identification with its laws, whose errors hold that of the model where one is missing."""
     followed, result = fit.followed, fit.followed.result
-    whole_laws = bands.laws_of(result, largest)
-    of_model = [np.zeros_like(law.covariance) for law in whole_laws]
+    runs = list(followed.runs.values())
+    parts: list[xr.Dataset] = []
     if not fit.is_white:
-        runs = list(followed.runs.values())
-        parts = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
-        of_parts = [bands.laws_of(part, largest) for part in parts.results]
-        if of_parts:
-            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
-        result = result.assign(described("identification", {"held_out_rms": parts.held_out_rms}))
-    values, places = bands.law_variables(whole_laws, of_model)
-    return followed.with_result(result.assign_coords(places).assign(values))
+        found = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
+        parts = found.results
+        result = result.assign(described("identification", {"held_out_rms": found.held_out_rms}))
+    values, places = _law_variables(result, parts, largest)
+    own = None
+    if fit.model.own:
+        each = [_law_variables(result, parts, largest, run) for run in enumerate(runs, 1)]
+        own = xr.concat([xr.Dataset(values, places) for values, places in each], "run", coords="minimal")
+        own = own.assign_coords(run=np.arange(1, len(runs) + 1))
+    return FitWithLaws(followed.with_result(result.assign_coords(places).assign(values)), own)
+
+
+def _law_variables(
+    result: xr.Dataset,
+    parts: Sequence[xr.Dataset],
+    largest: Mapping[str, float],
+    run: tuple[int, xr.Dataset] | None = None,
+) -> tuple[Variables, Variables]:
+    """Return the laws of a run with its number, or those of all, with the error of the model by parts."""
+    number = None if run is None else run[0]
+    whole_laws = bands.laws_of(result, largest, number)
+    if run is not None:
+        reached = _largest([run[1]])
+        whole_laws = [law.reached(reached[bands.NAME_IN_FORMULAS[law.variable]]) for law in whole_laws]
+    of_model = [np.zeros_like(law.covariance) for law in whole_laws]
+    of_parts = [bands.laws_of(part, largest, number) for part in parts]
+    if of_parts:
+        of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
+    return bands.law_variables(whole_laws, of_model)
 
 
 def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
@@ -206,11 +269,12 @@ def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
 
 def _tree(
     runs: Sequence[xr.Dataset],
-    followed: Mapping[str, FollowedRuns],
+    of_fits: Mapping[str, FitWithLaws],
     fits: Mapping[str, LawFit],
     failed: str,
 ) -> xr.DataTree:
     """Return the result with both methods' laws compared."""
+    followed = {name: of.followed for name, of in of_fits.items()}
     names, results = list(followed), {name: of.result for name, of in followed.items()}
     second = results[names[-1]]
     records = with_motions(followed)
@@ -238,6 +302,9 @@ def _tree(
     }
     groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= results | {"comparison": compared}
+    own = of_fits[answer].own
+    if own is not None:
+        groups[OWN_LAWS] = own.assign_attrs(names=", ".join(fits[answer].model.own))
     if not is_driven(runs):
         of_envelopes = [envelope(run) for run in runs]
         groups |= dict(zip(group_names("envelope", len(runs)), of_envelopes, strict=True))
