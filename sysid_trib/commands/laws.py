@@ -48,6 +48,7 @@ def laws(tell: Tell, given: Asked) -> Callable[[], None]:
         library=library,
         random_force=random_force,
         own=names_in(given.own),
+        passive=given.passive,
         tell=tell,
     )
     predicted = _predicted(tree, given, tell)

@@ -1,5 +1,6 @@
 """The laws in words, tables and plain data: friction against speed, restoring force against displacement."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from math import floor, log10
 from typing import Any
@@ -18,6 +19,7 @@ from sysid_trib.results.variables import record_groups, signal_units, small_unit
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.fits import NO_BETTER
 from sysid_trib.smooth_laws.laws import OWN_LAWS
+from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 from sysid_trib.validation import findings
 
@@ -275,7 +277,9 @@ def _preferred(tree: xr.DataTree) -> xr.Dataset:
 
 
 def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Where friction feeds energy in."""
+    """Where friction feeds energy in, or would without the constraint of passivity."""
+    if PASSIVE in tree["comparison"].attrs:
+        yield _passivity(tree)
     spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
         said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
@@ -290,6 +294,22 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
             f"The continuation of the friction law would feed energy in at {_spans(spans['beyond'], unit)}, "
             "which the record does not visit: do not use it there."
         )
+
+
+def _passivity(tree: xr.DataTree) -> str:
+    """At which speeds the constraint of passivity acts."""
+    result = _preferred(tree)
+    acting = json.loads(tree["comparison"].attrs[PASSIVE])
+    if not acting:
+        return "Passivity was asked for, and acts nowhere: friction takes energy out at every speed shown."
+    places = result.speed.values
+    # The constraint also stands just above and below zero speed.
+    near = np.array([int(np.argmin(np.abs(places - speed))) for speed in acting])
+    spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
+    return (
+        f"Passivity acts at {_spans(spans, _words(tree, 'friction')[1])}: without it, friction would feed "
+        "energy in there. Suspect an error of the sensor within the cycle, or another force."
+    )
 
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:

@@ -93,7 +93,9 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = 
         forces = [force for force in library if depends_on(force, of)]
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
-        values, covariance = _evaluated(result, library, forces, of, places, run)
+        values, jacobian = law_and_jacobian(result, library, forces, of, places, run)
+        covariance = jacobian @ schema.covariance_with_frequency(result) @ jacobian.T
+        covariance = 0.5 * (covariance + covariance.T)
         laws.append(Law(name, variable, places, visited, values, covariance))
     return laws
 
@@ -105,7 +107,7 @@ def depends_on(force: Force, of: str) -> bool:
     return {"x", "v"} & set(force.formula.names) == {of}
 
 
-def _evaluated(
+def law_and_jacobian(
     result: xr.Dataset,
     library: ForceLibrary,
     forces: Sequence[Force],
@@ -113,7 +115,21 @@ def _evaluated(
     places: Array,
     run: int | None,
 ) -> tuple[Array, Array]:
-    """Values of a law (place,), rad/s^2, and their covariance, (place, place)."""
+    """Return a law (place,), rad/s^2, and its derivatives by coefficients and frequency, (place, force + 1).
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    library : ForceLibrary
+        Its forces.
+    forces : sequence of Force
+        Those of the law.
+    of : {"v", "x"}
+    places : (place,) array of float
+    run : int or None
+        See `laws_of`.
+    """
     shapes = schema.shape_values_of(result)
     symbols = result.force.values.tolist()
     w = result.reference_frequency.item()
@@ -140,9 +156,7 @@ def _evaluated(
 
     step = 1e-6 * w
     by_frequency = (law(w + step) - law(w - step)) / (2.0 * step)
-    jacobian = np.column_stack([columns(w), by_frequency])
-    covariance = jacobian @ schema.covariance_with_frequency(result) @ jacobian.T
-    return law(w), 0.5 * (covariance + covariance.T)
+    return law(w), np.column_stack([columns(w), by_frequency])
 
 
 def standard_errors(covariance: Array) -> Array:

@@ -1,6 +1,6 @@
 """Fits of law models: curves where a motion bears them, sensor errors and even parts where asked for."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,11 +13,13 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.methods.scope import Method
 from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
+from sysid_trib.smooth_laws.passive import Passive, made_passive
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 from sysid_trib.validation.verdict import RESIDUAL_LEVEL
 
@@ -41,12 +43,25 @@ class LawFit:
         The forces of the model over the range of the runs.
     followed : FollowedRuns
         The identification, and its motion in each run.
+    largest : mapping of str to float, optional
+        Largest displacement `x` (rad) and speed `v` (rad/s) of the runs, where friction is passive.
     """
 
     method: Direct | Averaging | Trajectory
     model: LawModel
     library: ForceLibrary
     followed: FollowedRuns
+    largest: Mapping[str, float] | None = None
+
+    @property
+    def asked_method(self) -> Method:
+        """The method with passivity, where that is asked for."""
+        return self.method if self.largest is None else Passive(self.method, self.largest)
+
+    def made_passive(self, largest: Mapping[str, float]) -> "LawFit":
+        """Return the fit with friction that takes energy out at every speed."""
+        result = made_passive(self.followed.result, largest)
+        return replace(self, largest=largest, followed=FollowedRuns(self.followed.runs, result))
 
     @property
     def _residuals(self) -> xr.Dataset:

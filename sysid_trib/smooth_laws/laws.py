@@ -26,6 +26,7 @@ from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, 
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
+from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.validation import cross_check, findings, model_error
 from sysid_trib.validation.driven import clock_of, is_driven
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
@@ -45,6 +46,7 @@ def laws(
     library: ForceLibrary | None = None,
     random_force: RandomForceOption = "off",
     own: Sequence[str] = (),
+    passive: bool = False,
     tell: Tell = silent,
 ) -> xr.DataTree:
     """Identify friction as a function of speed and restoring force as a function of displacement.
@@ -65,6 +67,8 @@ def laws(
     own : sequence of str
         Laws that each run has for itself, `friction` or `restoring`, and symbols of named forces; the other
         laws are shared. By `direct`, of driven records also by `trajectory`.
+    passive : bool
+        Whether friction takes energy out at every speed; where it would not, it is zero there.
     tell : callable
         Called with a few words as the work goes on.
 
@@ -109,13 +113,13 @@ def laws(
                     f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
                     "leave it out, or give the pendulum's length, --length M."
                 )
-    tree = _identified(decay, model, random_force, tell=tell)
+    tree = _identified(decay, model, random_force, passive, tell=tell)
     asked: dict[str, Any] = {
         "system": moving.name,
         "constraints": dict(constraints or {}),
         "random_force": random_force,
     }
-    asked |= {"own": list(own)} if own else {}
+    asked |= ({"own": list(own)} if own else {}) | ({"passive": True} if passive else {})
     tree["comparison"].attrs["options"] = json.dumps(asked)
     return tree
 
@@ -132,11 +136,11 @@ def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, .
 
 @signal_scale.in_units_of_the_motion
 def _identified(
-    decay: Decays, model: LawModel, random_force: RandomForceOption, *, tell: Tell
+    decay: Decays, model: LawModel, random_force: RandomForceOption, passive: bool, *, tell: Tell
 ) -> xr.DataTree:
     runs = as_runs(decay, driven=True)
     if is_driven(runs):
-        return _identified_driven(runs, model, random_force, tell=tell)
+        return _identified_driven(runs, model, random_force, passive, tell=tell)
     amplitudes = np.concatenate([np.abs(envelope(run).extremum.values) for run in runs])
     if reason := why_no_curve(amplitudes):
         model = replace(model.without_curves, reason=reason)
@@ -160,6 +164,8 @@ def _identified(
     fits["direct"] = direct
     tell("errors")
     largest = _largest(runs)
+    if passive:
+        fits = {name: fit.made_passive(largest) for name, fit in fits.items()}
     tree = _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
     if not tree["comparison"].attrs["reason"]:
         tell("formulas within the bands")
@@ -178,7 +184,12 @@ def _identified(
 
 
 def _identified_driven(
-    runs: Sequence[xr.Dataset], model: LawModel, random_force: RandomForceOption, *, tell: Tell
+    runs: Sequence[xr.Dataset],
+    model: LawModel,
+    random_force: RandomForceOption,
+    passive: bool,
+    *,
+    tell: Tell,
 ) -> xr.DataTree:
     """Identify the laws of driven records by Direct alone: they have no amplitudes to be averaged."""
     method = Direct(random_force=random_force, constraints=model.constraints)
@@ -190,14 +201,17 @@ def _identified_driven(
     fits = {"direct": fitted(runs, method, model)}
     tell("errors of the sensor, and even parts")
     fits["direct"] = extended(fits["direct"])
+    largest = _largest(runs)
+    if passive:
+        fits["direct"] = fits["direct"].made_passive(largest)
     tell("trajectory")
     failed = ""
     try:
-        fits["trajectory"] = refitted(runs, fits["direct"])
+        trajectory = refitted(runs, fits["direct"])
+        fits["trajectory"] = trajectory.made_passive(largest) if passive else trajectory
     except (SysidTribError, np.linalg.LinAlgError) as error:
         failed = str(error)
     tell("errors")
-    largest = _largest(runs)
     of_fits = {name: _with_laws(fit, largest) for name, fit in fits.items()}
     return _tree(runs, of_fits, fits, failed)
 
@@ -229,7 +243,7 @@ def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FitWithLaws:
     runs = list(followed.runs.values())
     parts: list[xr.Dataset] = []
     if not fit.is_white:
-        found = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
+        found = model_error.fitted_parts(runs, fit.asked_method, fit.library, result, later_only=True)
         parts = found.results
         result = result.assign(described("identification", {"held_out_rms": found.held_out_rms}))
     values, places = _law_variables(result, parts, largest)
@@ -300,6 +314,8 @@ def _tree(
         "reason": fits[answer].model.reason,
         "averaging_failed": failed,
     }
+    if PASSIVE in results[answer].attrs:
+        compared.attrs[PASSIVE] = results[answer].attrs[PASSIVE]
     groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= results | {"comparison": compared}
     own = of_fits[answer].own
