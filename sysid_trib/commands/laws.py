@@ -36,7 +36,8 @@ def laws(tell: Tell, given: Asked) -> Callable[[], None]:
     if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
         raise UsageError("--warm-up is a time from 0 s of the record of --test: give both.")
     measured, calibration = measured_given(given), calibration_of(given)
-    system, library = load_system(given.system), load_library(given.library)
+    system = load_system(given.system)
+    library = load_library(given.library) if given.changed(["library"]) else None
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     if "mass" in measured:

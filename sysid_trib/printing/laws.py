@@ -361,8 +361,16 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             yield f"No sum of up to three library forces stays within the band of {words}."
             continue
         listed = tree[name].to_dataset()
-        texts = [_formula_text(listed.isel(alternative=at)) for at in range(listed.sizes["alternative"])]
-        yield f"Formulas within the band of {words}, over w^2: {'; or '.join(texts[:FORMULAS_SHOWN])}."
+        count = min(FORMULAS_SHOWN, listed.sizes["alternative"])
+        texts = [_formula_text(listed.isel(alternative=at)) for at in range(count)]
+        said = ""
+        if "held_out_rms" in listed:
+            unit = signal_units(tree)
+            sizes = [_left(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
+            texts = [f"{text} ({size})" for text, size in zip(texts, sizes, strict=True)]
+            of_laws = _left(listed.held_out_rms_of_laws.item(), unit)
+            said = f" (in parentheses what each leaves of the last third, held out; the laws: {of_laws})"
+        yield f"Formulas within the band of {words}, over w^2{said}: {'; or '.join(texts)}."
     if "interaction" in tree.children:
         products = tree["interaction"]
         p_value = layout.p_value_text(products.p_value.item())
@@ -372,6 +380,11 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             f"{products.residual_after.item() / products.residual_before.item():.0%}. Group `interaction` of "
             "the result maps what they add."
         )
+
+
+def _left(rms: float, unit: str) -> str:
+    """Return what a model leaves of what was held out, or that it predicts no motion."""
+    return layout.in_small_units(rms, unit) if np.isfinite(rms) else "no motion"
 
 
 def _formula_text(formula: xr.Dataset) -> str:

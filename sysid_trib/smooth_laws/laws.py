@@ -22,11 +22,13 @@ from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
+from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
 from sysid_trib.smooth_laws.passive import PASSIVE
+from sysid_trib.smooth_laws.predictions import with_predictions
 from sysid_trib.validation import cross_check, findings, model_error
 from sysid_trib.validation.driven import clock_of, is_driven
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
@@ -61,7 +63,8 @@ def laws(
     constraints : mapping of str to float, (float, float) or str, optional
         Known forces: `{"gravity": 1.0}`.
     library : ForceLibrary, optional
-        Where forces of the constraints are looked for before those of the package.
+        Where forces of the constraints are looked for before those of the package, and of which formulas
+        within the bands are made.
     random_force : "off", "estimated" or float
         As that of `methods.Direct`.
     own : sequence of str
@@ -83,7 +86,8 @@ def laws(
         its error at each speed and displacement. Its attrs say the preferred method (`answer`), what was
         decided about even parts (`even`) and errors of the sensor (`sensor`), and `reason` where the record
         decides no curve. Groups `friction_formulas` and `restoring_formulas` (see `physics.law_formulas`)
-        where sums of up to three library forces stay within the band. Group `interaction` where the force is
+        where sums of up to three library forces stay within the band, with what each leaves of the last
+        third that was held out, and what the laws leave. Group `interaction` where the force is
         no sum of both laws. With `own` the laws of the identifications are the means over the runs, and group
         `own_laws` holds that of each run: `friction(run, speed)`, ... by the preferred method.
 
@@ -113,7 +117,7 @@ def laws(
                     f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
                     "leave it out, or give the pendulum's length, --length M."
                 )
-    tree = _identified(decay, model, random_force, passive, tell=tell)
+    tree = _identified(decay, model, random_force, passive, library, tell=tell)
     asked: dict[str, Any] = {
         "system": moving.name,
         "constraints": dict(constraints or {}),
@@ -134,9 +138,23 @@ def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, .
     return tuple(dict.fromkeys(own))
 
 
+def _offering(candidates: ForceLibrary | None, law: str) -> ForceLibrary | None:
+    """Return the library if it has forces of which formulas of a law can be made."""
+    of = bands.NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]]
+    if candidates is None or not any(bands.depends_on(force, of) for force in candidates):
+        return None
+    return candidates
+
+
 @signal_scale.in_units_of_the_motion
 def _identified(
-    decay: Decays, model: LawModel, random_force: RandomForceOption, passive: bool, *, tell: Tell
+    decay: Decays,
+    model: LawModel,
+    random_force: RandomForceOption,
+    passive: bool,
+    candidates: ForceLibrary | None,
+    *,
+    tell: Tell,
 ) -> xr.DataTree:
     runs = as_runs(decay, driven=True)
     if is_driven(runs):
@@ -169,12 +187,14 @@ def _identified(
     tree = _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
     if not tree["comparison"].attrs["reason"]:
         tell("formulas within the bands")
-        preferred = tree[tree["comparison"].attrs["answer"]].to_dataset()
-        for law in bands.VARIABLE_OF_LAW:
-            listed = law_formulas(preferred, law)
+        answer = tree["comparison"].attrs["answer"]
+        preferred = tree[answer].to_dataset()
+        listed = {law: law_formulas(preferred, law, _offering(candidates, law)) for law in VARIABLE_OF_LAW}
+        tell("predictions of the formulas")
+        for law, formulas in with_predictions(listed, fits[answer]).items():
             # netCDF has no empty axis.
-            if listed.sizes["alternative"]:
-                tree[f"{law}_formulas"] = xr.DataTree(listed)
+            if formulas.sizes["alternative"]:
+                tree[f"{law}_formulas"] = xr.DataTree(formulas)
     if direct.model.odd and not direct.is_white:
         tell("whether both laws add up")
         products = interaction(direct, largest)

@@ -118,6 +118,8 @@ def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple
     places = np.concatenate([at_rest, bands.grid(largest["v"], both_sides=even)[0]])
     jacobians = [bands.law_and_jacobian(result, library, forces, "v", places, run)[1] for run in runs]
     rows = np.vstack([np.where(places < 0.0, -1.0, 1.0)[:, None] * jacobian for jacobian in jacobians])
+    # The frequency is but the unit of the speed: it changes no sign.
+    rows[:, -1] = 0.0
     # At rest what is no jump is nothing.
     rows[np.abs(rows) < AT_REST * np.max(np.abs(rows), axis=0)] = 0.0
     return np.tile(places, len(runs)), rows
