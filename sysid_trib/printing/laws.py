@@ -25,6 +25,7 @@ from sysid_trib.validation import findings
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
 SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
+BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
 # Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
@@ -59,6 +60,7 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         *_restoring_blocks(tree),
         Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
         Block([*_formula_sentences(tree)], title=FORMULA_TITLE),
+        Block([*_interaction_sentences(tree)], title=BOTH_TITLE),
         Block([*_details(tree)], details, SURENESS_TITLE),
     ]
 
@@ -371,6 +373,12 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             of_laws = _left(listed.held_out_rms_of_laws.item(), unit)
             said = f" (in parentheses what each leaves of the last third, held out; the laws: {of_laws})"
         yield f"Formulas within the band of {words}, over w^2{said}: {'; or '.join(texts)}."
+
+
+def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Say whether the force is a sum of both laws, and which readings the record does not tell apart."""
+    if "readings" in tree.children:
+        yield from _reading_sentences(tree["readings"].to_dataset(), signal_units(tree))
     if "interaction" in tree.children:
         products = tree["interaction"]
         p_value = layout.p_value_text(products.p_value.item())
@@ -378,7 +386,33 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             "The force is not a law of speed plus a law of displacement (p "
             f"{p_value}): with products of both the residual falls to "
             f"{products.residual_after.item() / products.residual_before.item():.0%}. Group `interaction` of "
-            "the result maps what they add."
+            "the result, and its figure, map what they add."
+        )
+
+
+# What a law and products of speed and displacement are taken for.
+READINGS_SAID = {
+    "damping": ("friction that changes with the speed", "friction that depends on the position", "damping"),
+    "stiffness": (
+        "a restoring force that bends with the displacement",
+        "stiffness that depends on the speed",
+        "frequency",
+    ),
+}
+
+
+def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
+    """Say which combination of a law and products the record determines."""
+    for name, row in layout.by_label(both, "reading").items():
+        if bool(row.separated.item()):
+            continue
+        law, product, effect = READINGS_SAID[name]
+        size = max(abs(row["sum"].item()), 1e-300)
+        known, alone = (100.0 * row[error].item() / size for error in ("standard_error", "error_of_law"))
+        yield (
+            f"The record does not tell {law} from {product}: what both together make of the {effect} over a "
+            f"cycle of {both.amplitude.item():.2g} {unit} is known to {known:.2g} %, each alone to "
+            f"{alone:.2g} %. The bands hold if nothing depends on both."
         )
 
 

@@ -25,7 +25,7 @@ from sysid_trib.smooth_laws import bands, curves
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
-from sysid_trib.smooth_laws.interaction import interaction
+from sysid_trib.smooth_laws.interaction import interaction, readings
 from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
 from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.predictions import with_predictions
@@ -88,7 +88,8 @@ def laws(
         decides no curve. Groups `friction_formulas` and `restoring_formulas` (see `physics.law_formulas`)
         where sums of up to three library forces stay within the band, with what each leaves of the last
         third that was held out, and what the laws leave. Group `interaction` where the force is
-        no sum of both laws. With `own` the laws of the identifications are the means over the runs, and group
+        no sum of both laws; elsewhere group `readings`, whether the record tells a law from products of speed
+        and displacement. With `own` the laws of the identifications are the means over the runs, and group
         `own_laws` holds that of each run: `friction(run, speed)`, ... by the preferred method.
 
     Raises
@@ -200,6 +201,11 @@ def _identified(
         products = interaction(direct, largest)
         if products is not None:
             tree["interaction"] = xr.DataTree(products)
+    if direct.model.odd and "interaction" not in tree.children:
+        tell("what the record tells apart")
+        both = readings(direct, float(np.sqrt(amplitudes.min() * amplitudes.max())))
+        if both is not None:
+            tree["readings"] = xr.DataTree(both)
     return tree
 
 
