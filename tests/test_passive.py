@@ -39,8 +39,8 @@ def test_friction_takes_energy_out_at_every_speed_and_says_where_it_would_not():
     assert law.values.min() >= -1e-9 * law.values.max()
     acting = json.loads(passive.attrs[PASSIVE])
     assert 0 < len(acting) < 10
-    # Where the law is negative, not where it is positive.
-    assert max(acting) < 1.2
+    # Where the law is negative, not where it is positive: in parts of the largest speed.
+    assert max(acting) < 0.45
 
 
 def test_it_is_the_nearest_of_all_passive_laws():
@@ -75,11 +75,13 @@ def test_held_forces_that_feed_energy_in_are_refused():
 
 
 def test_laws_say_where_passivity_acts():
-    motion = st.simulate(st.Model(FRICTION, ACTIVE, W), np.arange(0.0, 15.0, 0.02), angle=0.3)[["angle"]]
+    motion = st.simulate(st.Model(FRICTION, ACTIVE, W), np.arange(0.0, 12.0, 0.03), angle=0.3)[["angle"]]
     motion["angle"] += NOISE * np.random.default_rng(0).standard_normal(motion.sizes["time"])
     tree = st.laws(st.free_decay(motion), passive=True)
-    said = " ".join(text for block in laws_blocks(tree) for text in block.sentences)
-    assert "Passivity acts at 0.0" in said
-    assert "would feed energy in there" in said
     result = st.best(tree)
     assert result.friction.values.min() >= -1e-9 * result.friction.values.max()
+    assert tree["comparison"].attrs[PASSIVE] == result.attrs[PASSIVE]
+    tree["comparison"].attrs[PASSIVE] = json.dumps([1e-6, 0.025, 0.05, 0.4])
+    speed = result.speed.values
+    said = " ".join(text for block in laws_blocks(tree) for text in block.sentences)
+    assert f"Passivity acts at {speed[0]:.3g} to {speed[1]:.3g} and {speed[15]:.3g} rad/s" in said

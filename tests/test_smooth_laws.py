@@ -10,6 +10,8 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.likelihood.smoothness import smooth_least_squares
+from sysid_trib.smooth_laws import bands
+from sysid_trib.smooth_laws.laws import _movement
 
 W, NOISE = 9.0, 3e-4
 # Friction and restoring force beyond the straight line, over w^2.
@@ -133,3 +135,21 @@ def test_the_smoothness_of_a_curve_follows_from_the_rows():
         z = (columns @ fit.coefficients - shape) / error
         assert np.mean(np.abs(z) < 2.0) > 0.85
         assert fit.noise == pytest.approx(0.05, rel=0.15)
+
+
+def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds():
+    """Only the first swings reach the largest speeds: parts agree there because they are the same samples."""
+    places = np.linspace(0.1, 1.0, 10)
+    everywhere = np.ones(10, dtype=bool)
+    noise = 0.01 * np.ones(10)
+
+    def law(values):
+        return bands.Law("friction", "speed", places, everywhere, values, np.diag(noise**2))
+
+    whole = law(places)
+    # What the second part does not reach it does not change.
+    parts = [law(places + 0.1 * (places < 0.65)), law(places - 0.1 * (places < 0.65))]
+    errors = bands.standard_errors(_movement(whole, parts, 0.65))
+    assert np.all(errors[:6] > 5.0 * noise[:6])
+    np.testing.assert_allclose(errors[6:], errors[0], rtol=1e-6)
+    assert np.all(bands.standard_errors(_movement(whole, parts, 1.0))[6:] == 0.0)

@@ -305,8 +305,9 @@ def _passivity(tree: xr.DataTree) -> str:
     if not acting:
         return "Passivity was asked for, and acts nowhere: friction takes energy out at every speed shown."
     places = result.speed.values
+    largest = float(np.max(places[result.speed_visited.values]))
     # The constraint also stands just above and below zero speed.
-    near = np.array([int(np.argmin(np.abs(places - speed))) for speed in acting])
+    near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
     spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
     return (
         f"Passivity acts at {_spans(spans, _words(tree, 'friction')[1])}: without it, friction would feed "

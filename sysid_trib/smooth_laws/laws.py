@@ -15,14 +15,14 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import System, load_system, with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
+from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction, readings
@@ -31,11 +31,14 @@ from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.predictions import with_predictions
 from sysid_trib.validation import cross_check, findings, model_error
 from sysid_trib.validation.driven import clock_of, is_driven
+from sysid_trib.validation.refits import between
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A residual of so many times the other method's is far worse.
 FAR_WORSE = 2.0
+# What two parts of the record reach, by the variable of a law.
+TWICE = {"speed": "speed of two parts", "displacement": "displacement of two parts"}
 # Group of a result that holds the laws of each run.
 OWN_LAWS = "own_laws"
 
@@ -131,7 +134,7 @@ def laws(
 
 def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, ...]:
     """Return the laws and forces that each run has for itself; refused where there are none."""
-    offered = [*bands.VARIABLE_OF_LAW, *model.named.symbols]
+    offered = [*VARIABLE_OF_LAW, *model.named.symbols]
     if unknown := [name for name in own if name not in offered]:
         raise UsageError(f"'{unknown[0]}' cannot be each run's own; there are {', '.join(offered)}.")
     if own and runs < 2:
@@ -141,7 +144,7 @@ def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, .
 
 def _offering(candidates: ForceLibrary | None, law: str) -> ForceLibrary | None:
     """Return the library if it has forces of which formulas of a law can be made."""
-    of = bands.NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]]
+    of = NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]]
     if candidates is None or not any(bands.depends_on(force, of) for force in candidates):
         return None
     return candidates
@@ -272,6 +275,8 @@ def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FitWithLaws:
         found = model_error.fitted_parts(runs, fit.asked_method, fit.library, result, later_only=True)
         parts = found.results
         result = result.assign(described("identification", {"held_out_rms": found.held_out_rms}))
+    if parts:
+        largest = {**largest, **_reached_twice(runs, largest)}
     values, places = _law_variables(result, parts, largest)
     own = None
     if fit.model.own:
@@ -292,19 +297,45 @@ def _law_variables(
     whole_laws = bands.laws_of(result, largest, number)
     if run is not None:
         reached = _largest([run[1]])
-        whole_laws = [law.reached(reached[bands.NAME_IN_FORMULAS[law.variable]]) for law in whole_laws]
+        whole_laws = [law.reached(reached[NAME_IN_FORMULAS[law.variable]]) for law in whole_laws]
     of_model = [np.zeros_like(law.covariance) for law in whole_laws]
     of_parts = [bands.laws_of(part, largest, number) for part in parts]
     if of_parts:
-        of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
+        of_model = [
+            _movement(law, [laws[at] for laws in of_parts], largest[TWICE[law.variable]])
+            for at, law in enumerate(whole_laws)
+        ]
     return bands.law_variables(whole_laws, of_model)
 
 
-def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
-    """Return the covariance of a law by its change between parts of the record, (place, place)."""
+def _reached_twice(runs: Sequence[xr.Dataset], largest: Mapping[str, float]) -> dict[str, float]:
+    """Return the displacement (rad) and speed (rad/s) that at least two parts of the record reach."""
+    parts = []
+    for limits in RECORD_PARTS.values():
+        try:
+            parts.append(_largest([run.isel(time=between(run, limits)) for run in runs]))
+        except SysidTribError:
+            # Too short to be smoothed: nothing is known to be reached twice.
+            parts.append(dict.fromkeys(largest, 0.0))
+    return {TWICE[name]: sorted(part[of] for part in parts)[-2] for name, of in NAME_IN_FORMULAS.items()}
+
+
+def _movement(law: bands.Law, parts: Sequence[bands.Law], reached: float) -> Array:
+    """Return the covariance of a law by its change between parts of the record, (place, place).
+
+    Beyond what two parts reach no change is seen: there the error is as large, in standard errors by the
+    noise, as it is elsewhere at most.
+    """
     changes = [part.values - law.values for part in parts]
     errors = [bands.standard_errors(part.covariance) for part in parts]
-    return model_error.covariance_by_parts(changes, errors, bands.standard_errors(law.covariance))
+    own = bands.standard_errors(law.covariance)
+    covariance = model_error.covariance_by_parts(changes, errors, own)
+    moved = bands.standard_errors(covariance)
+    seen = np.abs(law.places) <= reached
+    ratios = np.divide(moved, own, out=np.zeros_like(moved), where=seen & (own > 0.0))
+    lacking = np.where(seen, 0.0, np.maximum((ratios.max(initial=0.0) * own) ** 2 - moved**2, 0.0))
+    # The largest speeds are those of the same first swings.
+    return covariance + np.sqrt(np.outer(lacking, lacking))
 
 
 def _tree(
@@ -379,7 +410,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     Both methods saw the same noise: the sum of their variances is more than that of their difference.
     """
     values: dict[str, Any] = {}
-    for law in bands.VARIABLE_OF_LAW:
+    for law in VARIABLE_OF_LAW:
         averaged, other = xr.align(bands.odd_part(first, law), bands.odd_part(second, law))
         error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
         values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")

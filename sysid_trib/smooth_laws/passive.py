@@ -16,7 +16,8 @@ from sysid_trib.records.decay import Decays
 from sysid_trib.results import schema
 from sysid_trib.smooth_laws import bands
 
-# Attribute of an identification with a passive law: speeds at which the constraint acts, as JSON.
+# Attribute of an identification with a passive law: speeds at which the constraint acts, in parts of the
+# largest one that the record visits, as JSON.
 PASSIVE = "passive_at"
 # Just above zero speed, in parts of the largest: there friction jumps.
 SMALLEST_SPEED = 1e-6
@@ -81,7 +82,7 @@ def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset
         if not at_speeds:
             break
         acting |= at_speeds
-    return result.assign_attrs({PASSIVE: json.dumps(sorted(acting))})
+    return result.assign_attrs({PASSIVE: json.dumps([speed / largest["v"] for speed in sorted(acting)])})
 
 
 def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Dataset, set[float]]:
