@@ -391,30 +391,18 @@ def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
         )
 
 
-# What a law and products of speed and displacement are taken for.
-READINGS_SAID = {
-    "damping": ("friction that changes with the speed", "friction that depends on the position", "damping"),
-    "stiffness": (
-        "a restoring force that bends with the displacement",
-        "stiffness that depends on the speed",
-        "frequency",
-    ),
-}
-
-
 def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
-    """Say which combination of a law and products the record determines."""
-    for name, row in layout.by_label(both, "reading").items():
-        if bool(row.separated.item()):
-            continue
-        law, product, effect = READINGS_SAID[name]
-        size = max(abs(row["sum"].item()), 1e-300)
-        known, alone = (100.0 * row[error].item() / size for error in ("standard_error", "error_of_law"))
-        yield (
-            f"The record does not tell {law} from {product}: what both together make of the {effect} over a "
-            f"cycle of {both.amplitude.item():.2g} {unit} is known to {known:.2g} %, each alone to "
-            f"{alone:.2g} %. The bands hold if nothing depends on both."
-        )
+    """Say which combination of a friction law and of products the record determines."""
+    if bool(both.separated.item()):
+        return
+    size = max(abs(both["sum"].item()), 1e-300)
+    known, alone = (100.0 * both[error].item() / size for error in ("standard_error", "error_of_law"))
+    yield (
+        "The record does not tell friction that changes with the speed from friction that depends on the "
+        f"position: the damping of both together over a cycle of {both.amplitude.item():.2g} {unit} is known "
+        f"to {known:.2g} %, that of the speed alone to {alone:.2g} %. The bands hold if friction depends on "
+        "the speed alone."
+    )
 
 
 def _left(rms: float, unit: str) -> str:
