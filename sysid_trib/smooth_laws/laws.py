@@ -330,10 +330,10 @@ def _movement(law: bands.Law, parts: Sequence[bands.Law], reached: float) -> Arr
     errors = [bands.standard_errors(part.covariance) for part in parts]
     own = bands.standard_errors(law.covariance)
     covariance = model_error.covariance_by_parts(changes, errors, own)
-    moved = bands.standard_errors(covariance)
+    by_movement = bands.standard_errors(covariance)
     seen = np.abs(law.places) <= reached
-    ratios = np.divide(moved, own, out=np.zeros_like(moved), where=seen & (own > 0.0))
-    lacking = np.where(seen, 0.0, np.maximum((ratios.max(initial=0.0) * own) ** 2 - moved**2, 0.0))
+    ratios = np.divide(by_movement, own, out=np.zeros_like(by_movement), where=seen & (own > 0.0))
+    lacking = np.where(seen, 0.0, np.maximum((ratios.max(initial=0.0) * own) ** 2 - by_movement**2, 0.0))
     # The largest speeds are those of the same first swings.
     return covariance + np.sqrt(np.outer(lacking, lacking))
 
