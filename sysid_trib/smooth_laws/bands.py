@@ -292,3 +292,25 @@ def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
             }
         )
     )
+
+
+def interpolation(places: Array, common: Array) -> Array:
+    """Return the matrix that gives a law at other places from its values, (common, place).
+
+    Parameters
+    ----------
+    places : (place,) array of float
+        Of the law; one that is known for positive places alone is odd.
+    common : (common,) array of float
+    """
+    weights = np.zeros((len(common), len(places)))
+    two_sided = bool(np.any(places < 0.0))
+    for row, place in enumerate(common):
+        sign = 1.0 if two_sided else float(np.sign(place))
+        # A law may jump at zero: its two sides are not interpolated between.
+        side = np.flatnonzero(places * place > 0.0) if two_sided else np.arange(len(places))
+        at, target = np.abs(places[side]), abs(float(place))
+        order = np.argsort(at)
+        for column in np.eye(len(side))[order]:
+            weights[row, side[int(np.argmax(column))]] = sign * np.interp(target, at[order], column[order])
+    return weights

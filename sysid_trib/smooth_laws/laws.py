@@ -8,14 +8,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces, records
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.selection import System, load_system, with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs
+from sysid_trib.records.decay import RECORD_PARTS, Decays, RecordsLike, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import swing_frequency
@@ -44,11 +45,11 @@ OWN_LAWS = "own_laws"
 
 
 def laws(
-    decay: Decays,
+    decay: RecordsLike,
     system: str | System | None = None,
     constraints: ConstraintTable | None = None,
     *,
-    library: ForceLibrary | None = None,
+    library: LibraryLike | None = None,
     random_force: RandomForceOption = "off",
     own: Sequence[str] = (),
     passive: bool = False,
@@ -58,14 +59,14 @@ def laws(
 
     Parameters
     ----------
-    decay : Dataset or sequence of Dataset
-        `angle(time)`; several runs share their laws.
+    decay : record, or several of them
+        `angle(time)` as `free_decay` returns it, or `(t, angle)`; several runs share their laws.
     system : str or System, optional
         A system of `libraries/systems.toml`: what it holds, as a pendulum its gravity, stays as it is, and
         its usual forces are outside of the penalty.
     constraints : mapping of str to float, (float, float) or str, optional
         Known forces: `{"gravity": 1.0}`.
-    library : ForceLibrary, optional
+    library : ForceLibrary, str, or what `library` takes, optional
         Where forces of the constraints are looked for before those of the package, and of which formulas
         within the bands are made.
     random_force : "off", "estimated" or float
@@ -109,8 +110,10 @@ def laws(
     them within the cycle, averaging from amplitude to amplitude.
     """
     moving = system if isinstance(system, System) else load_system(system)
-    model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), library)
-    runs = as_runs(decay, driven=True)
+    offered = None if library is None else forces.as_library(library, "laws")
+    model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), offered)
+    given = records.as_decays(decay, "laws")
+    runs = as_runs(given, driven=True)
     # An input acts by the first force that holds it, where none is named.
     model = replace(model, named=with_inputs_acting(model.named, list(inputs_of(runs[0]))))
     model = replace(model, own=_checked_own(own, model, len(runs)))
@@ -121,7 +124,7 @@ def laws(
                     f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
                     "leave it out, or give the pendulum's length, --length M."
                 )
-    tree = _identified(decay, model, random_force, passive, library, tell=tell)
+    tree = _identified(given, model, random_force, passive, offered, tell=tell)
     asked: dict[str, Any] = {
         "system": moving.name,
         "constraints": dict(constraints or {}),

@@ -1,6 +1,5 @@
 """Laws as one of the methods that `compare` holds against each other."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
@@ -51,8 +50,7 @@ class LawMethod(Constrained):
     by: Literal["direct", "averaging"] = "direct"
     random_force: RandomForceOption = "auto"
 
-    def __post_init__(self, *old: Mapping[str, object] | None) -> None:
-        super().__post_init__(*old)  # type: ignore[arg-type]
+    def __post_init__(self) -> None:
         check_random_force(self.random_force)
 
     @in_units_of_the_motion

@@ -1,4 +1,4 @@
-"""What is fitted as laws: named forces, curves, and what is held."""
+"""Model of laws: named forces, curves, and held forces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -23,7 +23,7 @@ BELOW_SMALLEST = 0.5
 
 @dataclass(frozen=True)
 class LawModel:
-    """What is fitted: named forces, curves, and what is held.
+    """Model of laws: named forces, curves, and held forces.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""The laws of two samples held against each other: where they differ, and how surely."""
+"""Comparison of the laws of two samples: where they differ, and how significantly."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,12 +14,12 @@ from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import System
 from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws import bands
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band, interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation.findings import best
-from sysid_trib.validation.samples import SIDES
 
 # Group of a result that holds what `law_difference` returns.
 LAW_DIFFERENCE = "law_difference"
@@ -84,7 +84,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
 
 
 def _in_units(data: xr.Dataset, unit: str) -> xr.Dataset:
-    """Say the unit of the records in the place of rad."""
+    """Replace rad by the unit of the records."""
     for variable in data.variables.values():
         if "units" in variable.attrs:
             variable.attrs["units"] = str(variable.attrs["units"]).replace("rad", unit)
@@ -124,28 +124,6 @@ def _of_law(samples: list[xr.Dataset], law: str, common: Array) -> dict[str, Any
     values |= {f"{law}_difference": difference, f"{law}_difference_covariance": covariance, f"{law}_z": z}
     differs: Mask = (error > 0.0) & ((low > 0.0) | (high < 0.0))
     return values | of_band | {f"{law}_differs": differs, f"{law}_p_value": p_value(z, covariance)}
-
-
-def interpolation(places: Array, common: Array) -> Array:
-    """Return the matrix that gives a law at other places from its values, (common, place).
-
-    Parameters
-    ----------
-    places : (place,) array of float
-        Of the law; one that is known for positive places alone is odd.
-    common : (common,) array of float
-    """
-    weights = np.zeros((len(common), len(places)))
-    two_sided = bool(np.any(places < 0.0))
-    for row, place in enumerate(common):
-        sign = 1.0 if two_sided else float(np.sign(place))
-        # A law may jump at zero: its two sides are not interpolated between.
-        side = np.flatnonzero(places * place > 0.0) if two_sided else np.arange(len(places))
-        at, target = np.abs(places[side]), abs(float(place))
-        order = np.argsort(at)
-        for column in np.eye(len(side))[order]:
-            weights[row, side[int(np.argmax(column))]] = sign * np.interp(target, at[order], column[order])
-    return weights
 
 
 def p_value(z: Array, covariance: Array) -> float:
