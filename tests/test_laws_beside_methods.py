@@ -44,6 +44,7 @@ def test_curves_have_no_numbers_among_named_forces(compared):
     assert table.attrs["best"] == "direct"
 
 
+@pytest.mark.slow
 def test_compare_says_that_laws_predict_better(tmp_path):
     decay = record()
     write_csv(tmp_path / "one.csv", decay.time.values, decay.angle.values)
@@ -54,6 +55,7 @@ def test_compare_says_that_laws_predict_better(tmp_path):
     assert "\nlaws (averaging) " in ending.out
 
 
+@pytest.mark.slow
 def test_a_campaign_keeps_friction_and_its_coefficient_at_speeds(tmp_path):
     speeds, inertia, load, arm = (0.3, 1.0, 2.0, 9.0), 1e-3, 2.0, 0.01
     measured = {"inertia": (inertia, 1e-5), "load": (load, 0.0), "radius": (arm, 0.0)}

@@ -74,6 +74,7 @@ def test_held_forces_that_feed_energy_in_are_refused():
         made_passive(result, LARGEST)
 
 
+@pytest.mark.slow
 def test_laws_say_where_passivity_acts():
     motion = st.simulate(st.Model(FRICTION, ACTIVE, W), np.arange(0.0, 12.0, 0.03), angle=0.3)[["angle"]]
     motion["angle"] += NOISE * np.random.default_rng(0).standard_normal(motion.sizes["time"])

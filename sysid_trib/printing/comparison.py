@@ -158,9 +158,9 @@ def _rival(table: xr.Dataset, units: str) -> Iterator[str]:
     laws = _of_curves(table)
     if not np.any(np.isfinite(laws.holdout_rms.values)):
         return
-    nearest = laws.isel(method=int(np.nanargmin(laws.holdout_over_noise.values)))
+    nearest = laws.isel(model=int(np.nanargmin(laws.holdout_over_noise.values)))
     ratio = nearest.holdout_over_noise.item() / ratio_of_best(table)
-    label, p_value = nearest.method.item(), nearest.holdout_p_value.item()
+    label, p_value = nearest.model.item(), nearest.holdout_p_value.item()
     how = "about as well as these forces"
     if abs(ratio - 1.0) > ALIKE - 1.0 and not p_value > ALIKE_LEVEL:
         how = "better than these forces" if ratio < 1.0 else "less well than these forces"
@@ -174,7 +174,7 @@ def _rival(table: xr.Dataset, units: str) -> Iterator[str]:
 def _of_curves(table: xr.Dataset) -> xr.Dataset:
     """The rows of methods that identify curves; older results have none."""
     curves = ~table.names_forces.values.astype(bool) if "names_forces" in table else np.zeros(0, dtype=int)
-    return table.isel(method=np.flatnonzero(curves))
+    return table.isel(model=np.flatnonzero(curves))
 
 
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
