@@ -46,7 +46,7 @@ STORE_FORMAT = 3
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 # Of laws: both methods, and the one that is preferred.
-PREFERRED, FRICTION = "preferred", "friction"
+PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
@@ -159,7 +159,7 @@ class Task:
 
     @property
     def quantities(self) -> dict[str, tuple[str, float]]:
-        """What stands in the place of forces, by name: its unit, and the degree of a force in the rate.
+        """Names of the force axis, each with its unit and the degree of a force in the rate.
 
         Of laws it is the friction at each speed, over the inertia or in SI units, and its coefficient.
         """
@@ -307,7 +307,7 @@ def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     largest = float(np.max(data.speed.values[data.speed_visited.values]))
     weights = interpolation(data.speed.values, speeds)
     weights[speeds > largest * (1.0 + 1e-9)] = np.nan
-    names = [FRICTION, *([MU] if "load" in task.measured else [])]
+    names = ["friction", *([MU] if "load" in task.measured else [])]
     values = [weights @ data[name].values for name in names]
     variances = [np.diag(weights @ data[f"{name}_covariance"].values @ weights.T) for name in names]
     return np.concatenate(values), np.sqrt(np.concatenate(variances))

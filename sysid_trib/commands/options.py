@@ -102,7 +102,7 @@ class SearchOptions(ForcesOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SIOptions(CommandOptions):
-    """What gives SI units."""
+    """Quantities that give SI units."""
 
     inertia: str | None = None
     mass: str | None = None
@@ -112,7 +112,7 @@ class SIOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredOptions(SIOptions):
-    """What gives SI units, and another record to predict."""
+    """Quantities that give SI units, and another record to predict."""
 
     test: Path | None = None
     warm_up: float | None = None

@@ -1,4 +1,4 @@
-"""What depends on displacement and speed together: the map of what no sum of two laws holds."""
+"""Map of the force that depends on displacement and speed together, beyond both laws."""
 
 import numpy as np
 import xarray as xr
@@ -13,12 +13,12 @@ MAP_WIDTH, MAP_HEIGHT = 3.46, 2.7
 MAP_STEPS = 6
 # Standard errors beyond which the map differs from zero.
 DIFFERS = 2.0
-NOT_VISITED = "0.9"
+FACE_NOT_VISITED = "0.9"
 
 
 @shows("laws", block="Position and speed together", groups=("interaction",))
 def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
-    """What products of displacement and speed add to the force over the inertia, beyond both laws.
+    """Force over the inertia that products of displacement and speed add to both laws.
 
     Hatched: less than two standard errors from zero. Grey: the record does not swing there.
 
@@ -35,7 +35,7 @@ def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
     force = np.where(data.visited.values, data.force.values, np.nan).T
     largest = float(np.nanmax(np.abs(force)))
     levels = np.linspace(-largest, largest, 2 * MAP_STEPS + 1)
-    ax.set_facecolor(NOT_VISITED)
+    ax.set_facecolor(FACE_NOT_VISITED)
     shades = ax.contourf(x, speed, force, levels=levels, cmap="RdBu_r")
     ax.contour(x, speed, force, levels=[0.0], colors=INK, linewidths=BAR_WIDTH)
     unclear = np.abs(force) < DIFFERS * data.standard_error.values.T

@@ -154,7 +154,7 @@ def _prediction(tree: xr.DataTree) -> str:
 
 
 def _rival(table: xr.Dataset, units: str) -> Iterator[str]:
-    """How laws without a formula predict what was held out, beside the named forces."""
+    """Compare the prediction of laws without a formula with that of the named forces."""
     laws = _of_curves(table)
     if not np.any(np.isfinite(laws.holdout_rms.values)):
         return
@@ -172,7 +172,7 @@ def _rival(table: xr.Dataset, units: str) -> Iterator[str]:
 
 
 def _of_curves(table: xr.Dataset) -> xr.Dataset:
-    """The rows of methods that identify curves; older results have none."""
+    """Return the rows of methods that identify curves; older results have none."""
     curves = ~table.names_forces.values.astype(bool) if "names_forces" in table else np.zeros(0, dtype=int)
     return table.isel(model=np.flatnonzero(curves))
 

@@ -299,7 +299,7 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _passivity(tree: xr.DataTree) -> str:
-    """At which speeds the constraint of passivity acts."""
+    """Return the speeds at which the constraint of passivity acts."""
     result = _preferred(tree)
     acting = json.loads(tree["comparison"].attrs[PASSIVE])
     if not acting:
@@ -369,9 +369,9 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
         said = ""
         if "held_out_rms" in listed:
             unit = signal_units(tree)
-            sizes = [_left(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
+            sizes = [_residual_text(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
             texts = [f"{text} ({size})" for text, size in zip(texts, sizes, strict=True)]
-            of_laws = _left(listed.held_out_rms_of_laws.item(), unit)
+            of_laws = _residual_text(listed.held_out_rms_of_laws.item(), unit)
             said = f" (in parentheses what each leaves of the last third, held out; the laws: {of_laws})"
         yield f"Formulas within the band of {words}, over w^2{said}: {'; or '.join(texts)}."
 
@@ -396,16 +396,16 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
     if bool(both.separated.item()):
         return
     size = max(abs(both["sum"].item()), 1e-300)
-    known, alone = (100.0 * both[error].item() / size for error in ("standard_error", "error_of_law"))
+    of_both, of_speed = (100.0 * both[error].item() / size for error in ("standard_error", "error_of_law"))
     yield (
         "The record does not tell friction that changes with the speed from friction that depends on the "
         f"position: the damping of both together over a cycle of {both.amplitude.item():.2g} {unit} is known "
-        f"to {known:.2g} %, that of the speed alone to {alone:.2g} %. The bands hold if friction depends on "
+        f"to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands hold if friction depends on "
         "the speed alone."
     )
 
 
-def _left(rms: float, unit: str) -> str:
+def _residual_text(rms: float, unit: str) -> str:
     """Return what a model leaves of what was held out, or that it predicts no motion."""
     return layout.in_small_units(rms, unit) if np.isfinite(rms) else "no motion"
 

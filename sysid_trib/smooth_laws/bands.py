@@ -137,7 +137,7 @@ def law_and_jacobian(
     runs = max((force.run or 1 for force in library), default=1)
 
     def part(force: Force) -> float:
-        """How much of a force is in the law of the run, or in the mean of all runs."""
+        """Return the part of a force in the law of the run, or in the mean of all runs."""
         if force.run is None:
             return 1.0
         return 1.0 / runs if run is None else float(force.run == run)

@@ -138,8 +138,8 @@ def laws(
 def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, ...]:
     """Return the laws and forces that each run has for itself; refused where there are none."""
     offered = [*VARIABLE_OF_LAW, *model.named.symbols]
-    if unknown := [name for name in own if name not in offered]:
-        raise UsageError(f"'{unknown[0]}' cannot be each run's own; there are {', '.join(offered)}.")
+    if misspelt := [name for name in own if name not in offered]:
+        raise UsageError(f"'{misspelt[0]}' cannot be each run's own; there are {', '.join(offered)}.")
     if own and runs < 2:
         raise UsageError(f"Each run's own {own[0]} takes several runs, and this is one; leave it out.")
     return tuple(dict.fromkeys(own))

@@ -22,11 +22,11 @@ PASSIVE = "passive_at"
 # Just above zero speed, in parts of the largest: there friction jumps.
 SMALLEST_SPEED = 1e-6
 # A force that is below this part of its largest value there is none.
-AT_REST = 1e-5
+NOTHING_AT_REST = 1e-5
 # Below this part of the largest multiplier a constraint does not act.
 LEAST_MULTIPLIER = 1e-9
 # Steps at most, and the part of the largest power that is rounding.
-ROUNDS, ROUNDING = 5, 1e-9
+PASSIVE_STEPS, POWER_ROUNDING = 5, 1e-9
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset
     """
     acting: set[float] = set()
     # The step is linear in the frequency, too: the second one is tiny.
-    for _ in range(ROUNDS):
+    for _ in range(PASSIVE_STEPS):
         result, at_speeds = _stepped(result, largest)
         if not at_speeds:
             break
@@ -95,7 +95,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     power = rows[:, :-1] @ estimate[:-1]
-    if np.all(power >= -ROUNDING * np.max(np.abs(power))):
+    if np.all(power >= -POWER_ROUNDING * np.max(np.abs(power))):
         return result, set()
     # Each row in units of its own error; one that nothing free moves cannot be met.
     size = np.linalg.norm(rows @ root, axis=1)
@@ -122,7 +122,7 @@ def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple
     # The frequency is but the unit of the speed: it changes no sign.
     rows[:, -1] = 0.0
     # At rest what is no jump is nothing.
-    rows[np.abs(rows) < AT_REST * np.max(np.abs(rows), axis=0)] = 0.0
+    rows[np.abs(rows) < NOTHING_AT_REST * np.max(np.abs(rows), axis=0)] = 0.0
     return np.tile(places, len(runs)), rows
 
 

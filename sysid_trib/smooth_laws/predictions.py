@@ -1,4 +1,4 @@
-"""What formulas, and the laws that they stand for, leave of a part of the record that was held out."""
+"""Residuals of formulas, and of their laws, on a part of the record that was held out."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
