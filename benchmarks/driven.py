@@ -55,7 +55,7 @@ FRESH = 100
 
 
 def offered(*symbols: str) -> ForceLibrary:
-    """These forces of the libraries of the package."""
+    """Return these forces of the libraries of the package."""
     known: dict[str, Any] = {}
     for name in LIBRARIES:
         for force in st.load_library(name):
@@ -64,7 +64,7 @@ def offered(*symbols: str) -> ForceLibrary:
 
 
 def cpu(call: Callable[[], Any]) -> tuple[Any, float]:
-    """What a call returns, and the processor's time (s)."""
+    """Return the result of a call, and its processor time (s)."""
     return timed(call, time.process_time)
 
 

@@ -47,7 +47,7 @@ def named(tree: xr.DataTree) -> list[str]:
 
 
 def odds_came(tree: xr.DataTree, symbol: str, models: list[str]) -> bool:
-    """Whether the right name has the odds against each other model that the plan was about."""
+    """Return whether the right name has the planned odds against each other model."""
     if not tree["steps"].attrs["count"]:
         return False
     step = tree["steps"].to_dataset().isel(step=-1)
@@ -86,7 +86,7 @@ def hidden_in(seed: int, drawn: bool) -> tuple[str, st.Model]:
 
 
 def step(seed: int, drawn: bool) -> tuple[str, list[tuple[float, int, int, bool]]]:
-    """What is hidden, and of two runs of a plan what is stated and came true, and whether it is the best."""
+    """Return the hidden effect, and for two runs of a plan the stated and the observed outcome."""
     (symbol, model), rng = hidden_in(seed, drawn), np.random.default_rng([seed, 3])
     first = decay_of(model, FIRST, DURATION, 1000 * seed)
     tree, said = st.discover(first), []

@@ -34,7 +34,7 @@ def decay_of(clean, **options):
 
 
 def holds(band, curve, name):
-    """Whether the whole of a curve is in the band of another."""
+    """Return whether the whole curve is in the band of another."""
     inside = (curve.amplitude > band.amplitude[0]) & (curve.amplitude < band.amplitude[-1])
     amplitude, value = curve.amplitude.values[inside], curve[name].values[inside]
     low, high = (

@@ -207,7 +207,7 @@ SHORT = replace(paper_run(FIVE, duration=15.0, sampling_rate=50.0), start=0.6)
 
 @cache
 def two_runs():
-    """Of different lengths, amplitudes, sampling rates and noises."""
+    """Return runs of different lengths, amplitudes, sampling rates and noises."""
     return [RUN.decay(7), SHORT.decay(8, 3e-4)]
 
 

@@ -34,7 +34,7 @@ def test_a_fixed_value_stays_one_with_a_frequency_without_contact(record):
 
 @METHODS
 def test_a_fixed_value_comes_back_exactly_and_conditions_the_others(record, method):
-    """What is known of one coefficient is passed on by the covariance of the unconstrained fit."""
+    """The covariance of the unconstrained fit gives the effect of a fixed coefficient on others."""
     truth, free = FIVE["epsilon"], method(reference_frequency=W).identify(record, FORCES)
     fixed = method(reference_frequency=W, constraints={"epsilon": truth}).identify(record, FORCES)
     held = fixed.sel(force="epsilon")
@@ -228,7 +228,7 @@ def swing():
 
 @pytest.mark.parametrize("method", [Direct(random_force="off"), Trajectory(random_force="off")])
 def test_a_coefficient_that_one_s_own_library_states_is_held(swing, method, tmp_path):
-    """As `--system` holds it; a constraint says something else, and those of the package are free."""
+    """It is held as by `--system`; a constraint overrides it, and forces of the package are free."""
     (tmp_path / "own.toml").write_text(OWN)
     own = load_library(tmp_path / "own.toml")
 

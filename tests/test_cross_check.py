@@ -50,7 +50,7 @@ def test_the_difference_is_taken_at_one_reference_frequency():
 
 
 def simulated_pairs(seeds):
-    """Both methods on records of one model: differences, their stated errors, and p-values."""
+    """Run both methods on records of one model: differences, their stated errors, and p-values."""
     run, exact, found = paper_run(FIVE), paper_run(FIVE).angle, []
     for seed in seeds:
         compared = checked(decay(run.time, exact, 100 + seed))["comparison"]
@@ -119,5 +119,5 @@ def test_the_influence_of_a_fit_of_the_motion_has_its_stated_error(kind):
     ("library", "method"), [("contact_forces", Direct()), (FORCES, Direct), (FORCES, "direct")]
 )
 def test_what_is_no_library_or_method_is_told(library, method):
-    with pytest.raises(UsageError, match="identify wants"):
+    with pytest.raises(UsageError, match="identify needs"):
         identify(paper_run(FIVE).decay(0), library, method)

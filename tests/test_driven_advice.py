@@ -1,4 +1,4 @@
-"""What a user of a driven record is told: the drive, forces that fit, errors that hold, what is next."""
+"""Advice on driven records: the input, forces that fit, errors, the next command."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ def answer(tree: xr.DataTree) -> xr.Dataset:
 
 
 def coverage(part: float, seeds: range) -> np.ndarray:
-    """How many of the 95 % intervals of each coefficient hold the truth."""
+    """Return the fraction of 95 % intervals of each coefficient that cover."""
     z = [scores(answer(st.identify(driven(seed, part), FORCES)), TRUTH) for seed in seeds]
     return np.mean(np.abs(z) < 1.96, axis=0)
 

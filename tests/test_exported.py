@@ -96,7 +96,7 @@ def test_a_table_for_latex(tree):
 
 
 def test_shapes_stand_in_table_csv_and_equation(tmp_path):
-    """With a value in all of them: an equation without one is none."""
+    """All of them have the value: an equation without it is incomplete."""
     library = tmp_path / "own.toml"
     peak = st.load_library("candidate_effects")["stribeck"]
     offered = st.forces.ForceLibrary("own", (*FORCES.select(["lambda", "zeta"]), peak))

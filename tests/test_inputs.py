@@ -372,7 +372,7 @@ def record() -> xr.Dataset:
 
 
 def fitted(run: xr.Dataset, warm_up: float) -> xr.Dataset:
-    """From a model that is off by a tenth."""
+    """Fit from a model that is wrong by a tenth."""
     shapes = SHAPES | {"bouc_wen_n.s": 0.055}
     near = {"gain": 0.055, "zeta": 0.02, "bouc_wen_n": 0.45}
     method = st.methods.Trajectory(
@@ -498,7 +498,7 @@ STEPPED = np.repeat(np.random.default_rng(1).standard_normal(40), 30)
 def test_an_input_is_smooth_between_its_samples_unless_it_moves_in_steps(
     name: str, values: np.ndarray, between: str, tmp_path: Path
 ) -> None:
-    """In memory, in files, and in a simulation alike."""
+    """The same holds in memory, in files, and in a simulation."""
     time = TIME[: len(values)]
     record = xr.Dataset({"angle": ("time", tones(time)), "u": ("time", values, {"role": "input"})})
     assert inputs_of(record.assign_coords(time=time))["u"].between == between, name

@@ -1,4 +1,4 @@
-"""What holds for every method of the list, and that Python's defaults are the command's."""
+"""Properties of every method of the list, and equal defaults in Python and in the command."""
 
 from dataclasses import fields, is_dataclass
 from inspect import signature
@@ -94,13 +94,13 @@ SPEED = {"zeta": "2*v", "delta": "v*abs(v)"}
         (Averaging(), {"zeta": "2*v", "even": "x**2"}, "even has no signature"),
         (Direct(9.91), SPEED | {"viscous": "v"}, "zeta and viscous are the same force"),
         (Trajectory(5.0), {"zeta": "2*v"}, "follows"),
-        (methods.LogarithmicDecrement(), {"solid": "sign(v)"}, r"wants a force of formula 2\*v"),
-        (methods.LinearDecrement(), {"viscous": "2*v"}, r"wants a force of formula sign\(v\)"),
-        (methods.FeenyLiang(), {"viscous": "2*v"}, r"wants a force of formula sign\(v\)"),
-        (methods.EnergyDecay(), {"solid": "sign(v)"}, r"wants a force of formula 2\*v"),
-        (methods.QuadraticDecay(), {"viscous": "2*v"}, r"wants a force of formula v\*abs\(v\)"),
-        (methods.WuDecrement(), {"solid": "sign(v)", "mixed": "abs(x)*v"}, "wants a power of the speed"),
-        (methods.FrequencyShift(), {"viscous": "2*v", "linear": "x"}, "wants a nonlinear conservative force"),
+        (methods.LogarithmicDecrement(), {"solid": "sign(v)"}, r"needs a force of formula 2\*v"),
+        (methods.LinearDecrement(), {"viscous": "2*v"}, r"needs a force of formula sign\(v\)"),
+        (methods.FeenyLiang(), {"viscous": "2*v"}, r"needs a force of formula sign\(v\)"),
+        (methods.EnergyDecay(), {"solid": "sign(v)"}, r"needs a force of formula 2\*v"),
+        (methods.QuadraticDecay(), {"viscous": "2*v"}, r"needs a force of formula v\*abs\(v\)"),
+        (methods.WuDecrement(), {"solid": "sign(v)", "mixed": "abs(x)*v"}, "needs a power of the speed"),
+        (methods.FrequencyShift(), {"viscous": "2*v", "linear": "x"}, "needs a nonlinear conservative force"),
     ],
     ids=lambda value: type(value).__name__,
 )

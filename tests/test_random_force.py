@@ -228,7 +228,7 @@ def test_direct_settles_on_records_that_friction_stops():
     for seed, motion in enumerate(motions):
         run = decay(time, motion, seed, NOISE).sel(time=slice(0.0, stop))
         result = st.identify(run, library, Direct(random_force="estimated"))
-        settled.append(result.attrs["refined"] == "True")
+        settled.append(bool(result.refined))
         z.append(scores(result, truth))
     # With the sign of the smoothed speed one in six did.
     assert sum(settled) >= 5

@@ -37,7 +37,7 @@ def pushed():
 
 
 def amplitude_p_value(decay, forces):
-    """Of the fit without a random force, by the averages over half periods."""
+    """Return the p-value of a dependence on the amplitude, for the fit without a random force."""
     result = st.identify(decay, forces, st.methods.Direct(random_force="off"))
     motion = fitted_motion(decay, result)
     free = xr.Dataset({"angle": ("time", motion.x)}, {"time": decay.time})

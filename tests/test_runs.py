@@ -20,7 +20,7 @@ SEEDS = 15
 
 
 def two_runs(seed: int) -> list[xr.Dataset]:
-    """Of different lengths, amplitudes, sampling rates and noises."""
+    """Return runs of different lengths, amplitudes, sampling rates and noises."""
     return [LONG.decay(seed), SHORT.decay(1000 + seed, 3e-4)]
 
 

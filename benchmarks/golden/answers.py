@@ -1,4 +1,4 @@
-"""What a command answers, as compact data, and in what two such answers differ."""
+"""Results of commands as compact data, and the differences between two such results."""
 
 import contextlib
 import json
@@ -68,7 +68,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def differences(kept: Answer, found: Answer) -> list[str]:
-    """In what an answer differs from the kept one; nothing where both are the same."""
+    """Return the differences of a result from the kept one; empty if both are the same."""
     said = [*kept["words"], *(word for word in found["words"] if word not in kept["words"])]
     wrong = [
         f"{word}: {kept['words'].get(word)!r}, now {found['words'].get(word)!r}"

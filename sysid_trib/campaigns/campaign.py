@@ -94,11 +94,11 @@ def campaign(
     if getattr(current_process(), "_inheriting", False):
         # A process that it started would begin it again, as its script is read there.
         raise UsageError(
-            'A script that starts processes wants if __name__ == "__main__": around its campaign; '
+            'A script that starts processes needs if __name__ == "__main__": around its campaign; '
             "or take workers=0."
         )
     if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
-        raise UsageError("A campaign wants a list of records, of one at least.")
+        raise UsageError("A campaign needs a list of records, of one at least.")
     # A link to a store stays one when records come to it.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):
@@ -226,7 +226,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 client.wait_for_workers(1, timeout=STARTS_WITHIN)
             except TimeoutError:
                 raise UsageError(
-                    f"No worker has started within {STARTS_WITHIN}; a script that starts processes wants "
+                    f"No worker has started within {STARTS_WITHIN}; a script that starts processes needs "
                     'if __name__ == "__main__": around its campaign. Else give them more memory, or take '
                     "workers=0."
                 ) from None
@@ -252,8 +252,8 @@ def _interrupts_held() -> Iterator[None]:
 def _without_current_folder() -> Iterator[None]:
     """Keep processes that start in this context from importing from the current folder.
 
-    A file `signal.py` next to the records would be executed. What a script of the user imports they find by
-    the path of this process, which they are given.
+    A file `signal.py` next to the records would be executed. They get the path of this process, and find the
+    imports of the user's script by it.
     """
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"

@@ -142,7 +142,7 @@ class Task:
             usual = {"averaging": Averaging(), "direct": Direct()}
             object.__setattr__(self, "methods", compare.every_method() if self.name == "compare" else usual)
         if self.judged and len(self.methods) != 2:
-            raise UsageError("Two methods are held against each other; give two, or judged=False.")
+            raise UsageError("A cross-check needs two methods; give two, or judged=False.")
 
     @property
     def labels(self) -> list[str]:
@@ -295,7 +295,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
         # Of a discovery, behind its verdict.
-        early = "" if tree.attrs["converged"] == "True" else " (its search ended before it had converged)"
+        early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
 

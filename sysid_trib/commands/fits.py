@@ -72,7 +72,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
     if driven and (measured or given.methods_text):
-        raise UsageError("SI units and --methods-text are of free decays; leave them out of a driven record.")
+        raise UsageError("SI units and --methods-text are for free decays; omit them for a driven record.")
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
     if "inertia" in measured:
@@ -281,5 +281,5 @@ def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:
     if len(marks) == 1 and 0 < marks[0] < len(records) - 1:
         return records[: marks[0]], records[marks[0] + 1 :]
     raise UsageError(
-        "difference wants two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
+        "difference needs two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
     )

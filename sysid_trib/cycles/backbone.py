@@ -130,9 +130,9 @@ def backbone(decay: RecordLike) -> xr.Dataset:
 
     Notes
     -----
-    Of the period about each half period, from extremum to extremum of half-sines (see `envelope`): the
+    For the period about each half period, between extrema of half-sines (see `envelope`), the values are the
     logarithmic decrement over 2 pi and 2 pi over the duration, at the geometric mean of both extrema. Even
-    forces, the sensor's zero and its harmonics leave them alone to first order. The noise is that of the
+    forces, the sensor's zero and its harmonics do not change them to first order. The noise is that of the
     sensor and a random walk of amplitude and phase, as a white random force makes it, each of a size that
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.

@@ -137,8 +137,8 @@ def discover(
     constraints = known_coefficients(model) | dict(constraints)
     if is_free_to_move(model, Constraints(constraints).fixed):
         raise UsageError(
-            "A candidate is weighed by the restoring force, which this body has none of; identify it with "
-            "forces that may act, and compare the residuals."
+            "discover needs a restoring force, and this body has none; identify it with several sets of "
+            "forces, and compare the residuals."
         )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
     return _discovery(runs, model, offered, constraints, unseen, how)
@@ -150,7 +150,7 @@ NEARER = 0.95
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """How a search goes on.
+    """Plan of a search.
 
     Attributes
     ----------
@@ -215,18 +215,13 @@ def _discovery(
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
+    groups["/"] = xr.Dataset(variables.described("search", {"converged": done.converged}))
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
-    options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-    options |= {
-        "refit": how.refit,
-        "reference_frequency": reference_frequency,
-        "constraints": dict(constraints),
-    }
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
         **schema.provenance(None, one_or_all(runs), model),
         "method": "discover",
-        "options": json.dumps(options),
+        "options": json.dumps(_options_of(how, constraints)),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         **_outcome(done, closing),
@@ -244,6 +239,18 @@ def _discovery(
     return tree
 
 
+def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]:
+    """Return the options of a search as they are kept in its result."""
+    return {
+        "max_effects": how.settings.max_effects,
+        "level": how.settings.level,
+        "seed": how.settings.seed,
+        "refit": how.refit,
+        "reference_frequency": how.reference_frequency,
+        "constraints": dict(constraints),
+    }
+
+
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
     """Return what a search says of itself, as attributes of its result."""
     return {
@@ -251,7 +258,6 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
-        "converged": str(done.converged),
         "failed_fits": done.failed,
     }
 
@@ -328,9 +334,9 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
 def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     """Return the search, or that with coloured noise if it explains the record better.
 
-    What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
-    must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
-    all of them; else the colour with what was named is tried, of which that of the search is outside.
+    The named effects, or the residual, may be coloured noise that the lines above the motion did not show.
+    Noise of another colour without any name must be outside of the credible set of all names, as chance must
+    be outside of that of each effect. Otherwise the colour together with the names is tried.
     """
     done = search(fits, growing=True, tell=tell)
     if parts.verdict_of(done) == "nothing missing":

@@ -143,7 +143,7 @@ def units(force: "Force") -> str:
 def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     """Unit of the coefficient with inputs in units of their own, by their names: `1/V`.
 
-    Of an input that has none its name stands for it: `1/u`.
+    For an input without a unit its name is used: `1/u`.
     """
     text = force.units
     raw = dict.fromkeys(c.input for c in force.channels if not c.kind and c.input in inputs)

@@ -237,7 +237,7 @@ def _outward(
 ) -> list[tuple[float, ...]]:
     """Return the likelihoods from a logarithm of the ratio outward, until they are negligible.
 
-    Of each: the logarithm, deviance, variance, log determinant, degrees of freedom.
+    Each has logarithm, deviance, variance, log determinant and degrees of freedom.
     """
     table: list[tuple[float, ...]] = []
     for logarithm in first + step * np.arange(np.ceil(2.0 * NEGLIGIBLE_LOG_WEIGHT / abs(step))):

@@ -1,6 +1,6 @@
 """Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`.
 
-What a method assumes, observes and identifies is its attribute `scope`.
+The attribute `scope` of a method states its assumptions, observed quantities and identified forces.
 """
 
 import json
@@ -34,11 +34,11 @@ __all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_dec
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, *plugins.installed(plugins.METHODS)])
+    return sorted([*__all__, *plugins.installed(plugins.METHOD_PLUGINS)])
 
 
 def __getattr__(name: str) -> Any:
-    entry = plugins.installed(plugins.METHODS).get(name)
+    entry = plugins.installed(plugins.METHOD_PLUGINS).get(name)
     if entry is None:
         nearest = did_you_mean(name, __dir__())
         raise AttributeError(f"There is no method {name}; there are {', '.join(__dir__())}.{nearest}")
@@ -47,7 +47,7 @@ def __getattr__(name: str) -> Any:
 
 def every_kind() -> tuple[type[Any], ...]:
     """Return the methods of this package, and those that other packages declare (`sysid_trib.methods`)."""
-    return (*METHODS, *(_of_package(entry) for entry in plugins.installed(plugins.METHODS).values()))
+    return (*METHODS, *(_of_package(entry) for entry in plugins.installed(plugins.METHOD_PLUGINS).values()))
 
 
 def _of_package(entry: EntryPoint) -> type[Any]:
@@ -62,7 +62,7 @@ def _of_package(entry: EntryPoint) -> type[Any]:
     if isinstance(kind, type) and hasattr(kind, "identify"):
         return kind
     raise UsageError(
-        f"The entry point '{entry.name}' of {plugins.METHODS} is no method: it must be a class with "
+        f"The entry point '{entry.name}' of {plugins.METHOD_PLUGINS} is no method: it must be a class with "
         "identify(decay, library)."
     )
 

@@ -45,7 +45,7 @@ def energy_balance(library: ForceLibrary) -> half_periods.Equations:
 def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_periods.Equations:
     """Rate of the amplitude and frequency of each instant, against w c of each force, and w.
 
-    Of the columns L = <h sin phi> and M = <h cos phi>/a.
+    The columns are L = <h sin phi> and M = <h cos phi>/a.
     """
 
     def equations(extremum: Array, time: Array) -> tuple[Array, Array]:

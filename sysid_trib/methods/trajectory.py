@@ -82,10 +82,9 @@ class Trajectory(Constrained):
     `compared_in`, and `bias` of the sensor with `bias_standard_error`; `measured_noise` is that of a sample.
 
     The window grows over the records unless the start already follows them; sensitivities are differences of
-    exact motions, so that switching times and the stop take part. Of several runs each counts by its own
+    exact motions, so that switching times and the stop take part. Each of several runs is weighted by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
-    rule. One that a bound stops is held there; the errors, its own too, are those of the fit in which it is
-    free.
+    rule. A parameter at its bound is held there; all errors are those of the fit in which it is free.
     """
 
     reference_frequency: float | None = None
@@ -194,7 +193,7 @@ class Trajectory(Constrained):
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
     """Return the direct identification, its first guess and the colour of the sensor noise.
 
-    None where it fails and a start model is given.
+    Return None if it fails and a start model is given.
     """
     parameters = problem.parameters
     # Held parameters act on the first guess too; ties act only in the fit of the motion.

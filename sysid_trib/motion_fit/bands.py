@@ -112,9 +112,9 @@ def _recent_ratios(
 
     Notes
     -----
-    Errors of a random force are those of a white series: of a model that lacks nothing the sum of their
-    squares is a chi-square. What a model lacks comes and goes with the amplitude, so that predictions of long
-    ago say little of it.
+    Errors of a random force are those of a white series: for a complete model the sum of their squares is a
+    chi-square. The effect of a missing force changes with the amplitude, so that old predictions say little
+    about it.
     """
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
     factors = np.ones(len(starts))

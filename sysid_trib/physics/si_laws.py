@@ -63,8 +63,8 @@ def laws_in_si(
     Notes
     -----
     The laws of a result are forces over the inertia. Errors of inertia or mass, load and radius are the same
-    at all speeds. That of the radius also moves the speed at which the contact slides: mu(u) = T(u/r)/(N r)
-    changes by -(mu + u mu')/r. The calibration's error is in the result (`with_scale_error`).
+    at all speeds. The error of the radius also changes the speed at which the contact slides: mu(u) =
+    T(u/r)/(N r) changes by -(mu + u mu')/r. The calibration's error is in the result (`with_scale_error`).
     """
     given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
     known = {name: pair for name, pair in given.items() if pair is not None}

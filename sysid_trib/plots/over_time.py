@@ -51,7 +51,7 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
 def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[str, str]]:
     """Lines of the models of a run that have a motion, and what legends call all of them, by their names.
 
-    Those of a cross-check, those before and after of a discovery, that which predicts best of a comparison.
+    These are the models of a cross-check, the first and last of a discovery, or the best one of a comparison.
     """
     data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
     if kind == "discover":

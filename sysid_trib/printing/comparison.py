@@ -142,7 +142,7 @@ def _prediction(tree: xr.DataTree) -> str:
     if np.isnan(best.holdout_rms.item()):
         return f"No method could be tested on {third.lower()}, held out."
     ratio = best.holdout_over_noise.item()
-    explains = ratio <= LARGE and best.attrs.get("white_residual") != "no"
+    explains = ratio <= LARGE and bool(best.get("white_residual", True))
     explain = "explain" if explains else "do not explain"
     if ratio > LARGE and _with_random_force(tree):
         explain = "without a random force do not explain"

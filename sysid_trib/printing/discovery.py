@@ -187,7 +187,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     computed = {
         "disagreement": _spans(tree["discrepancy"].to_dataset()),
         "steps": [_step(tree, at, step) for at, step in enumerate(effects.steps_taken(tree))],
-        "converged": attrs["converged"] == "True",
+        "converged": bool(tree["converged"]),
         **{name: attrs.get(name) or None for name in ("closing_effect", "not_improving", "refused_by_laws")},
         "laws_held_out_rms": attrs.get("laws_held_out_rms", float("nan")),
         "noise_p_value": attrs.get("noise_p_value", np.nan),

@@ -107,7 +107,7 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
     elif refuted and not _last(tree, "ranking").significant.any():
         better = f"the model before {refuted[0]} was added predicts what was held out better"
         yield f"{nothing} {better}: {IMITATED}."
-    elif tree.attrs["converged"] != "True":
+    elif not tree["converged"]:
         rivals = "all that may stand in their place were" if added else "all candidates were"
         yield f"Unknown effect: {names}{residual}, but not {rivals} compared."
     # The final model leaves more than noise of the sensor and a random force without cause.
@@ -179,7 +179,7 @@ def _highest(z: xr.DataArray) -> str:
 def _search(tree: xr.DataTree) -> Iterator[str]:
     """Describe the end of the search, remaining candidates, and the parts in which each name remains."""
     attrs, last, stands = tree.attrs, _last(tree, "ranking"), list[str]()
-    converged, limit, most = attrs["converged"] == "True", attrs["out_of_time"], attrs["max_effects"]
+    converged, limit, most = bool(tree["converged"]), attrs["out_of_time"], attrs["max_effects"]
     if not converged:
         why = f"at its time limit of {limit}" if limit else "after as many fits as its settings allow"
         yield f"The search ended {why}, before it had converged."

@@ -158,29 +158,23 @@ def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
     )
 
 
-# Remarks of a method on itself, by its attribute: what it says unless the remark applies, and the sentence.
-REMARKS = {
-    "first_order_bias_removed": ("yes", "The first-order bias of {} was not removed: {}."),
-    "refined": (
-        "True",
-        "The columns of {} come from the smoothed record: the motion of its model does not follow the "
-        "record.",
-    ),
-    "correlation_lags": (
-        "0",
-        "The residuals of {} are correlated; its errors take that into account (Newey and West).",
-    ),
-}
-
-
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
     """Describe limits of the methods: biases, correlation, constraints, and forces not identified."""
     results = findings.kept_results(tree)
     for method, result in results.items():
-        for name, (usual, text) in REMARKS.items():
-            said = str(result.attrs.get(name, usual))
-            if said != usual:
-                yield text.format(method, said[2:].strip(": .") or "as asked")
+        if not result.get("first_order_bias_removed", True):
+            reason = result.attrs.get("first_order_bias_reason", "").rstrip(".") or "as asked"
+            yield f"The first-order bias of {method} was not removed: {reason}."
+        if not result.get("refined", True):
+            yield (
+                f"The columns of {method} come from the smoothed record: the motion of its model does not "
+                "follow the record."
+            )
+        if result.attrs.get("correlation_lags", 0):
+            yield (
+                f"The residuals of {method} are correlated; its errors take that into account "
+                "(Newey and West)."
+            )
     yield from verdict.constraint_sentences(results.values())
     yield from verdict.identifiability_warnings(tree["comparison"].to_dataset().attrs)
 

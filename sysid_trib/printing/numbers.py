@@ -52,7 +52,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
         rows = _of_identifications(named)
     else:
         raise UsageError(
-            "summary wants a result of identify, laws, compare, discover or difference, or of a method."
+            "summary needs a result of identify, laws, compare, discover or difference, or of a method."
         )
     table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
     return table.rename(columns={"by": by}).set_index([by, "quantity"])

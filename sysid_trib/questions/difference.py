@@ -188,7 +188,7 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
     results = [main_result(member) if isinstance(member, xr.DataTree) else member for member in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
     if not kept or len(kept) < len(results):
-        raise UsageError("difference wants two identifications, or lists of them, as identify returns them.")
+        raise UsageError("difference needs two identifications, or lists of them, as identify returns them.")
     return kept
 
 
@@ -266,7 +266,7 @@ def _held_apart(
 ) -> xr.Dataset:
     """`difference`, where the error of the model is what the differences themselves move between parts.
 
-    What both samples lack alike moves both alike, and no difference.
+    A force missing in both samples changes both alike, but not the difference.
     """
     return _difference(sides, level, _model_error_of_difference(sides, runs, library))
 

@@ -64,7 +64,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
     """
     samples = [best(sample) for sample in (first, second)]
     if any("friction_covariance" not in sample for sample in samples):
-        raise UsageError("law_difference wants two results of laws; identify the laws first (st.laws).")
+        raise UsageError("law_difference needs two results of laws; identify the laws first (st.laws).")
     if len({signal_units(sample) for sample in samples}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     values: dict[str, Any] = {}

@@ -212,8 +212,8 @@ def _longest(
 ) -> tuple[RunPrediction | None, float]:
     """Predict a rival's longest run and return its stop time (s).
 
-    Nothing is fitted after the stop; it is infinite of a motion that does not. None of no such motion.
-    `given` : what `predicted` takes besides.
+    Nothing is fitted after the stop, which is infinite for a motion that does not stop. Without a motion the
+    prediction is None. `given` : further arguments of `predicted`.
     """
     for time in reversed(times):
         with suppress(SysidTribError):

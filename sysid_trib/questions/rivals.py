@@ -63,8 +63,8 @@ def predicted(
 ) -> tuple[RunPrediction, float]:
     """Predict a rival after a start (rad, rad/s), in units of the noise, and return its stop time (s).
 
-    Beside it when the motion stops (s), infinite if it does not. `forcing` : the model about whose motion a
-    random force acts, and its ratio to the noise of a sample: then innovations are predicted.
+    The stop time is infinite if the motion goes on. `forcing` : the model with a random force, and its ratio
+    to the noise of a sample; then innovations are predicted.
 
     Raises
     ------
@@ -100,7 +100,7 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     """
     main = findings.main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
-        raise UsageError("plan wants a result that identified a model.")
+        raise UsageError("plan needs a result that identified a model.")
     stated = _stated(main)
     tree = result if isinstance(result, xr.DataTree) and files.kind_of(result) == "discover" else None
     if tree is None or not effects.added_effects(tree):

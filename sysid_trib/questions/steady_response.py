@@ -26,7 +26,7 @@ PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
 # What is said of each frequency, and of each simulation.
-RESPONSE = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
+RESPONSE_CURVES = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
 SIMULATED_CHECKS = ("check_frequency", "check_amplitude", "simulated_amplitude")
 
 
@@ -132,7 +132,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]
-    data = dict(zip(RESPONSE, (amplitude, *bands, phase), strict=True))
+    data = dict(zip(RESPONSE_CURVES, (amplitude, *bands, phase), strict=True))
     data |= dict(zip(SIMULATED_CHECKS, checks, strict=True))
     data |= {"frequency_ratio": w / result.asymptotic_frequency.item(), "left_open": left_open}
     coords = {"sweep": list(SWEEPS), **variables.described("response", {"frequency": w})}

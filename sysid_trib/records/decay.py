@@ -54,9 +54,9 @@ def free_part(swing: Swing) -> Swing:
 def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     """First sample at the extremum before the first zero crossing, 0 if the record is free before it, too.
 
-    What comes before that extremum may be the hand that holds the body, or moves it to its release. Free
-    motion takes a quarter period from the extremum to the crossing, a little more where it decays, and before
-    the extremum it is the mirror image of what follows, up to the decay, whatever the elastic forces.
+    Before that extremum a hand may hold the body, or move it to its release. Free motion takes a quarter
+    period from the extremum to the crossing, a little more where it decays, and before the extremum it is the
+    mirror image of what follows, up to the decay, whatever the elastic forces.
     """
     time, run, peak = swing.time, swing.run, swing.peaks
     duration = swing.halves.duration[run]

@@ -31,7 +31,7 @@ def free_decay(
 ) -> xr.Dataset:
     """Cut a record to its free decay and centre it on its equilibrium.
 
-    Of several decays in one record it is the one that travels farthest; `free_decays` gives them all.
+    If a record has several decays, this is the one with the longest travel; `free_decays` gives all.
 
     Parameters
     ----------
@@ -240,7 +240,7 @@ def _swing(time: Array, signal: Array, mended: str, value: float | None, source:
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
     swing = find_swing(time, signal, value)
     if swing is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise; check column and window.")
+        raise DecayError(f"{source}: no oscillation is visible above the noise; check column and window.")
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)

@@ -115,7 +115,7 @@ def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
     if _is_record(given):
         return _checked_record(given, function)
     if isinstance(given, Iterable) and not isinstance(given, str | bytes | Mapping | xr.DataTree):
-        return [_checked_record(one, function) for one in given]
+        return [_checked_record(record, function) for record in given]
     return _checked_record(given, function)
 
 

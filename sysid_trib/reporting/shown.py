@@ -1,4 +1,4 @@
-"""What a command prints of a result, for Python: as text, and as HTML in a notebook."""
+"""Results as text, as a command prints them, and as HTML in a notebook."""
 
 import html
 import io

@@ -54,8 +54,27 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
         node.attrs |= {name: np.ravel(node.attrs[name]).astype(str).tolist() for name in lists}
         if version == FORMAT_WITH_METHODS:
             node.attrs["format_version"] = FORMAT_VERSION
-        node.dataset = over_models(node.to_dataset(inherit=False))
+        node.dataset = with_booleans(over_models(node.to_dataset(inherit=False)))
     return tree
+
+
+# Attributes of older results that are variables now: the texts that say true.
+TRUE_TEXTS = {
+    "refined": "True",
+    "converged": "True",
+    "first_order_bias_removed": "yes",
+    "white_residual": "yes",
+}
+
+
+def with_booleans(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with true or false as variables, which results of older versions have as texts."""
+    for name in TRUE_TEXTS.keys() & data.attrs.keys():
+        said = str(data.attrs.pop(name))
+        data[name] = said == TRUE_TEXTS[name]
+        if said.startswith("no: "):
+            data.attrs["first_order_bias_reason"] = said.removeprefix("no: ")
+    return data
 
 
 def over_models(data: xr.Dataset) -> xr.Dataset:

@@ -171,7 +171,7 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
     force = library.role("x")
     if force is None:
         raise UsageError(
-            f"Library '{library.title}' has no force of formula x, so omega0 has nothing to give."
+            f"Library '{library.title}' has no force of formula x, so that omega0 cannot be used."
         )
     if force.symbol in result.force:
         return result

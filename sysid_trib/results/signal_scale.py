@@ -16,21 +16,19 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import UsageError
-from sysid_trib.forces import library, notation
+from sysid_trib.forces import notation
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
-from sysid_trib.results.variables import PER_FORCE_UNIT
+from sysid_trib.results.variables import PER_FORCE_UNIT, scaling_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 # rad; amplitudes for which a computation in radians loses no digit that counts.
 USUAL_ANGLES = 1e-4, 1e4
-# Variables in rad or rad/s that are no signal: phases and frequencies have no unit of length.
-NO_SIGNAL = ("phase", "frequency", "refers_to", "omega0")
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2": 2, "(rad/s^2)^2/Hz": 2}
-SHAPE_VARIABLES = ("shape", "shape_standard_error", "competing_shape")
 # Units of what is counted by coefficients.
 PER_FORCE = (PER_FORCE_UNIT, "1; rad/s for the frequency")
 UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
@@ -121,15 +119,16 @@ class _SignalScale:
         for key, variable in data.variables.items():
             name, attrs = str(key), dict(variable.attrs)
             units = unit_of_signal(data) if name == "angle" else str(attrs.get("units", ""))
-            power = _power(name, units, old)
+            scaling = scaling_of(name)
+            power = _power(units, old) if scaling == "unit" else 0
             if attrs.get("role") == "input" and name != "input":
                 power, units = int(name in self.inputs), units or old
             if power:
                 values = variable.values * factor**power
                 changed[name] = (variable.dims, values, attrs | {"units": units.replace(old, new)})
-            elif units in PER_FORCE or name == "frequency_covariance" or name in SHAPE_VARIABLES:
+            elif units in PER_FORCE or scaling in ("coefficient", "shape"):
                 # Of the shapes of what competes, those of each step are in one row.
-                dims = variable.dims[-1:] if name in SHAPE_VARIABLES else variable.dims
+                dims = variable.dims[-1:] if scaling == "shape" else variable.dims
                 changed[name] = (variable.dims, (variable * self._factors(data, dims, factor)).values, attrs)
         dims = data["unit"].dims if "unit" in data.variables else ()
         labels = _labels(data, str(dims[0])) if len(dims) == 1 else None
@@ -278,14 +277,12 @@ def _forces(given: Any) -> Iterator[Force]:
         elif isinstance(part, xr.Dataset):
             for name in ("library", "candidates"):
                 if name in part.attrs:
-                    yield from library.library_of_text(str(part.attrs[name]), "")
+                    yield from library_of_text(str(part.attrs[name]), "")
 
 
-def _power(name: str, units: str, old: str) -> int:
-    """Power of the signal in a variable's unit; zero of frequencies and phases."""
-    if any(part in name for part in NO_SIGNAL) or old not in units:
-        return 0
-    return POWERS.get(units.replace(old, ANGLE_UNIT), 0)
+def _power(units: str, old: str) -> int:
+    """Power of the signal in a variable's unit."""
+    return POWERS.get(units.replace(old, ANGLE_UNIT), 0) if old in units else 0
 
 
 def _labels(data: xr.Dataset, dim: str) -> Any:

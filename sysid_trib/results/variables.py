@@ -24,20 +24,49 @@ PER_FORCE_UNIT = "see the coordinate unit"
 RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
+# Scaling of each variable with the unit of the signal, where its own unit does not say it.
+SCALINGS: Mapping[str, str] = {
+    name: row[3] for table in RESULT_TABLES.values() for name, row in table.items() if len(row) > 3
+}
+# Beginnings and endings of the names of variables that scale as another one.
+OF_A_PERIOD = "period_"
+ERRORS_AND_LIMITS = ("_standard_error", "_low", "_high")
+
+
+def scaling_of(name: str) -> str:
+    """Return the scaling of a variable with the unit of the signal: the fourth column of `variables.toml`.
+
+    Parameters
+    ----------
+    name : str
+        Its standard errors and limits scale as the variable itself.
+
+    Returns
+    -------
+    str
+        "fixed", "coefficient", "shape", or "unit" where its own unit says it.
+    """
+    if name not in SCALINGS:
+        name = name.removeprefix(OF_A_PERIOD)
+        for ending in ERRORS_AND_LIMITS:
+            name = name.removesuffix(ending)
+    return SCALINGS.get(name, "unit")
+
+
 def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any]) -> Variables:
     """Variables as a table describes them.
 
     Parameters
     ----------
     table : mapping of str to (str, str, str), or str
-        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts. Or the name of a
-        table in `variables.toml`.
+        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts; a fourth text is the
+        scaling. Or the name of a table in `variables.toml`.
     values : mapping of str to array_like, or to a pair of them
         By names of the table; a pair is values and their standard errors.
     """
     known, variables = RESULT_TABLES[table] if isinstance(table, str) else table, Variables()
     for name, value in values.items():
-        dims, units, meaning = known[name]
+        dims, units, meaning, *_ = known[name]
         if isinstance(value, tuple):
             variables |= with_error(name, tuple(dims.split()), value, meaning, units)
         elif units == "text":

@@ -172,7 +172,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
     if not random_force and not any(channel.input in model.inputs for channel in model.driven):
         return None
     if len(tau) < 2:
-        raise SimulationError("A motion that is pushed wants two or more times that increase.")
+        raise SimulationError("A motion with a random force needs two or more increasing times.")
     ends, added = tau[:1], np.zeros((1, 2))
     if random_force:
         ends, added = _impulses(tau, 0.5 * random_force / w**3, seed)

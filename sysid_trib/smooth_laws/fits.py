@@ -101,8 +101,8 @@ def fitted(
 ) -> LawFit:
     """Fit curves, or only the named forces where the motion of no curve follows the record better.
 
-    What a model lacks within the cycle may be taken for a curve that no motion bears. A random force makes
-    each half period an equation of its own, which is immune to that.
+    An error of the model within the cycle may become a curve without a possible motion. With a random force
+    each half period is a separate equation, which avoids this.
     """
     without = replace(model.without_curves, reason=model.reason or NO_BETTER)
     if not model.odd:

@@ -122,15 +122,15 @@ def compare(
     centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
     A method that does not apply keeps its row: nan, and why in `reason`.
 
-    Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
-    the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
+    The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
+    each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
     runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
     offered = verdict.checked_library("compare", library, [method for _, method in pairs], runs)
     if not pairs:
-        raise UsageError("compare wants at least one method, such as methods.Direct().")
+        raise UsageError("compare needs at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
     return _compared(runs, offered, named, contactless, constraints, tell)
 
@@ -184,7 +184,8 @@ def _compared(
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
         residuals = [motion.residual.values for motion in of_best.get("residual", [])]
         p_value = len(runs) * min(map(white_p_value, residuals), default=0.0)
-        table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
+        white = variables.described("comparison", {"white_residual": p_value >= WHITE_LEVEL})
+        table = table.assign(white)
     of_names = [result for label, result in results.items() if scope_of(named[label]).names_forces]
     table.attrs |= _not_separable(runs, of_names or list(results.values()), library)
     return xr.DataTree.from_dict({**groups, **results, "comparison": table})
@@ -292,10 +293,9 @@ def _bias(result: xr.Dataset | None) -> str:
     """Return the bias that a method reports."""
     if result is None:
         return ""
-    removed = str(result.attrs.get("first_order_bias_removed", "yes"))
-    if removed == "no" or removed.startswith("no:"):
-        why = removed[2:].strip(" :.")
+    if not result.get("first_order_bias_removed", True):
+        why = result.attrs.get("first_order_bias_reason", "").rstrip(".")
         return f"first-order bias not removed{': ' + why if why else ''}"
-    if result.attrs.get("refined", "True") != "True":
+    if not result.get("refined", True):
         return "columns from the smoothed record, whose noise biases them"
     return ""

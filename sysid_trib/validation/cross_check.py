@@ -142,7 +142,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
     difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
     covariance, errors = np.full((len(difference), len(difference)), np.nan), "stated"
-    biased = any(str(r.attrs.get("first_order_bias_removed", "")).startswith("no") for r in results)
+    biased = not all(bool(result.get("first_order_bias_removed", True)) for result in results)
     if moving and not biased:
         covariance, errors = _covariance(pair, moving[0], kept)
     error = np.sqrt(np.diag(covariance))

@@ -25,8 +25,8 @@ LAST_THIRD = "the last third"
 def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
     """Return a record with `simulated_angle(model, time)`, `residual(model, time)` and its `noise`, rad.
 
-    Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
-    whose motion no spline follows, it is no more than the residual of a model.
+    Tables, sentences and figures show residuals over this noise, whatever the model. For a driven record,
+    whose motion no spline follows, it is at most the residual of a model.
     """
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):

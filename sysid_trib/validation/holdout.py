@@ -224,7 +224,8 @@ def _forces(results: Results) -> xr.Dataset:
 def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tuple[Array, Array]:
     """Coefficients and errors, (method, force), nan where a method has none.
 
-    Those that refer to another frequency by their definition, cannot be converted, or are held, keep theirs.
+    Coefficients that refer to another frequency by definition, cannot be converted, or are held, keep their
+    reference.
     """
     values, errors = np.full((2, len(results), forces.sizes["force"]), np.nan)
     for row, result in enumerate(results):

@@ -150,7 +150,7 @@ def usual_methods(
         return [Direct(**asked, own=own), Trajectory(**asked, own=own, warm_up=warm_up)]  # type: ignore
     if own:
         raise UsageError(
-            "Coefficients of each run's own are of driven records (--input); identify each free decay alone."
+            "Individual coefficients of runs need driven records (--input); identify free decays one by one."
         )
     # Amplitudes and frequencies tell no term of the sensor from a force, and not all forces from each other.
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -171,7 +171,7 @@ def _held_against_each_other(
 ) -> xr.DataTree:
     """Cross-check two methods; for several runs, test whether these agree."""
     if len(methods) != 2:
-        raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
+        raise UsageError(f"identify takes one method, or two to compare, not {len(methods)}.")
     runs = as_runs(decay, driven=True)
     if driven.is_driven(runs):
         direct, trajectory = methods

@@ -259,7 +259,7 @@ def _influence(
             return None
         of_motion = _of_motion(followed, noises, parameters, of_rows=isinstance(method, Direct))
         return None if of_motion is None else [slopes @ part for part in of_motion]
-    if method.curve != "half-sines" or result.attrs.get("first_order_bias_removed") != "yes":
+    if method.curve != "half-sines" or not result.get("first_order_bias_removed", False):
         return None
     runs = [*followed.runs.values()]
     library = schema.library_of(result).select(parameters.symbols)
@@ -284,7 +284,7 @@ def _influence(
 
 def _is_refined(method: Direct, result: xr.Dataset) -> bool:
     """True if the rows are about the motion of the identified model."""
-    return method.form == "weak" and result.attrs.get("refined") == "True"
+    return method.form == "weak" and bool(result.get("refined", False))
 
 
 def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) -> tuple[Array, Array]:
@@ -306,7 +306,7 @@ def _of_motion(
 ) -> list[Array] | None:
     """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run.
 
-    Of all that the samples tell, or of what the rows of `Direct` hold of it.
+    The fit uses all information of the samples, or only that in the rows of `Direct`.
     """
     tables: list[Array] = []
     seen: list[RunNoise | WeakRows] = []

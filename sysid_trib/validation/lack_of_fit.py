@@ -266,7 +266,7 @@ LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
     """Angular frequency (rad/s) and amplitude of a line in a residual; nan where there is none.
 
-    Of time in s and a residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
+    Time is in s, the residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
 
     A line's power over the mean of 2 m neighbours' is F distributed with 2 and 4 m degrees of freedom where
     the spectrum is flat about it: P(> r) = (1 + r/(2 m))^(-2 m); times the number of lines (Bonferroni).

@@ -130,10 +130,10 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
 
     Notes
     -----
-    What a free motion leaves of a record with a random force is a random walk, no failure of the model. With
-    a random force, and in coloured noise of the sensor, the innovations take its place, and their own
-    standard deviation that of the noise. A line of a frequency of its own (`spectral_line`), as hum makes it,
-    is no noise: within the band of the motion the p-value is zero with one.
+    In a record with a random force the residual of a free motion is a random walk, not a failure of the
+    model. With a random force, and in coloured noise of the sensor, the innovations take its place, and their
+    own standard deviation that of the noise. A separate spectral line (`spectral_line`), such as hum, is not
+    noise: if it is within the band of the motion, the p-value is zero.
     """
     rows = [
         [_of_run(model, motion, run, noise_of_run(noise_of, run)) for run, motion in enumerate(model.motions)]

@@ -50,9 +50,8 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
 
     Notes
     -----
-    Birge 1932: errors by the noise alone times the residual over the noise. What a method has widened
-    already, by the Birge ratio of its own equations, is not widened twice; nor is what it takes for a random
-    force, which its errors allow for.
+    Birge 1932: errors by the noise alone times the residual over the noise. Errors that a method has widened
+    by the Birge ratio of its equations are not widened twice. A random force is already in the errors.
     """
     stated = max(1.0, float(result.get("birge_ratio", 1.0)))
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
@@ -188,7 +187,7 @@ def checked_library(
     offered = forces.as_library(library, function)
     for method in methods:
         if isinstance(method, type) or not hasattr(method, "identify"):
-            raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
+            raise UsageError(f"{function} needs a method such as methods.Direct(), not {method!r}.")
     return offered
 
 

@@ -182,7 +182,7 @@ def test_hostile_names_are_text(results, without_figures):
 
 @pytest.mark.slow
 def test_page_of_a_long_record_with_a_model_that_diverges(results, pages):
-    """It is small, says that it is decimated, and leaves that model out."""
+    """The page is small, says that it is decimated, and leaves that model out."""
     tree = lengthened(results["cross_check"], 50_000)
     record = tree["record"].to_dataset()
     record["simulated_angle"].loc[{"model": "averaging"}] = np.nan

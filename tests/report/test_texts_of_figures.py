@@ -1,4 +1,4 @@
-"""No text of a figure is small, cut, or over another, in a column and over a page."""
+"""Texts of figures: none is small, cut, or over another, in a column and over a page."""
 
 from functools import partial
 
@@ -66,7 +66,7 @@ def of_the_paper():
 
 
 def wrong(figures):
-    """What is wrong with the texts of figures, by figure and width."""
+    """Return the faults of the texts of figures, by figure and width."""
     return [
         f"{name} at {width:g} mm: {fault}"
         for name, draw in figures.items()

@@ -250,8 +250,8 @@ class FittedModel:
     def next_steps(self, reach: float) -> Array:
         """Steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
 
-        None changes an effect by more than its own size: a tangent does not hold so far. Of a frequency
-        that is a radian of its phase over the record.
+        No step changes an effect by more than its own size, beyond which its tangent is not valid. For a
+        frequency the limit is a phase of one radian over the record.
         """
         sizes = np.sqrt(np.sum([np.sum(table**2, axis=0) for table in self.tables], axis=0))
         steps = list[float]()

@@ -174,9 +174,9 @@ class RunRows:
 
         Notes
         -----
-        Of all splines about the path the one with the least squares of the sensor's innovations and of the
-        random force together; without a random force its rows vanish, and it is a free motion of the model.
-        The multipliers of the rows in this saddle point are the random force over its covariance.
+        This is the spline about the path that minimises the squares of sensor innovations and random force
+        together. Without a random force its rows vanish, and it is a free motion of the model. The
+        multipliers of the rows in this saddle point are the random force over its covariance.
         """
         unexplained = self.path.angle - errors - self.path.at_samples[0]
         at_rest = residual + self.operator @ unexplained
