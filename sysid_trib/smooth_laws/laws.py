@@ -275,16 +275,16 @@ def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FitWithLaws:
     runs = list(followed.runs.values())
     parts: list[xr.Dataset] = []
     if not fit.is_white:
-        found = model_error.fitted_parts(runs, fit.asked_method, fit.library, result, later_only=True)
-        parts = found.results
-        result = result.assign(described("identification", {"held_out_rms": found.held_out_rms}))
+        of_parts = model_error.fitted_parts(runs, fit.asked_method, fit.library, result, later_only=True)
+        parts = of_parts.results
+        result = result.assign(described("identification", {"held_out_rms": of_parts.held_out_rms}))
     if parts:
         largest = {**largest, **_reached_twice(runs, largest)}
     values, places = _law_variables(result, parts, largest)
     own = None
     if fit.model.own:
-        each = [_law_variables(result, parts, largest, run) for run in enumerate(runs, 1)]
-        own = xr.concat([xr.Dataset(values, places) for values, places in each], "run", coords="minimal")
+        of_runs = [_law_variables(result, parts, largest, run) for run in enumerate(runs, 1)]
+        own = xr.concat([xr.Dataset(values, places) for values, places in of_runs], "run", coords="minimal")
         own = own.assign_coords(run=np.arange(1, len(runs) + 1))
     return FitWithLaws(followed.with_result(result.assign_coords(places).assign(values)), own)
 
