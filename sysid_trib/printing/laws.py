@@ -400,8 +400,8 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
     yield (
         "The record does not tell friction that changes with the speed from friction that depends on the "
         f"position: the damping of both together over a cycle of {both.amplitude.item():.2g} {unit} is known "
-        f"to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands hold if friction depends "
-        "on the speed alone."
+        f"to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands hold if friction "
+        "depends on the speed alone."
     )
 
 
