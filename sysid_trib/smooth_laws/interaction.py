@@ -12,7 +12,14 @@ from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.methods import Trajectory
 from sysid_trib.results import schema
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.fits import EXTENSION_GAIN, EXTENSION_LEVEL, LawFit, fit_of, p_value_of
+from sysid_trib.smooth_laws.fits import (
+    EXTENSION_GAIN,
+    EXTENSION_LEVEL,
+    REFINEMENTS_OF_EXTENSION,
+    LawFit,
+    fit_of,
+    p_value_of,
+)
 
 # Products of a force of the speed and one of the displacement.
 PRODUCTS = (
@@ -43,7 +50,7 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
     runs = list(fit.followed.runs.values())
     added = load_library(EFFECTS).select(PRODUCTS)
     named = replace(fit.model.named, forces=(*fit.model.named.forces, *added.forces))
-    method = fit.method
+    method = fit.method_from_here(REFINEMENTS_OF_EXTENSION)
     if isinstance(method, Trajectory):
         return None
     try:

@@ -21,7 +21,7 @@ from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.smooth_laws import bands, curves
-from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
+from sysid_trib.smooth_laws.fits import REFINEMENTS_OF_PART, SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
@@ -190,7 +190,8 @@ def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
     of_model = [np.zeros_like(law.covariance) for law in whole_laws]
     if not fit.is_white:
         runs = list(followed.runs.values())
-        parts = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
+        method = fit.method_from_here(REFINEMENTS_OF_PART)
+        parts = model_error.fitted_parts(runs, method, fit.library, result, later_only=True)
         of_parts = [bands.laws_of(part, largest) for part in parts.results]
         if of_parts:
             of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
