@@ -115,34 +115,6 @@ def fitted(
     return min((other, named), key=lambda of: of.residual_rms)
 
 
-def nearer_from(direct: LawFit, averaged: LawFit, lowest: float) -> LawFit:
-    """Return the fit by Direct that begins at curves of averaging, where these are nearer to the record.
-
-    Direct reads the laws within the cycle. Where errors of the sensor or a coarse step hide them there, it
-    may find no curves that a motion bears, or need a start that is near.
-
-    Parameters
-    ----------
-    direct, averaged : LawFit
-        Of the same runs.
-    lowest : float
-        Least place of a part that averaging had (see `curves.with_curves`).
-    """
-    better = averaged.residual_rms < EXTENSION_GAIN * direct.residual_rms
-    if not better or not averaged.model.odd or not isinstance(direct.method, Direct):
-        return direct
-    model = replace(direct.model, odd=averaged.model.odd, reason=averaged.model.reason)
-    start = schema.model_of(averaged.followed.result)
-    method = replace(
-        direct.method, random_force="off", start=start, most_refinements=REFINEMENTS_OF_EXTENSION
-    )
-    try:
-        again = fit_of(list(direct.followed.runs.values()), method, model, lowest)
-    except (SysidTribError, np.linalg.LinAlgError):
-        return direct
-    return min((direct, again), key=lambda of: of.residual_rms)
-
-
 def extended(fit: LawFit) -> LawFit:
     """Return the fit with errors of the sensor, or even parts of the laws, where the record asks for them.
 

@@ -21,15 +21,7 @@ from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.smooth_laws import bands, curves
-from sysid_trib.smooth_laws.fits import (
-    REFINEMENTS_OF_PART,
-    SENSOR_TERMS,
-    LawFit,
-    extended,
-    fitted,
-    nearer_from,
-    refitted,
-)
+from sysid_trib.smooth_laws.fits import REFINEMENTS_OF_PART, SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
@@ -124,6 +116,11 @@ def _identified(
     amplitudes = np.concatenate([np.abs(envelope(run).extremum.values) for run in runs])
     if reason := why_no_curve(amplitudes):
         model = replace(model.without_curves, reason=reason)
+    tell("direct")
+    direct = fitted(runs, Direct(random_force=random_force, constraints=model.constraints), model)
+    if not reason and not direct.is_white:
+        tell("errors of the sensor, and even parts")
+        direct = extended(direct)
     tell("averaging")
     # Averages tell nothing of even forces, nor of what a law does far below the smallest amplitude.
     lowest = BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
@@ -134,13 +131,6 @@ def _identified(
         fits["averaging"] = fitted(runs, method, model.of_odd_forces, lowest)
     except (SysidTribError, np.linalg.LinAlgError) as error:
         failed = str(error)
-    tell("direct")
-    direct = fitted(runs, Direct(random_force=random_force, constraints=model.constraints), model)
-    if "averaging" in fits:
-        direct = nearer_from(direct, fits["averaging"], lowest)
-    if not reason and not direct.is_white:
-        tell("errors of the sensor, and even parts")
-        direct = extended(direct)
     fits["direct"] = direct
     tell("errors")
     largest = _largest(runs)
