@@ -19,8 +19,8 @@ from scipy.stats import beta
 import sysid_trib as st
 from benchmarks.study.common import added, read
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.trials import from_unit
-from sysid_trib.validation.rivals import ODDS
+from sysid_trib.forces.shape_parameters import from_unit
+from sysid_trib.questions.rivals import ODDS
 
 LIMITS, DURATION, RATE, NOISE, MOST_RUNS = (0.1, 0.8), 12.0, 50.0, 2e-3, 5
 # Release of the first run (rad), frequency (rad/s); strengths that are drawn, over what that run detects.

@@ -8,12 +8,12 @@ import xarray as xr
 from helpers import FIVE, Array, W, decay
 
 from sysid_trib import Model, load_library
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.start_model import fit_start_model
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, credible, probabilities
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.start_model import fit_start_model
-from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.simulation.simulate import trajectory
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")

@@ -11,9 +11,9 @@ from benchmarks.blind.draws import shapes
 from benchmarks.blind.effects import FORCES, SENSORS, make
 from benchmarks.blind.generator import Motion, Oscillator, motion
 from sysid_trib import Model, discover, load_library, simulate
+from sysid_trib.discovery.engine.trials import DEFAULTS
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.trials import DEFAULTS
 
 SIX, CANDIDATES = load_library(), load_library("candidate_effects")
 BASE = {"lambda": 2e-4, "zeta": 0.005, "delta": 0.03, "nu": -0.4, "epsilon": 0.3}

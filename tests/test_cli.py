@@ -9,7 +9,7 @@ import pytest
 from command_line import run
 
 from sysid_trib import load_library
-from sysid_trib.commands.app import COMMANDS
+from sysid_trib.commands.options import COMMANDS, OPTIONS_OF, defaults_of, rows_of_command
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing.identification import identification_table
@@ -210,3 +210,8 @@ def test_examples_that_are_quick_work(tmp_path):
 @pytest.mark.in_full
 def test_all_examples_work(tmp_path):
     _works(EXAMPLES, tmp_path)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_has_a_type_and_a_text_of_help(command):
+    assert set(defaults_of(OPTIONS_OF[command])) == set(rows_of_command(command))

@@ -40,8 +40,8 @@ def table():
 
 
 def of(found, method):
-    """A method's row; `sel(method=...)` is an option of xarray."""
-    return found.sel({"method": method})
+    """Return the row of a method."""
+    return found.sel(model=method)
 
 
 def test_true_models_predict_to_the_noise():
@@ -97,7 +97,7 @@ class Wild:
 def test_a_model_that_runs_away_and_a_method_that_breaks():
     record = RUN.decay(7)
     found = compare(record, FORCES, [Wild(), Wild(broken=True), Direct()])["comparison"].ds
-    assert found.method.values.tolist() == ["wild", "wild (broken)", "direct"]
+    assert found.model.values.tolist() == ["wild", "wild (broken)", "direct"]
     assert of(found, "wild").reason.item() == "its model diverges"
     assert of(found, "wild (broken)").reason.item() == "failed: LinAlgError, singular"
     assert np.isnan(of(found, "wild").residual_rms.item())
@@ -111,7 +111,7 @@ def test_a_missing_force_is_told():
     assert table.residual_over_noise.values.min() > 3.0
     assert "a force is missing or has another form" in " ".join(sentences_of(comparison_blocks(tree)))
     best = of(table, table.attrs["best"])
-    for label in table.method.values.tolist():
+    for label in table.model.values.tolist():
         row, result = of(table, label), tree[label].to_dataset()
         assert (result.standard_error > result.error_of_noise).any()
         if label != table.attrs["best"]:
@@ -241,7 +241,7 @@ def test_rms_are_over_the_runs_and_each_ones_noise():
     assert found.run_noise.values.tolist() == noises == pytest.approx([1e-4, 3e-4], rel=0.1)
     for name in ("residual", "train", "holdout"):
         each = found[f"run_{name}_rms"]
-        assert each.dims == ("method", "run")
+        assert each.dims == ("model", "run")
         np.testing.assert_allclose(found[f"{name}_rms"], np.sqrt((each**2).mean("run", skipna=False)))
         ratio = np.sqrt(((each / noises) ** 2).mean("run", skipna=False))
         np.testing.assert_allclose(found[f"{name}_over_noise"], ratio)

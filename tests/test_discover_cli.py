@@ -9,8 +9,8 @@ from command_line import run, write_csv
 from helpers import FIVE, W, library_of_formulas, sentences_of
 
 from sysid_trib import Model, load
-from sysid_trib.commands.app import Asked, options_of
 from sysid_trib.commands.next_step import alternatives, next_step
+from sysid_trib.commands.options import SearchOptions
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing import discovery, layout
 from sysid_trib.results.files import save
@@ -110,7 +110,7 @@ def test_what_is_not_predicted_is_said_and_fitted_next(twin):
     assert "But it leaves 3.4 times the noise of what was held out (the last third)." in story(tree)
     # Two methods are fitted to the whole record: the search need not be run again.
     assert next_step(tree)[0] == "identify"
-    given = Asked(options_of("search"), max_effects=2)
+    given = SearchOptions(max_effects=2)
     assert alternatives(tree, given)[-1].endswith(": sysid-trib discover --max-effects 2 --refit")
     tree.attrs["options"] = json.dumps({"refit": True})
     assert "But" not in story(tree)

@@ -21,7 +21,7 @@ from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.identification import identification_json
 from sysid_trib.printing.laws import laws_json
 from sysid_trib.printing.layout import mapped
-from sysid_trib.validation.samples import held_against
+from sysid_trib.questions.difference import held_against
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -155,10 +155,10 @@ def test_no_command_draws_over_a_picture_of_the_documentation():
     assert pictures.isdisjoint(st.plots.__all__)
 
 
-def test_no_method_is_chosen_by_a_keyword_of_xarrays_own():
+def test_no_page_selects_by_an_argument_that_xarray_has_itself():
     pages = [*DOCS.glob("*.md"), *(ROOT / "notebooks").glob("*.py"), ROOT / "README.md"]
     assert [page.name for page in pages if "sel(method=" in page.read_text(encoding="utf-8")] == []
-    assert 'sel({"method": "direct"})' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
+    assert 'sel(model="direct")' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow

@@ -7,10 +7,10 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.discovery.engine.start_model import fit_start_model
 from sysid_trib.discovery.unseen import search_parts
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.start_model import fit_start_model
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.records.smoothing import first_frequency
@@ -108,10 +108,10 @@ def test_methods_of_inputs_stand_side_by_side_and_the_others_say_why_not(driven)
     methods = [st.methods.Direct(), st.methods.Trajectory(), st.methods.Averaging()]
     table = st.compare(driven, library("gain", "zeta epsilon"), methods)["comparison"].to_dataset()
     for label in ("direct", "trajectory"):
-        row = table.sel({"method": label})
+        row = table.sel(model=label)
         assert row.coefficient.sel(force="gain").item() == pytest.approx(0.05, rel=1e-3)
         assert row.holdout_over_noise.item() < 1.2
-    assert "takes free decays alone" in table.sel({"method": "averaging"}).reason.item()
+    assert "takes free decays alone" in table.sel(model="averaging").reason.item()
     assert table.attrs["white_residual"] == "yes"
 
 

@@ -7,7 +7,19 @@ import tokenize
 from collections import Counter
 
 import pytest
-from house import PACKAGE, arrows, circles, modules, room_of, unreachable, words_of
+from house import (
+    PACKAGE,
+    SLACK,
+    arrows,
+    circles,
+    measures,
+    modules,
+    names_across_walls,
+    room_of,
+    stored_measures,
+    unreachable,
+    words_of,
+)
 
 import sysid_trib as st
 
@@ -17,7 +29,8 @@ ROOT = PACKAGE.parent
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
     errors _version _lazy arrays forces records simulation results cycles likelihood motion_fit
-    methods validation smooth_laws discovery physics control campaigns printing plots reporting commands cli
+    methods validation smooth_laws discovery questions physics control campaigns printing plots
+    reporting commands cli
 """)
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(
@@ -50,6 +63,11 @@ PHRASES = re.compile(
     | spreads?\sof ) \b
     """,
     re.VERBOSE | re.IGNORECASE,
+)
+# First words of docstrings that begin with a clause, a preposition or a pronoun.
+CLAUSE = re.compile(
+    r"(?:What|How|Which|That|Whether|If|Nor|Not|No|None|Where|When|Why|Of|Those|These|The same|One that|It|So"
+    r"|As|At|By|Up|In|On|For|From|With|Without|Beside|Only|Both|Along|Above|Below|Over|Until|Else|To)\b"
 )
 # Names of types that every module may give to the same thing.
 ALIASES = {"Array", "Vector", "Index", "Mask"}
@@ -117,12 +135,26 @@ def test_a_room_imports_only_from_rooms_below():
     assert not up
 
 
+def test_discovery_has_one_door():
+    assert names_across_walls()["discovery"] == {"discovery.discover:discover"}
+
+
 def test_every_room_is_in_the_list():
     assert {room_of(name) for name in modules()} - {"__init__", "__main__"} == set(ROOMS)
 
 
 def test_no_circle_of_imports():
     assert not circles()
+
+
+@pytest.mark.parametrize("measure", measures())
+def test_a_measure_grows_little_in_one_landing(measure):
+    """`python tests/house.py --write` stores the measures of a landing."""
+    assert measures()[measure] <= (1.0 + SLACK) * stored_measures()[measure]
+
+
+def test_every_measure_is_stored():
+    assert set(stored_measures()) == set(measures())
 
 
 def test_every_definition_is_reached_from_the_doors():
@@ -141,8 +173,9 @@ def test_identifiers_name_the_thing():
     assert not wrong(bound, lambda word: word.strip("_") in COMMON_WORDS)
 
 
-def test_docstrings_begin_with_what_a_thing_is_or_does():
-    assert not wrong(first_lines, re.compile(r"(?:Of|Those|The same|Whether|How far)\b").match)
+def test_docstrings_begin_with_a_verb_or_the_name_of_a_thing():
+    """A clause such as "What ..." or "By how much ..." names neither."""
+    assert not wrong(first_lines, CLAUSE.match)
 
 
 def test_texts_are_in_the_words_of_the_field():

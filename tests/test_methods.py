@@ -10,7 +10,7 @@ from helpers import FIVE, OWN_MODELS, library_of_formulas, paper_run
 
 import sysid_trib as st
 from sysid_trib import load_library, methods
-from sysid_trib.commands.app import Asked, options_of
+from sysid_trib.commands.options import CampaignOptions
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import METHODS, Averaging, Direct, Trajectory, method_of
 from sysid_trib.plots.compared import FAMILY_MARKS
@@ -101,7 +101,6 @@ SPEED = {"zeta": "2*v", "delta": "v*abs(v)"}
         (methods.QuadraticDecay(), {"viscous": "2*v"}, r"wants a force of formula v\*abs\(v\)"),
         (methods.WuDecrement(), {"solid": "sign(v)", "mixed": "abs(x)*v"}, "wants a power of the speed"),
         (methods.FrequencyShift(), {"viscous": "2*v", "linear": "x"}, "wants a nonlinear conservative force"),
-        (methods.WindowedERA(), {"solid": "sign(v)"}, r"wants a force of formula 2\*v"),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -119,7 +118,7 @@ def test_forces_that_a_method_cannot_tell_are_refused_in_a_sentence(method, form
             (kind(), 1.6, "give a longer record")
             for kind in (methods.FeenyLiang, methods.WuDecrement, methods.EnergyDecay)
         ),
-        *((kind(), 1.6, "give a longer record") for kind in (methods.FrequencyShift, methods.WindowedERA)),
+        (methods.FrequencyShift(), 1.6, "give a longer record"),
     ],
     ids=lambda value: type(value).__name__,
 )
@@ -146,5 +145,5 @@ def test_identify_gives_what_the_command_gives(example, tmp_path):
 
 
 def test_a_campaign_has_as_many_workers_and_as_much_memory():
-    asked, here = Asked(options_of("campaign")), signature(st.campaign).parameters
+    asked, here = CampaignOptions(), signature(st.campaign).parameters
     assert (here["workers"].default, here["memory"].default) == (asked.workers, asked.memory)

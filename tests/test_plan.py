@@ -13,8 +13,8 @@ from benchmarks.plan import step
 from sysid_trib import Model, free_decay, identify, plots, save, simulate
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
+from sysid_trib.questions.rivals import ODDS, Rival, informed, log_odds, parting_of
 from sysid_trib.validation import plan
-from sysid_trib.validation.rivals import ODDS, Rival, informed, log_odds, parting_of
 
 RUN = paper_run(FIVE, duration=15.0)
 SAME = {"amplitude": (0.3, 0.3), "duration": (15.0, 15.0), "sampling_rate": 100.0}
@@ -196,7 +196,7 @@ def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
     save(incomplete, tmp_path / "result.nc")
     limits = ("--amplitude", "0.1:0.3", "--duration", "5:15", "--rate", "100")
     ending = command("plan", tmp_path / "result.nc", *limits)
-    assert "what the model lacks, which no further run takes away: lambda 0.002," in ending.out, ending.err
+    assert "The model error (lambda 0.002," in ending.out, ending.err
 
 
 @pytest.mark.slow

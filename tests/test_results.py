@@ -96,6 +96,18 @@ def test_unreadable_result_is_refused(tmp_path):
         load(tmp_path / "old.nc")
 
 
+def test_a_result_over_methods_of_an_older_version_is_over_models(tmp_path):
+    """Format 3 had the dimension `method`, which is an argument of xarray's own `sel`."""
+    tree = st.compare(record(), FORCES, [Averaging(correct=False), Direct(refine=False)])
+    older = tree.copy()
+    for node in older.subtree:
+        dataset = node.to_dataset(inherit=False)
+        node.dataset = dataset.rename(model="method") if node.name == "comparison" else dataset
+        node.attrs |= {"format_version": 3} if "format_version" in node.attrs else {}
+    save(older, tmp_path / "old.nc")
+    xr.testing.assert_identical(load(tmp_path / "old.nc"), tree)
+
+
 def test_asymptotic_frequency_and_its_gradient():
     coefficients = np.array([1e-3, 0.05, 0.037, 0.25, -0.4, 0.3])
     found, gradient = asymptotic_frequency(FORCES, coefficients, W)

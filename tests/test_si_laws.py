@@ -13,9 +13,9 @@ import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.law_difference import law_sentences
+from sysid_trib.questions.law_difference import ranges_of
 from sysid_trib.results.variables import group_names
 from sysid_trib.smooth_laws import bands
-from sysid_trib.smooth_laws.samples import ranges_of
 
 INERTIA, LOAD, RADIUS = (2e-3, 4e-5), (3.0, 0.06), (0.02, 4e-4)
 DRY = {"lambda": 1e-3, "zeta": 0.004, "delta": 0.02}

@@ -22,9 +22,9 @@ from hypothesis.extra.numpy import arrays
 
 from sysid_trib import Model, identify, methods
 from sysid_trib.discovery.discover import discover
+from sysid_trib.discovery.engine.trials import DEFAULTS
 from sysid_trib.discovery.fits import credible, errors_off, probabilities
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood.trials import DEFAULTS
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.simulation.simulate import trajectory

@@ -38,8 +38,8 @@ from benchmarks.blind.generator import NoDecayError
 from benchmarks.blind.seen import CONTACT, offered
 from sysid_trib import free_decay, read_record
 from sysid_trib.discovery.discover import discover
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.results.effects import credible_set
 
 # Seconds of the processor after which a record is given up, and counted as a failure.

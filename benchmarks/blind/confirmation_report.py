@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 from .effects import names
 
 Row = dict[str, Any]
-# z that the best two others leave, above which the record cannot be explained without the truth.
+# z of the truth beyond the best two candidates, above which no two candidates explain the record.
 CLEAR = 20.0
 # In the place of what is found where an error ended the search.
 FAILED = {"verdict": "none", "steps": []}
@@ -41,23 +41,24 @@ def _bars() -> list[tuple[str, str, str, str]]:
         found += [
             (f"truth in the 95 % set, z {name}", "93 to 99 %", some, "hit"),
             ("of these, without a random force", "", f"{some} and not pushed", "hit"),
-            ("of these, with one", "", f"{some} and pushed", "hit"),
+            ("of these, with a random force", "", f"{some} and pushed", "hit"),
             (f"mean size of the set, z {name}", "", some, "size"),
         ]
     found += [
         ("nothing named, z > 8", "", seen, "none"),
         ("named wrongly and not flagged, z > 8", "<= 1.5 %", seen, "wrong"),
-        ("unknown said, truth among the candidates, z > 8", "", seen, "unknown"),
+        ('"unknown", truth among the candidates, z > 8', "", seen, "unknown"),
     ]
-    for title, kind in (("left out", "left out"), ("of no library", "outside")):
-        of_kind, said = f"kind == '{kind}' and", f"unknown said, truth {title}, two others leave"
-        found.append((f"{said} z >= 20", ">= 97 %", f"{of_kind} by_two >= {CLEAR}", "unknown"))
-        found.append((f"{said} less", "", f"{of_kind} by_two < {CLEAR}", "unknown"))
+    for title, kind in (("left out", "left out"), ("in no library", "outside")):
+        of_kind, said = f"kind == '{kind}' and", f'"unknown", truth {title}'
+        clear = f"{said}, z >= 20 beyond any two candidates"
+        found.append((clear, ">= 97 %", f"{of_kind} by_two >= {CLEAR}", "unknown"))
+        found.append((f"{said}, smaller z", "", f"{of_kind} by_two < {CLEAR}", "unknown"))
     found.append(("strong effects: truth in its set", ">= 90 %", "kind == 'strong'", "hit"))
-    found.append(("strong effects: and no second named", ">= 90 %", "kind == 'strong'", "alone"))
+    found.append(("strong effects: truth in its set, no other named", ">= 90 %", "kind == 'strong'", "alone"))
     for kind, least in (("two", 90), ("three", 75)):
         some, title = f"kind == '{kind}' and {SEEN}", f"{kind} hidden: each in a set"
-        found += [(title, "", some, "hit"), (f"{title}, none besides", f">= {least} %", some, "alone")]
+        found += [(title, "", some, "hit"), (f"{title}, no other named", f">= {least} %", some, "alone")]
     return found
 
 

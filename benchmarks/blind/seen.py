@@ -10,18 +10,18 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import free_decay, load_library
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import likelihood
+from sysid_trib.discovery.engine.model_fit import fit_model
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_rows import decimated
+from sysid_trib.discovery.engine.start_model import fit_start_model
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.discovery.screen import screen
 from sysid_trib.discovery.single_columns import each_column, projected
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.model_fit import fit_model
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_rows import decimated
-from sysid_trib.likelihood.start_model import fit_start_model
-from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.validation.holdout import split
 
 from .effects import Shapes

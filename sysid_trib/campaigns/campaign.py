@@ -19,8 +19,7 @@ import xarray as xr
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.rows import LOST, Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
-from sysid_trib.campaigns.study import CampaignRecords, record_at
-from sysid_trib.campaigns.task import Task, empty_row, rows_of
+from sysid_trib.campaigns.task import CampaignRecords, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -51,8 +50,8 @@ def campaign(
 
     Parameters
     ----------
-    records : sequence of path or Dataset, or Study
-        Files, decays in memory, or simulated records drawn from a description (`load_study`).
+    records : sequence of path or Dataset
+        Files, or decays in memory. What else names a record is a text that `Task.read` makes decays of.
     task : Task
         What is done with each.
     output : path-like
@@ -69,14 +68,14 @@ def campaign(
     Returns
     -------
     Dataset
-        Over `record`, `method`, `force`: `coefficient` with `standard_error`; over `record` and `method`
+        Over `record`, `model`, `force`: `coefficient` with `standard_error`; over `record` and `model`
         reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors; over
         `record`: `status` (0 waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` of a
         record without numbers, `verdict`, `named` effects, `p_value` of the agreement of both methods,
         `seconds`; of `discover` besides `tied`, what those named cannot be separated from ("epsilon or
         gravity"), and over `record` and `force` the corrected `effect_p_value` of each that is named; of a
-        study `true_coefficient`. Values are read when they are used. `method` is an argument of xarray's
-        `sel`, so that a method is chosen by `store.sel({"method": "direct"})`.
+        study `true_coefficient`. Values are read when they are used. `store.sel(model="direct")` chooses the
+        model of one method.
 
     Raises
     ------
@@ -135,7 +134,7 @@ def check_extra() -> None:
 def _finished_blocks(
     task: Task, blocks: Sequence[Index], record_at: Callable[[int], Any], *, workers: int | str, memory: str
 ) -> Iterator[tuple[Index, list[Row]]]:
-    """Numbers of the records of each block and their rows, in the order in which they are finished.
+    """Yield the record numbers and the rows of each block, in the order of completion.
 
     See `campaign` for workers and memory; a block that waits is read when it is sent.
     """
@@ -182,7 +181,7 @@ def _through(
 
 @contextmanager
 def _client(workers: int | str, memory: str) -> Iterator[Any]:
-    """A client of a scheduler that is there, or of a cluster of this machine."""
+    """Yield a client of an existing scheduler, or of a cluster of this machine."""
     import dask
     from distributed import Client, LocalCluster
 
@@ -236,7 +235,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Threads that are begun here, and the processes that these start, do not see an interrupt.
+    """Hide interrupts from threads and processes that start in this context.
 
     It is for this process, which ends them; each of theirs would print a traceback.
     """
@@ -251,7 +250,7 @@ def _interrupts_held() -> Iterator[None]:
 
 @contextmanager
 def _without_current_folder() -> Iterator[None]:
-    """Processes that are begun here import nothing from the folder they are begun in, as they start.
+    """Keep processes that start in this context from importing from the current folder.
 
     A file `signal.py` next to the records would be executed. What a script of the user imports they find by
     the path of this process, which they are given.

@@ -1,4 +1,4 @@
-"""The law as the rival of names: how smooth laws predict what a search has held out."""
+"""Smooth laws as an alternative to names: their prediction of the held-out part."""
 
 from collections.abc import Sequence
 

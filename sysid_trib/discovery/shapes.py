@@ -1,4 +1,4 @@
-"""Shape parameters of candidates: grids so fine that nothing lies between, and the climb from there."""
+"""Shape parameters of candidates: a sufficiently fine grid, and the optimisation from there."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -8,16 +8,11 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery import single_columns as single
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import likelihood
+from sysid_trib.discovery.engine.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.trials import (
-    TrialEffect,
-    has_frequency_parameter,
-    is_frequency_parameter,
-    is_phase,
-    trials_of,
-)
+from sysid_trib.forces.shape_parameters import has_frequency_parameter, is_frequency_parameter, is_phase
 
 
 def refined(
@@ -111,7 +106,7 @@ def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect
 
 
 def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> list[TrialEffect]:
-    """Combinations to which the best of a grid lead, best first; none where none gains more than chance.
+    """Return the combinations reached from the best of a grid, best first; none if none is significant.
 
     Nor where all are far worse than the effects in whose place they are.
     """
@@ -119,11 +114,11 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     if np.max(gains) < (1.0 - settings.family_tolerance) * of_gone:
         return []
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
-    # Of two that are alike either may lead further: where a shape hardly matters yet.
+    # Keep both of two similar starts: either may lead further where a shape hardly matters yet.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
     least = max(settings.outside_of_set, (1.0 - settings.family_tolerance) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
-    # What a trial gains, the trial, and the step of its shapes that is tried next, in parts of their ranges.
+    # Gain of a trial, the trial, and the next step of its shapes, in parts of their ranges.
     # First step, over the last.
     climbs = [(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
     ends = list[tuple[float, TrialEffect, float]]()
@@ -149,7 +144,7 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
 
 
 def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> tuple[Array, float]:
-    """By how much the column of each, in the place of effects, lowers the deviance, (trial,); and they do.
+    """Return the fall of the deviance by each column in place of effects, (trial,), and by these effects.
 
     0 where physics forbids its sign.
     """

@@ -1,4 +1,4 @@
-"""What formulas hold besides x, v and t, and what signs and sizes of these do to a force: its symmetries."""
+"""Channels of inputs in formulas, and the symmetries of a force under changes of sign and size."""
 
 import itertools
 from collections.abc import Mapping
@@ -45,7 +45,7 @@ ORDERS = (0, 1)
 
 
 class Channel(NamedTuple):
-    """What a formula sees of an input u(t): `u`, or `du`, its derivative by tau = w t.
+    """Input u(t) in a formula: `u`, or `du`, its derivative by tau = w t.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Channel(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As formulas write it."""
+        """Name in formulas."""
         return "d" * self.order + self.input
 
     @property
@@ -181,7 +181,7 @@ def _at(force: "Force", names: Mapping[str, Any]) -> NDArray[np.float64]:
 def _degree_in(
     force: "Force", powers: Mapping[str, float], shapes: ShapeValues | None = None
 ) -> float | None:
-    """Degree as variables grow with these powers of one factor; None without one, and of zero."""
+    """Return the degree if variables grow with these powers of one factor; None without one, or of zero."""
     points = force.test_points | dict(shapes or {})
     # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
     degree = force.formula.degree_in(powers, points, (2.0, 4.0, 1e-3, 1e-6))

@@ -137,7 +137,7 @@ def average_over_ratios(
     samples: int,
     solved: Callable[[VarianceRatio], tuple[Array, Array]],
 ) -> tuple[Array, Array]:
-    """Mean of parameters over the ratios that a record leaves open, and the errors of that mean.
+    """Average parameters over the plausible ratios, and return the errors of that mean.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def average_over_ratios(
 
 
 def probability_of_none(gain: float, samples: int) -> float:
-    """Probability of a ratio of zero, where one above it lowers the deviance by `gain`; both equal before.
+    """Return the probability of a ratio of zero if another lowers the deviance by `gain`; equal priors.
 
     By the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to impulses that
     each sample shows, also grows with the root of the number of samples.
@@ -195,7 +195,7 @@ def probability_of_none(gain: float, samples: int) -> float:
 
 
 def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio) -> Array:
-    """The ratios that a record leaves open.
+    """Return the plausible ratios of a record.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
 def _outward(
     rows: Callable[[float], WhiteRows], first: float, step: float, least: float
 ) -> list[tuple[float, ...]]:
-    """Likelihoods from a logarithm of the ratio on, as far as they count.
+    """Return the likelihoods from a logarithm of the ratio outward, until they are negligible.
 
     Of each: the logarithm, deviance, variance, log determinant, degrees of freedom.
     """

@@ -179,13 +179,13 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution,
 
 
 def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap) -> tuple[Array, Array]:
-    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself.
+    """Average coefficients and reference frequency over the plausible ratios of each run.
 
     What that moves them by, and adds to their covariance.
     """
 
     def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
-        """With another ratio of a run, and the covariance."""
+        """Solve with another ratio of a run; return the common values and their covariance."""
         changed = [*weighed[:at], weighed[at].with_ratio(ratio), *weighed[at + 1 :]]
         other = solve(stacked([of_run.rows for of_run in changed]), constraints)
         return common_values(other.runs), other.covariance

@@ -152,7 +152,7 @@ def with_noises(
 
 
 def _estimated(weighed: WeighedRun, colour: bool) -> WeighedRun:
-    """A run with its most likely noises; the sensor's alone where a force is no likelier."""
+    """Return a run with its most likely noises; sensor noise alone if a random force is less likely."""
     run = weighed.run
     sensor, sensor_alone = run.sensor, run.sensor_alone
     start = None if run.ratio is None else run.ratio.ratio

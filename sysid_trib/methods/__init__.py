@@ -4,14 +4,15 @@ What a method assumes, observes and identifies is its attribute `scope`.
 """
 
 import json
+from importlib.metadata import EntryPoint
 from typing import Any
 
 import xarray as xr
 
-from sysid_trib.errors import UsageError
+from sysid_trib import plugins
+from sysid_trib.errors import UsageError, did_you_mean
 from sysid_trib.methods.classical import feeny_liang_decrement as feeny_liang_decrement
 from sysid_trib.methods.scope import MethodScope as MethodScope
-from sysid_trib.methods.windowed_era import windowed_modes as windowed_modes
 from sysid_trib.results.schema import NOT_KEPT
 
 # The methods, in the order of tables and figures.
@@ -26,11 +27,44 @@ from sysid_trib.methods.classical import EnergyDecay as EnergyDecay
 from sysid_trib.methods.classical import LogarithmicDecrement as LogarithmicDecrement
 from sysid_trib.methods.classical import LinearDecrement as LinearDecrement
 from sysid_trib.methods.classical import QuadraticDecay as QuadraticDecay
-from sysid_trib.methods.windowed_era import WindowedERA as WindowedERA
 # isort: on
 
 METHODS: tuple[type[Any], ...] = tuple(kind for kind in list(globals().values()) if hasattr(kind, "scope"))
-__all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_decrement", "windowed_modes"]
+__all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_decrement"]
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *plugins.installed(plugins.METHODS)])
+
+
+def __getattr__(name: str) -> Any:
+    entry = plugins.installed(plugins.METHODS).get(name)
+    if entry is None:
+        nearest = did_you_mean(name, __dir__())
+        raise AttributeError(f"There is no method {name}; there are {', '.join(__dir__())}.{nearest}")
+    return _of_package(entry)
+
+
+def every_kind() -> tuple[type[Any], ...]:
+    """Return the methods of this package, and those that other packages declare (`sysid_trib.methods`)."""
+    return (*METHODS, *(_of_package(entry) for entry in plugins.installed(plugins.METHODS).values()))
+
+
+def _of_package(entry: EntryPoint) -> type[Any]:
+    """Return the method that another package declares.
+
+    Raises
+    ------
+    UsageError
+        It is no class with a method `identify`, or cannot be loaded.
+    """
+    kind = plugins.loaded(entry)
+    if isinstance(kind, type) and hasattr(kind, "identify"):
+        return kind
+    raise UsageError(
+        f"The entry point '{entry.name}' of {plugins.METHODS} is no method: it must be a class with "
+        "identify(decay, library)."
+    )
 
 
 def method_of(result: xr.Dataset) -> Any:
@@ -44,12 +78,12 @@ def method_of(result: xr.Dataset) -> Any:
     Raises
     ------
     UsageError
-        The method is none of `METHODS`.
+        The method is none of this package, nor of another that is installed.
     """
-    kinds = {kind.__name__.lower(): kind for kind in METHODS}
+    kinds = {kind.__name__.lower(): kind for kind in every_kind()}
     name = result.attrs["method"]
     if name not in kinds:
-        raise UsageError(f"'{name}' is no method of this package; run it yourself on the record.")
+        raise UsageError(f"'{name}' is no method that is installed; run it yourself on the record.")
     options = json.loads(result.attrs["options"])
     # An optimiser or a start model is not kept in a result: the method goes without it.
     kept = {k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)}

@@ -1,4 +1,4 @@
-"""Simplified models of the envelope of a decay, for indirect inference, and a random force beside them."""
+"""Simplified models of the envelope of a decay for indirect inference, with a random force."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -228,7 +228,7 @@ def swing_frequency(measured: xr.Dataset) -> float:
 
 
 def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
-    """The envelope with the errors of white noise of the sensor; the scatter of a random force is not its."""
+    """Return the envelope with the errors of white sensor noise, without the scatter of a random force."""
     white = max(measured.white_noise.item(), float(np.finfo(float).tiny))
     scatters = [measured.attrs[name] for name in ("scatter_of_extrema", "scatter_of_times")]
     pairs = zip(half_periods.ENVELOPE_ERRORS, scatters, strict=True)

@@ -49,13 +49,13 @@ from sysid_trib.simulation.model import Model
 MAX_SELECTIONS = 5
 # The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
 FIRST_ESTIMATES = 2
-# Of a record of fewer radians the half tells no more than the whole.
+# Half of a record of fewer radians gives no better start.
 FEWEST_RADIANS = 120.0
 
 
 @dataclass(frozen=True)
 class Direct(Constrained):
-    """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by a pysindy optimiser.
+    """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by whitened least squares.
 
     The columns are those of `ForceFeatures`, a feature library of pysindy, averaged over the samples' cells,
     and they are solved by `WhitenedLeastSquares`, one of its optimisers.
@@ -93,8 +93,6 @@ class Direct(Constrained):
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
         held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
 
     Notes
     -----
@@ -124,8 +122,7 @@ class Direct(Constrained):
     start: Model | None = None
     most_refinements: int = MAX_REFINEMENTS_OF_CURVES
 
-    def __post_init__(self, *old: Any) -> None:
-        super().__post_init__(*old)
+    def __post_init__(self) -> None:
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and not self._takes_random_force:
             raise UsageError(
@@ -234,7 +231,7 @@ class Direct(Constrained):
         return is_fitted(self.random_force) and self._takes_random_force
 
     def _regressed(self, begun: Rows, last: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
-        """The solution with the forces that are in the model, and whether it has settled.
+        """Return the solution with the forces in the model, and whether it has converged.
 
         From the rows of the first estimate, or of the last one.
         """
@@ -243,7 +240,7 @@ class Direct(Constrained):
         solution, linear_about = solve(last, constraints), begun.runs
         if self.form == "strong":
             return solution, False
-        # What was dropped is no part of the motion's stiffness and damping.
+        # Dropped forces do not contribute to stiffness and damping.
         if linear_about[0].coefficients[~constraints.in_model].any():
             pairs = zip(solution.runs, linear_about, strict=True)
             linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)
@@ -278,7 +275,7 @@ def _random_force(solution: Solution, option: RandomForceOption) -> Variables:
 
 
 def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:
-    """Coefficients and frequency by the first half of each run, whose motion slips less; None if it does too.
+    """Return coefficients and frequency from the first half of each run; None if the motion slips there too.
 
     Over many periods a first estimate is soon out of phase.
     """

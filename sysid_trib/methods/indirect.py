@@ -1,4 +1,4 @@
-"""Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
+"""Indirect inference: removal of the bias of a simplified model by fits to its own motions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -155,7 +155,7 @@ def _corrected(
     measured: Sequence[xr.Dataset],
     first: Groups,
 ) -> tuple[Array, Groups]:
-    """Values whose motions give the same fit as the records; the fit of these motions.
+    """Return the values whose simulated motions give the same fit as the records, and that fit.
 
     Its residuals are those of the records beyond those of the motions.
 
@@ -181,7 +181,7 @@ def _corrected(
         steps.append(biased - auxiliary.values(fit))
         values = _accelerated(tried, steps, np.where(settled > 0.0, settled, 1.0))
         if np.all(np.abs(steps[-1]) <= settled):
-            # What the auxiliary model leaves of a motion of its own is no sign of another force.
+            # The residual of the auxiliary model on its own motion does not indicate another force.
             return values, {name: old.without_bias(fit[name]) for name, old in first.items()}
     raise SysidTribError("the correction did not settle")
 
@@ -203,7 +203,7 @@ def _motion_from_start(
 
 
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
-    """Where steps that are nearly linear in the values vanish (Anderson 1965); the first step as it is.
+    """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
     Of a motion that is pushed far the steps themselves converge slowly, or lead away.
     """

@@ -105,7 +105,7 @@ def bands_of(
 def _recent_ratios(
     tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], tuple[Array, ...]]
 ) -> Array:
-    """By how much errors are to be multiplied at each start (start,), from predictions that came due before.
+    """Return the factor of the errors at each start (start,), from predictions that came due before.
 
     Birge ratio (1932) of the last `RECENT_PERIODS` predictions one period ahead where it is above 1 by more
     than chance (chi-square), else 1.
@@ -137,7 +137,7 @@ def _recent_ratios(
 def _predictions(
     tracked: TrackedRecord, result: xr.Dataset, starts: Index, ahead: Array, *, run: int
 ) -> tuple[Array, ...]:
-    """What is predicted from each start, so many periods ahead: ascending.
+    """Predict from each start over the horizons `ahead` (periods, ascending).
 
     (origin, horizon) arrays of times (s), of what is predicted with its standard error (rad), and of what was
     measured, nan where there is no sample.
@@ -229,5 +229,5 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tup
 
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
-    """Coefficients of the model, and their covariance with the reference frequency behind them."""
+    """Return the coefficients of the model, and their covariance with the reference frequency as last."""
     return tuple(result.force.values.tolist()), np.nan_to_num(schema.covariance_with_frequency(result))

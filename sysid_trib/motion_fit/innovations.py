@@ -60,7 +60,7 @@ class TrackedRecord:
         return self.per_tau / self.noise**2
 
     def innovations(self) -> tuple[Array, Array]:
-        """What is predicted wrongly one sample ahead, and its standard deviation, (sample,) each, rad."""
+        """Return the errors of one-step predictions and their standard deviations, (sample,) each, rad."""
         _, innovations, variance = self.linear.innovations(self.ratio, self.deviation)
         return innovations[:, 0], self.noise * np.sqrt(variance)
 
@@ -128,7 +128,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
 
 
 def _settled(tracked: TrackedRecord) -> TrackedRecord:
-    """The record about the motion at which its smoothing comes to rest."""
+    """Return the record about the motion at which its smoothing converges."""
     # The path is settled where it moves by less than this part of the sensor's noise.
     tolerance = 0.01 * tracked.noise
     changes: list[float] = []
@@ -155,7 +155,7 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
 
 @signal_scale.in_units_of_the_motion
 def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
-    """What an identification predicts wrongly one sample ahead, and the random force over time.
+    """Return the one-step prediction errors of an identification, and the random force over time.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ LEAST_PART = 0.05
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the iteration is, and the step that it would take.
+    """Iterate of the fit, and its next step.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Iterate:
         return linear.path + change[..., 0], np.sqrt(ratio.variance * np.maximum(covariance[:, 1, 1], 0.0))
 
     def innovations(self, run: int) -> Array:
-        """What is predicted wrongly one sample ahead, (sample,), rad."""
+        """Return the errors of one-step predictions, (sample,), rad."""
         return self.linear[run].innovations(self.ratios[run].ratio, self.solution[0])[1][:, 0]
 
     def stepped(self, step: Array) -> Array:
@@ -226,7 +226,7 @@ def fit_random_motion(
 
 
 def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
-    """The fit after the last step, which is among its errors; so is a density that is not known exactly."""
+    """Return the fit after the last step, with this step and an uncertain density in its errors."""
     step, covariance = best.solution
     covariance = covariance + np.outer(step, step)
     for run in range(len(best.linear)) if density is None else ():
@@ -238,7 +238,7 @@ def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit
 
 
 def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
-    """The part of the step to go: less where it turns back on the last one, more where it goes on."""
+    """Return the relative step length: shorter after a turn back, longer in the same direction."""
     if before is None:
         return part
     # In the metric of the errors.

@@ -159,7 +159,7 @@ CONTACT_STIFFNESS = ("x", "x*abs(x)", "x**3")
 
 
 def speaks_of_slip(result: xr.Dataset) -> bool:
-    """True if the ratio nu/delta of an identification can say anything of partial slip.
+    """Return true if the ratio nu/delta of an identification can indicate partial slip.
 
     Parameters
     ----------

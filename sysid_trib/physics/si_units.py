@@ -167,7 +167,7 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
 
 
 def _is_gain(force: Force) -> bool:
-    """True if a force is an input of a unit of its own, with the sign of one that drives."""
+    """Return true if a force is a driving input with its own unit."""
     single = len(force.channels) == 1 and not force.channels[0].kind
     return single and force.formula.text.replace(" ", "") == f"-{force.channels[0].name}"
 
@@ -186,7 +186,7 @@ MU = "friction_coefficient"
 
 
 def si_of(tree: xr.DataTree) -> xr.Dataset | None:
-    """The answer of a result in SI units, where it holds it."""
+    """Return the preferred result in SI units, if it contains them."""
     return tree[SI].to_dataset() if SI in tree.children else None
 
 
@@ -303,7 +303,7 @@ def check_angle_unit(unit: str) -> None:
     UsageError
         With what to give instead.
     """
-    # What was measured of an angle may be its rate, in rad/s.
+    # The measured quantity may be the rate of an angle, in rad/s.
     if unit.partition("/")[0] != ANGLE_UNIT:
         raise UsageError(
             f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass of a "

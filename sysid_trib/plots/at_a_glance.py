@@ -126,13 +126,13 @@ def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
     """Identifications whose coefficients are shown, the main one last, and whether it explains the record."""
     if kind_of(tree) == "discover":
         final = tree["after"].to_dataset()
-        # Of one that lacks nothing names alone are in doubt.
+        # If nothing is missing, only names are in doubt.
         tests = [tree[group].significant.isel(selection_step=-1) for group in ("omnibus", "ranking")]
         lacks = tree.attrs["verdict"] == "unknown effect" and any(test.values.any() for test in tests)
         return {"final model": final}, not lacks and determines(final)
     if kind_of(tree) == "compare":
         best = tree["comparison"].attrs["best"]
-        ratio = tree["comparison"].holdout_over_noise.sel({"method": best})
+        ratio = tree["comparison"].holdout_over_noise.sel(model=best)
         return {best: tree[best].to_dataset()}, bool(ratio <= LARGE)
     results = kept_results(tree).items()
     return dict(sorted(results, key=lambda pair: pair[0] == answer_of(tree))), holds(tree)
@@ -221,7 +221,7 @@ def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at:
         _no_data(ax, TOO_FEW)
         return
     force, error = (factor * missing[name] for name in ("force", "force_standard_error"))
-    # What is but noise stays pale.
+    # Cells that are only noise stay pale.
     largest, noise = (np.nanpercentile(np.abs(part.values), COLOUR_PERCENT) for part in (force, error))
     mesh = draw_cells(ax, force, error, float(max(largest, DOT_BEYOND * noise)) or 1.0)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02, location=bar_at)

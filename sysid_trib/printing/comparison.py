@@ -54,7 +54,7 @@ def _coefficient_table(table: xr.Dataset) -> Table:
         columns[f"{symbol} ({parts})" if parts else symbol] = layout.values_with_errors(*numbers)
     frequency = (applied.asymptotic_frequency, applied.asymptotic_frequency_standard_error)
     columns[f"{FREQUENCY_SYMBOL} (rad/s)"] = layout.values_with_errors(*frequency)
-    return _method_table(pd.DataFrame(columns, applied.method.values))
+    return _method_table(pd.DataFrame(columns, applied.model.values))
 
 
 def _difference_table(table: xr.Dataset) -> Table:
@@ -68,7 +68,7 @@ def _difference_table(table: xr.Dataset) -> Table:
 def _differences_of(table: xr.Dataset) -> pd.DataFrame:
     """Differences from the best method over their errors, a row each method that applies."""
     applied = applied_methods(table)
-    of_forces = applied.z.transpose("method", "force").to_pandas()
+    of_forces = applied.z.transpose("model", "force").to_pandas()
     return of_forces.assign(**{FREQUENCY_SYMBOL: applied.asymptotic_frequency_z.values})
 
 
@@ -83,7 +83,7 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
         "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
         "time (s)": (table.time_taken, "{:#.2g}".format),
     }
-    given = table.method.isin(applied_methods(table).method.values).values | (table.failure == "").values
+    given = table.model.isin(applied_methods(table).model.values).values | (table.failure == "").values
     columns = {
         head: [as_text(x) if np.isfinite(x) else "-" for x in np.where(given, values.values, np.nan).tolist()]
         for head, (values, as_text) in numbered.items()
@@ -91,9 +91,9 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
     remarks = {"failure": "failed: {}", "reason": "{}", "bias": "{}", "neglects": "neglects {}"}
     columns["remarks"] = [
         "; ".join(said.format(row[name].item()) for name, said in remarks.items() if row[name].item())
-        for row in layout.by_label(table, "method").values()
+        for row in layout.by_label(table, "model").values()
     ]
-    return _method_table(pd.DataFrame(columns, table.method.values))
+    return _method_table(pd.DataFrame(columns, table.model.values))
 
 
 def _method_table(texts: pd.DataFrame) -> Table:
@@ -113,7 +113,7 @@ def _ratio(value: float) -> str:
 
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `compare`; `sources` say what each record is."""
+    """Return the blocks of a result of `compare`; `sources` describe the records."""
     table, details, units = tree["comparison"].to_dataset(), Layer.EXPLAIN, signal_units(tree)
     of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
     differ, warnings = _differences(table), identifiability_warnings(table.attrs)
@@ -134,11 +134,11 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
 
 
 def _prediction(tree: xr.DataTree) -> str:
-    """Which method predicts best what was held out, and whether these forces explain it."""
+    """Describe which method predicts the held-out part best, and whether the forces explain it."""
     table, groups = tree["comparison"].to_dataset(), record_groups(tree)
     starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
     third = "The last third" if len(groups) == 1 else "The last third of each run"
-    best = table.sel({"method": table.attrs["best"]})
+    best = table.sel(model=table.attrs["best"])
     if np.isnan(best.holdout_rms.item()):
         return f"No method could be tested on {third.lower()}, held out."
     ratio = best.holdout_over_noise.item()
@@ -154,17 +154,17 @@ def _prediction(tree: xr.DataTree) -> str:
 
 
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
-    """What coefficients are where no method explains the record."""
+    """Describe the meaning of the coefficients where no method explains the record."""
     stochastic = _with_random_force(tree)
-    # Of a motion that leaves the record it is not a number.
+    # It is nan for a motion that diverges from the record.
     if not ratio_of_best(table) <= LARGE:
         effective = f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."
         yield STOCHASTIC_METHODS.format(", ".join(stochastic)) if stochastic else effective
 
 
 def ratio_of_best(table: xr.Dataset) -> float:
-    """What the method that predicts best leaves of the part held out, or of the whole, over the noise."""
-    best = table.sel({"method": table.attrs["best"]})
+    """Return the held-out (or whole) residual of the best method over the noise."""
+    best = table.sel(model=table.attrs["best"])
     ratio = best.holdout_over_noise.item()
     return float(best.residual_over_noise.item() if np.isnan(ratio) else ratio)
 
@@ -175,22 +175,22 @@ def _with_random_force(tree: xr.DataTree) -> list[str]:
     stochastic = [
         label
         for label, result in given_results(tree).items()
-        if not table.neglects.sel({"method": label}).item() and is_found(random_force_of(result))
+        if not table.neglects.sel(model=label).item() and is_found(random_force_of(result))
     ]
     return stochastic if table.attrs["best"] in stochastic else []
 
 
 def _as_good(table: xr.Dataset) -> Iterator[str]:
-    """Which methods predict as well as the best."""
-    best, others = {"method": table.attrs["best"]}, table.drop_sel({"method": table.attrs["best"]})
+    """List the methods that predict as well as the best."""
+    best, others = {"model": table.attrs["best"]}, table.drop_sel(model=table.attrs["best"])
     as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
     good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
-    if labels := others.method.values[good].tolist():
+    if labels := others.model.values[good].tolist():
         yield f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
 
 
 def _noise(table: xr.Dataset) -> str:
-    """What the noise is, and what it means that the forces do not explain the record."""
+    """Describe the noise, and the consequence if the forces do not explain the record."""
     levels = np.atleast_1d(table.run_noise.values if "run_noise" in table else table.noise.values)
     whose = "the record" if len(levels) == 1 else "each run"
     factor, unit = small_units(signal_units(table))
@@ -201,7 +201,7 @@ def _noise(table: xr.Dataset) -> str:
         return noise
     if np.isnan(ratio):
         return f"{noise} The motion of the best model leaves the record."
-    labels = " and ".join(kept.method.values[kept.white_noise.values.astype(bool)].tolist())
+    labels = " and ".join(kept.model.values[kept.white_noise.values.astype(bool)].tolist())
     errors = f" Errors stated by {labels} are too small: they assume white noise." if labels else ""
     return (
         f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has another form, or the "
@@ -210,10 +210,10 @@ def _noise(table: xr.Dataset) -> str:
 
 
 def _by_accident(table: xr.Dataset) -> Iterator[str]:
-    """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
+    """Warn that a poor model may still follow the last swings, and that errors can be wide."""
     ratios = table.residual_over_noise.fillna(np.inf)
-    best, least = table.attrs["best"], ratios.idxmin("method").item()
-    ratio = (ratios.sel({"method": best}) / ratios.min()).item()
+    best, least = table.attrs["best"], ratios.idxmin("model").item()
+    ratio = (ratios.sel(model=best) / ratios.min()).item()
     if ratio > LARGE:
         yield (
             f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "
@@ -222,14 +222,14 @@ def _by_accident(table: xr.Dataset) -> Iterator[str]:
 
 
 def _differences(table: xr.Dataset) -> dict[str, str]:
-    """By probable cause a sentence on the methods that differ from the best by more than the errors."""
+    """Return a sentence by probable cause on methods that differ significantly from the best."""
     best = table.attrs["best"]
-    # What the best method lacks is in each difference from it.
-    lacks = table.sel({"method": best})
+    # Forces missing from the best method appear in each difference from it.
+    lacks = table.sel(model=best)
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for label, z in _differences_of(table).iterrows():
         if far := ", ".join(z.index[abs(z) > APART]):
-            row = table.sel({"method": label})
+            row = table.sel(model=label)
             reasons = (row.neglects, lacks.neglects, row.bias, lacks.bias)
             cause = next((name for name, text in zip(CAUSES, reasons, strict=False) if text.item()), "form")
             by_cause[cause].append(f"{label} ({far})")
@@ -244,7 +244,7 @@ def _differences(table: xr.Dataset) -> dict[str, str]:
 
 
 def _reference(table: xr.Dataset) -> Iterator[str]:
-    """To which frequency coefficients refer, and that none can tell a stiffness from it."""
+    """Describe the frequency to which coefficients refer, and that stiffness cannot be separated from it."""
     owner, symbol = table.attrs["common_frequency_of"], table.attrs["exchangeable_with_the_frequency"]
     origin = "given" if owner == "given" else f"w of {owner}"
     yield (

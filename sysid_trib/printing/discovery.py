@@ -29,7 +29,7 @@ PARTS_CAPTION = "Record minus model, by its parts"
 
 
 def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `discover`; `sources` say what each record is."""
+    """Return the blocks of a result of `discover`; `sources` describe the records."""
     (verdict, *sentences), details = verdict_sentences(tree), Layer.EXPLAIN
     remarks = [line for at, step in enumerate(effects.steps_taken(tree)) for line in _remarks(tree, at, step)]
     held = f"Effects in the order in which they were added; held out: {tree.attrs['held_out']}"
@@ -53,7 +53,7 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
 
 
 def _start(tree: xr.DataTree) -> Iterator[str]:
-    """What the start model leaves, and what that is made of."""
+    """Describe the residual of the start model and its parts."""
     residual, noise, units = residual_of(tree, "before"), record_noise(tree), signal_units(tree)
     model = f"start model ({', '.join(tree['before'].force.values.tolist())})"
     if np.isfinite(residual):
@@ -72,7 +72,7 @@ def _start(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
-    """What to mind of an effect: doubts, and what competes with it."""
+    """Describe doubts on an effect, and what competes with it."""
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     if not step.significant:
         yield f"In the final model, the coefficient of {symbol} is not significant."
@@ -112,7 +112,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
     likely = ", ".join(f"{s} {_probability(p)}" for s, p in [*probabilities.items()][: COMPETING + 1])
     yield f"{symbol} cannot be separated from: {named}{more}."
     yield f"With equal prior probabilities: {likely}."
-    # Which forces no run separates, and the measurement that would separate the others.
+    # List the forces that no run separates, and the measurement that would separate the others.
     size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
     fitted = [step[name].to_series().dropna() for name in ("shape", "competing_shape") if name in step]
     shapes = {name: value for part in fitted for name, value in part.items()}

@@ -1,4 +1,4 @@
-"""What the blocks of a discovery share: the effects and candidates as tables, and the gap in words."""
+"""Common parts of the blocks of a discovery: tables of effects and candidates, and the residual in words."""
 
 from collections.abc import Iterator
 
@@ -32,7 +32,7 @@ WHERE = {
 CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
 EVEN, TILTED = "even", "one-sided dissipative"
 SENSOR_CURVE = "an even force is missing, or the sensor is not linear"
-# What the omnibus test's types of force mean, alone and together.
+# Meanings of the types of force in the omnibus test, alone and together.
 MEANINGS = {
     frozenset({CONSERVATIVE}): "a conservative force is missing, or the clock is wrong",
     frozenset({DISSIPATIVE}): "a dissipative force is missing",
@@ -76,7 +76,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
 
 
 def _to(values: list[float], unit: float = 1.0) -> str:
-    """From a value before a step to that after it; a model that diverges has none."""
+    """Join values before and after a step; a model that diverges has none."""
     return " to ".join(f"{value / unit:.3g}" if np.isfinite(value) else "-" for value in values)
 
 
@@ -125,7 +125,7 @@ def ranking_table(tree: xr.DataTree) -> Table:
 
 
 def residual_text(tree: xr.DataTree) -> str:
-    """How large the gap of the final model is; one that diverges has none."""
+    """Describe the size of the residual of the final model; one that diverges has none."""
     ratio = residual_over_noise(tree, "after")
     if not np.isfinite(ratio):
         return "the motion of the model leaves the record"
@@ -145,7 +145,7 @@ def times_noise(ratio: float) -> str:
 
 
 def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
-    """From when on model and record differ, and what the gap is made of."""
+    """Describe when the residual exceeds the noise, and its parts."""
     spans = tree[group].to_dataset()
     start, run, groups = spans.departure_time.item(), spans.departure_run.item(), record_groups(tree)
     departs, parts = np.isfinite(start), list(spans.attrs["parts"])

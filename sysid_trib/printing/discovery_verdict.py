@@ -44,7 +44,7 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 
 
 def _closed(tree: xr.DataTree) -> Iterator[str]:
-    """Nothing more stands out of the residual."""
+    """Report that the residual contains nothing more."""
     effects = " and ".join(map(tables.effect_with_ties, steps_taken(tree)))
     after, residual, ratio = tree["after"].to_dataset(), tables.residual_text(tree), held_out_excess(tree)
     held = f"{tables.times_noise(ratio)} of what was held out ({tree.attrs['held_out']})" if ratio else ""
@@ -73,7 +73,7 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
-    """What remains was not named, or was named by effects that may imitate another."""
+    """Describe a residual without a name, or with names that may imitate another effect."""
     residual, omnibus, added = tables.residual_text(tree), _last(tree, "omnibus"), added_effects(tree)
     imitating, refuted = _marked(tree, "collinear"), _marked(tree, "worsens_holdout")
     nothing, names = f"Unknown effect: {residual}, but", f"with {' and '.join(added)} " if added else ""
@@ -149,7 +149,7 @@ def _high_but_not_significant(last: xr.Dataset) -> Iterator[str]:
 
 
 def _unexplained(tree: xr.DataTree) -> Iterator[str]:
-    """At which amplitudes, and by the force map where in a cycle, what no candidate explains is largest."""
+    """Describe at which amplitudes, and where in a cycle, the unexplained residual is largest."""
     after, units = tree["discrepancy_after"].to_dataset(), signal_units(tree)
     ratio, amplitude = after.rms.values / record_noise(tree), after.amplitude.values
     high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
@@ -177,7 +177,7 @@ def _highest(z: xr.DataArray) -> str:
 
 
 def _search(tree: xr.DataTree) -> Iterator[str]:
-    """How the search ended, candidates that stand out at its end, and in how many parts each name stands."""
+    """Describe the end of the search, remaining candidates, and the parts in which each name remains."""
     attrs, last, stands = tree.attrs, _last(tree, "ranking"), list[str]()
     converged, limit, most = attrs["converged"] == "True", attrs["out_of_time"], attrs["max_effects"]
     if not converged:

@@ -40,7 +40,7 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """What is said of an identification with inputs, in its order; `record` says what was read."""
+    """Return the blocks of an identification with inputs, in order; `record` describes the records."""
     compared, unit = tree["comparison"].to_dataset(), signal_units(tree)
     answer = compared.attrs["answer"]
     best = compared.sel(model=answer)
@@ -129,7 +129,7 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
-    """How near a free run comes to each record, its start fitted there (see `predict`)."""
+    """Return the residuals of predicted records, whose starts are fitted (see `predict`)."""
     sentences = []
     for record in predicted:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
@@ -157,7 +157,7 @@ def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
 
 
 def response_blocks(response: xr.Dataset) -> Iterator[Block]:
-    """What the command `response` prints of a result of `forced_response`."""
+    """Return the blocks of the command `response`."""
     rows = []
     for sweep, curve in layout.by_label(response, "sweep").items():
         motions = curve.dropna("frequency", subset=["amplitude"])
@@ -201,22 +201,23 @@ MOST_RUNS, DURATION = 8, "duration (s)"
 
 
 def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
-    """What is said of runs that may be made next; `stated` is the identification that is known."""
+    """Return the blocks of a plan of runs; `stated` is the known identification."""
     rows = _rows(data, stated)
     said = [*_next_run(data, stated, data.sizes["run"] - len(rows))]
     return [Block(said, ALWAYS), Block((), ALWAYS, table=layout.text_table(rows[:MOST_RUNS]))]
 
 
 def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]:
-    """The best run, what it is expected to tell, and how many are left out that tell as much as others."""
+    """Describe the best run, its expected information, and the number of equivalent runs left out."""
     best, unit, repeats = data.isel(run=0), data.amplitude.attrs["units"], int(data.attrs["repeats"])
     run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""
     models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
     if len(models) > 1:
         yield (
-            f"{run}: of {', '.join(models[:-1])} and {models[-1]} the right one will have odds of "
-            f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
+            f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
+            f"{data.attrs['odds']:g} to 1 against each other model with probability "
+            f"{best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
         parts = [
@@ -224,17 +225,17 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
             f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
             for symbol in [*wanted] or data.force.values.tolist()
         ]
-        yield f"{run}: {', '.join(parts)}, by all records together."
+        yield f"{run}: {', '.join(parts)}, from all records together."
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
-        yield f"In these is the error of what the model lacks, which no further run takes away: {listed}."
+        yield f"The model error ({listed}) is included; more data cannot reduce it."
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Left out: {runs} longer than another that tells as much, by the digits shown."
+        yield f"Not shown: {runs} longer than another with the same numbers."
 
 
 def _size(run: xr.Dataset) -> str:
@@ -243,7 +244,7 @@ def _size(run: xr.Dataset) -> str:
 
 
 def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
-    """What is printed of each run: release, duration, and what it tells."""
+    """Return the table rows of runs: release, duration, and expected information."""
     release, several, rows = f"release ({data.amplitude.attrs['units']})", len(data.attrs["models"]) > 1, []
     units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
     heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
@@ -253,7 +254,7 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
         errors = (f"{error:.2g}" for error in run.standard_error.values)
         rows.append(row | dict(zip(heads, errors, strict=True)))
-    # Of runs that are said to tell as much the shorter one comes first.
+    # Of runs with the same numbers keep the shorter one, which comes first.
     table = pd.DataFrame(rows)
     return list(table.drop_duplicates(table.columns.drop([release, DURATION])).to_dict("records"))
 

@@ -25,7 +25,7 @@ LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
 LATEX_ESCAPES |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim "}
 LATEX_TEXT = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 FREQUENCIES_LATEX = {"reference_frequency": r"\omega", "asymptotic_frequency": r"\omega_\infty"}
-# What each method is, in the words of a methods section.
+# Description of each method for a methods section.
 IN_WORDS = {
     "direct": (
         "regression of the equation of motion in weak form with refined instrumental variables"
@@ -50,7 +50,7 @@ def forces_latex(library: ForceLibrary) -> str:
 
 
 def about_the_record(tree: xr.DataTree) -> dict[str, str]:
-    """What a table carries of its record and of the verdict on it, by name."""
+    """Return the facts on the record and the verdict for a table, by name."""
     records = [tree[group] for group in variables.record_groups(tree)]
     windows = [f"{float(r.time.values[0]):.6g} to {float(r.time.values[-1]):.6g} s" for r in records]
     samples = [str(record.sizes["time"]) for record in records]
@@ -62,7 +62,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
     details["noise"] = f"{findings.record_noise(tree):.2g} {details['units']}"
     if kind == "compare":
         best = str(tree["comparison"].attrs["best"])
-        rows = tree["comparison"].to_dataset().sel({"method": best})
+        rows = tree["comparison"].to_dataset().sel(model=best)
         parts = {"residual": rows.residual_over_noise, "residual held out": rows.holdout_over_noise}
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written
@@ -140,7 +140,7 @@ def latex_text(tree: xr.DataTree) -> str:
 
 
 def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
-    """What the table of a result holds, of which record, and how far it is explained."""
+    """Describe the contents of the table of a result, its record, and the verdict."""
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
     refers = "".join(verdict.reference_sentence(result) for result in list(named.values())[-1:])

@@ -30,7 +30,7 @@ NO_CONSEQUENCES = "Weights, crossovers and arrest are not given: the model {} th
 
 
 def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `cross_check`, with the group `runs` if there are several.
+    """Return the blocks of a result of `cross_check`, with the group `runs` of several runs.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def _coefficient_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def estimate_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What is shown of one identification alone, a result of `identify`."""
+    """Return the blocks of a single identification, a result of `identify`."""
     result = tree.to_dataset()
     method, noise = result.attrs["method"], {"force": f"noise ({signal_units(result)})"}
     noise |= {"formula": "standard deviation", method: f"{result.noise.item():.2g}"}
@@ -86,7 +86,7 @@ def identification_table(tree: xr.DataTree) -> Table:
     """
     checked, results = tree["comparison"].to_dataset(), findings.kept_results(tree)
     kept = checked.sel(model=list(results))
-    # Of one method there is no difference.
+    # With one method there is no difference.
     z = dict(checked.z.to_series()) if len(results) > 1 else {}
     ratios = {name: f"{findings.residual_over_noise(tree, name):.3g} x noise" for name in results}
     noise = f"noise: {findings.record_noise(tree):.2g} {signal_units(tree)}"
@@ -104,7 +104,7 @@ def identification_table(tree: xr.DataTree) -> Table:
 
 
 def consequences(tree: xr.DataTree) -> list[str]:
-    """What follows from the answer, in sentences; energies in J where its inertia is known.
+    """Return the consequences of the preferred result, in sentences; energies in J if possible.
 
     Nothing follows from a model that does not hold.
     """
@@ -116,21 +116,21 @@ def consequences(tree: xr.DataTree) -> list[str]:
 
 
 def _weight(tree: xr.DataTree) -> list[str]:
-    """Which forces the decay comes from by the answer, where its model holds."""
+    """Describe the forces behind the decay, by the preferred method, if its model is adequate."""
     result = verdict.answer_result(tree) if findings.holds(tree) else None
     at = findings.times_of_amplitudes(tree)
     return [] if result is None else weight_sentences(result, findings.amplitudes(tree), time=at)
 
 
 def _answer(tree: xr.DataTree) -> str:
-    """Which of two methods the result stands by, where a test decides it."""
+    """Name the preferred method where a test decides it."""
     decided = findings.verdict_of(tree) in ("approximate", "not explained") and not findings.failures(tree)
     answer = f"Answer: {findings.answer_of(tree)}, by its prediction of parts that were held out. "
     return answer if decided else ""
 
 
 def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
-    """How methods agree, and the test behind it; nothing where one failed."""
+    """Describe the agreement of the methods and its test; nothing where one failed."""
     checked = tree["comparison"].to_dataset()
     attrs, p_value = checked.attrs, checked.p_value.item()
     pair = f"{attrs['first'].capitalize()} and {attrs['second']}"
@@ -174,7 +174,7 @@ REMARKS = {
 
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
-    """What to mind of the methods: biases, correlation, constraints, and what they cannot identify."""
+    """Describe limits of the methods: biases, correlation, constraints, and forces not identified."""
     results = findings.kept_results(tree)
     for method, result in results.items():
         for name, (usual, text) in REMARKS.items():
@@ -186,7 +186,7 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _stiffness(tree: xr.DataTree) -> Iterator[str]:
-    """That a linear stiffness cannot be identified, where the library has one."""
+    """Report that a linear stiffness of the library cannot be identified."""
     second = findings.second_of(tree)
     stiffness = library_of(second, whole=True).role("x")
     if stiffness is not None and stiffness.symbol not in second.force:
@@ -194,7 +194,7 @@ def _stiffness(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _own_quantity(tree: xr.DataTree) -> Iterator[str]:
-    """Which method compares what was measured itself, with the bias that it finds; none of an angle."""
+    """Name the method that compares the measured quantity itself, with its bias; none of an angle."""
     for name, result in findings.kept_results(tree).items():
         if measured := result.attrs.get("compared_in"):
             biases = ", ".join(layout.values_with_errors(result.bias, result.bias_standard_error))

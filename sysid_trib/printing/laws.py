@@ -44,7 +44,7 @@ ACTIVE_FRICTION = (
 
 
 def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `laws`; `sources` say what each record is."""
+    """Return the blocks of a result of `laws`; `sources` describe the records."""
     details = Layer.EXPLAIN
     return [
         Block([verdict_sentence(tree)], ALWAYS),
@@ -88,13 +88,13 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
-    """Why the record decides no curve."""
+    """Give the reason why the record decides no curve."""
     if reason := tree["comparison"].attrs["reason"]:
         yield f"The record decides no curve. {reason}"
 
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Which method is preferred and why, what each leaves, and which failed."""
+    """Describe the preferred method with the reason, the residuals, and failed methods."""
     attrs, results = tree["comparison"].attrs, findings.kept_results(tree)
     if attrs["averaging_failed"]:
         name = "Trajectory" if is_of_driven(tree) else "Averaging"
@@ -107,7 +107,7 @@ def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _residual_sentence(tree: xr.DataTree, names: Sequence[str]) -> Iterator[str]:
-    """What the motion of each method leaves of the record."""
+    """Describe the residual of each method."""
     if not names:
         return
     if is_of_driven(tree):
@@ -125,7 +125,7 @@ def _ended(text: str) -> str:
 
 
 def _why(tree: xr.DataTree) -> str:
-    """Why the preferred one of two methods is."""
+    """Give the reason why a method is preferred."""
     answer, results = findings.answer_of(tree), findings.kept_results(tree)
     (other,) = (name for name in results if name != answer)
     if is_of_driven(tree):
@@ -191,7 +191,7 @@ def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
 
 
 def _words(tree: xr.DataTree, law: str) -> tuple[str, str, str]:
-    """What a law is of, and the units of its place and of its force over the inertia."""
+    """Return the argument of a law, its unit, and the unit of the force over the inertia."""
     unit = signal_units(tree)
     return (
         ("speed", f"{unit}/s", f"{unit}/s^2") if law == "friction" else ("displacement", unit, f"{unit}/s^2")
@@ -199,7 +199,7 @@ def _words(tree: xr.DataTree, law: str) -> tuple[str, str, str]:
 
 
 def _caption(tree: xr.DataTree, law: str) -> str:
-    """What stands above a table: what is in it, and its units."""
+    """Return the caption above a table: its contents and units."""
     unit, power, w = signal_units(tree), _power(tree, law), _preferred(tree).reference_frequency.item()
     _, unit_at, unit_of = _words(tree, law)
     inertia = "inertia" if unit == "rad" else "mass"
@@ -242,7 +242,7 @@ def _preferred(tree: xr.DataTree) -> xr.Dataset:
 
 
 def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Where friction feeds energy in."""
+    """Describe where friction feeds energy in."""
     spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
         said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
@@ -260,7 +260,7 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
-    """How the methods agree, which parts are even, and which errors of the sensor were fitted."""
+    """Describe the agreement of the methods, even parts, and fitted errors of the sensor."""
     results = findings.kept_results(tree)
     if len(results) == 2:
         yield from _differences(tree)
@@ -272,7 +272,7 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _differences(tree: xr.DataTree) -> Iterator[str]:
-    """Where both methods' laws differ by more than their errors."""
+    """Describe where the laws of both methods differ significantly."""
     largest: dict[str, float] = {}
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
         if law == "restoring" and not shown.restores(_preferred(tree)):
@@ -347,7 +347,7 @@ def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
 
 
 def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Which range the record visits, and how the laws go on."""
+    """Describe the range that the record visits, and the extrapolation."""
     result = _preferred(tree)
     reached = {}
     for law, variable in shown.LAW_PLACES.items():
@@ -368,7 +368,7 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _details(tree: xr.DataTree) -> Iterator[str]:
-    """Which forces are outside of the penalty, the test of the residual, and the parts of the errors."""
+    """Describe the unpenalised forces, the test of the residual, and the parts of the errors."""
     result = _preferred(tree)
     library = library_of(result, whole=True)
     constraint = result.coords.get("constraint")
@@ -399,7 +399,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
 
 
 def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Block:
-    """What the laws leave of records that they predicted, and whether these leave the visited range."""
+    """Return the residuals of predicted records, and whether these leave the visited range."""
     sentences = list(driven.prediction_block(predicted).sentences)
     reached = {
         variable: float(np.max(np.abs(curve.places[curve.visited])))

@@ -1,4 +1,4 @@
-"""Numbers of any result as one table: value, standard error, interval and unit, by method and quantity."""
+"""Numbers of any result as one table: value, standard error, interval and unit, by model and quantity."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -9,13 +9,13 @@ import xarray as xr
 
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
+from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.files import kind_of
 from sysid_trib.results.schema import library_of
 from sysid_trib.validation.findings import given_results
-from sysid_trib.validation.samples import SIDES
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
-# Of a normal interval: 95 %.
+# Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 
@@ -31,10 +31,10 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        A row for each coefficient, shape parameter and frequency, by `method` (of `discover` by `model`, of
-        `difference` by `sample`) and `quantity`: `value`, `standard_error`, `low` and `high` (a normal
-        interval of 95 %) and `unit`. What is held has no error. The parts of curves are left out: `friction`
-        and `restoring` of the identification are the laws.
+        A row for each coefficient, shape parameter and frequency, by `model` (of `difference` by `sample`)
+        and `quantity`: `value`, `standard_error`, `low` and `high` (a normal interval of 95 %) and `unit`.
+        What is held has no error. The parts of curves are left out: `friction` and `restoring` of the
+        identification are the laws.
 
     Raises
     ------
@@ -42,13 +42,12 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
         No such result.
     """
     rows: Iterator[dict[str, Any]]
-    by = "method"
+    by = "model"
     tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
     kind = kind_of(tree)
     if kind == "difference":
         by, rows = "sample", _of_difference(tree)
     elif kind:
-        by = "model" if kind == "discover" else "method"
         named = {str(tree.attrs["method"]): tree.to_dataset()} if kind == "identify" else given_results(tree)
         rows = _of_identifications(named)
     else:

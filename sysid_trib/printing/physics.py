@@ -1,4 +1,4 @@
-"""What follows from an identification, in sentences and as plain data for JSON."""
+"""Consequences of an identification, in sentences and as plain data for JSON."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -101,7 +101,7 @@ def physics_json(
 
 
 def weight_sentences(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) -> list[str]:
-    """Which forces the decay and the frequency shift come from, at the largest amplitude (rad) and its time.
+    """Describe the weights of forces at the largest amplitude (rad) and its time.
 
     Empty where no force acts, or where one is not finite.
     """
@@ -178,7 +178,7 @@ def _energy(result: xr.Dataset, amplitude: float, time: float, si: xr.Dataset | 
 
 
 def _crossovers(result: xr.Dataset, ends: list[float]) -> Iterator[str]:
-    """Where two significant forces weigh the same; what the motion does not pass is extrapolated."""
+    """Describe where two significant forces weigh the same, and whether this is an extrapolation."""
     known, unit = _significant(result), variables.signal_units(result)
     for pair in by_label(crossovers(result), "pair").values():
         first, second = pair["first"].item(), pair["second"].item()
@@ -197,7 +197,7 @@ def _crossovers(result: xr.Dataset, ends: list[float]) -> Iterator[str]:
 
 
 def _arrest(result: xr.Dataset, amplitude: float) -> list[str]:
-    """When the motion stops; nothing where it is not known that what stops it, friction, acts."""
+    """Describe when the motion stops; nothing if the friction that stops it is not significant."""
     stopping = {
         force.symbol
         for force in schema.library_of(result)

@@ -1,4 +1,4 @@
-"""How sure an answer is: profiles, sensitivity and the random force, in sentences, tables and plain data."""
+"""Uncertainty of a result: profiles, sensitivity and the random force, in sentences and tables."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -18,7 +18,7 @@ NOISE_ALONE = (
     "The model does not explain the record: quote the standard errors, which allow for that. These intervals "
     "hold the noise alone."
 )
-PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
+PROFILE, SENSITIVITY = "profile", "sensitivity"
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
 NOT_FOUND = "No random force is found; the errors allow for {}."
@@ -38,14 +38,10 @@ NOT_FOLLOWED = "The model does not explain the record, not even with a random fo
 
 
 def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What profiles and a sensitivity say, where the result has them."""
+    """Return the blocks of profiles and sensitivity, where the result has them."""
     if PROFILE in tree.children:
         lacking = findings.verdict_of(tree) in ("approximate", "not explained")
         yield _profiles(tree[PROFILE].to_dataset(), lacking)
-    if CONTOUR in tree.children:
-        data = tree[CONTOUR].to_dataset()
-        said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
-        yield Block([said], ALWAYS, "Profiles")
     if SENSITIVITY in tree.children:
         yield _sensitivity(tree[SENSITIVITY].to_dataset())
 
@@ -101,7 +97,7 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def not_followed(tree: xr.DataTree) -> list[str]:
-    """Why the record could not be followed with a random force, by run; none where it could."""
+    """Return why the fit with a random force failed, by run; empty if it did not."""
     return [reason for reason in tree["random_force"].reason.values.tolist() if reason]
 
 
@@ -152,7 +148,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _allowed_for(force: RandomForce, units: str) -> str:
-    """What the errors allow for where no random force is found."""
+    """Describe the random force that the errors allow for where none is found."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
@@ -170,7 +166,7 @@ def _periods(count: float, lasts: float) -> str:
 
 
 def _whose(tested: xr.Dataset, explained: bool, units: str) -> Iterator[str]:
-    """What says that the random force is the experiment's, or stands for something that is missing.
+    """Describe whether the random force is physical or stands for a missing force.
 
     And that the record contradicts a density that was given in these units.
     """
@@ -188,7 +184,7 @@ def _whose(tested: xr.Dataset, explained: bool, units: str) -> Iterator[str]:
 
 
 def _dependences(tested: xr.Dataset) -> str:
-    """What the random force depends on: `it depends on the speed, and its size on the time`."""
+    """Describe the dependences of the random force: `it depends on the speed, and its size on the time`."""
     least, on = tested.dependence_p_value.min("run"), {}
     for aspect in ("force", "size"):
         p_values = least.sel(aspect=aspect).to_series()
@@ -219,7 +215,7 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     }
     groups = group_names("innovations", len(record_groups(tree)))
     if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
-        # Of runs whose lengths differ, records too short for all lags have fewer.
+        # Records too short for all lags have fewer.
         lags = min(run.sizes["lag"] for run in followed)
         correlations = [run.autocorrelation.values[:lags] for run in followed]
         data["innovations"] = {

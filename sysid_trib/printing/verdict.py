@@ -27,7 +27,7 @@ DENSITY_VERDICTS = {
 
 
 def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What each run alone gives, and the test of the differences, of several (see `run_agreement`)."""
+    """Return the results of each run, and the test of their differences (see `run_agreement`)."""
     if "runs" not in tree:
         return
     runs, rows = tree["runs"].to_dataset(), []
@@ -41,7 +41,7 @@ def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
-    """Which run alone decides nothing, the test as a whole, and which force differs."""
+    """Describe runs that cannot be used alone, the test of all differences, and the differing force."""
     for run, why in enumerate(runs.reason.values.tolist(), 1):
         if why:
             yield f"Run {run} alone decides nothing: {why}"
@@ -56,14 +56,14 @@ def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The test that the final model of a discovery holds for all runs; nothing of a single run."""
+    """Describe the test whether the final model of a discovery fits all runs; nothing for one run."""
     if GROUP in tree.children:
         last = tree[GROUP].to_dataset().isel(model=-1)
         yield _test_of_runs(last, last.most.item() if last.differ else "")
 
 
 def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
-    """That runs which differ would explain as much as the effect of a step."""
+    """Report that individual coefficients of runs explain as much as the effect of a step."""
     before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
     if before is not None and before.chi_square >= before.gain:
         yield (
@@ -106,7 +106,7 @@ EFFECTIVE = "These coefficients are effective values of a model that is not comp
 
 
 def answer_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that a cross-check stands by; None where its method failed."""
+    """Return the preferred identification of a cross-check; None if its method failed."""
     return findings.kept_results(tree).get(findings.answer_of(tree))
 
 
@@ -129,7 +129,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
     # Where the model misses the backbone most.
     groups = [name for name in tree.children if name.startswith("lack_of_fit")]
     of_runs = [lack_of_fit.departures(tree[group].to_dataset(), answer) for group in groups]
-    farthest = max(of_runs, key=lambda ranges: abs(ranges[0][1]) if ranges else 0.0, default=[])
+    farthest = max(of_runs, key=lambda ranges: abs(ranges[0].deviation) if ranges else 0.0, default=[])
     missed = lack_of_fit.departure_sentence(farthest, signal_units(tree))
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
     said = UNEXPLAINED[verdict].format(f"{near}; it misses the record {missed}" if missed else near)
@@ -151,13 +151,13 @@ def test_sentences(tree: xr.DataTree) -> Iterator[str]:
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     """The two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *findings.error_parts(result), strict=True)
-    # What is held, or follows from the frequency, has no parts of its own.
+    # Held values, and those that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
     return f"Errors of {name} by the noise and by the model: {texts}."
 
 
 def line_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """That the residual of the answer's model holds a line, and what that may be."""
+    """Describe a spectral line in the residual of the preferred method."""
     of_answer = tree["comparison"].to_dataset().sel(model=findings.answer_of(tree))
     frequency = float(of_answer.get("line_frequency", np.nan))
     if np.isfinite(frequency):
@@ -169,7 +169,7 @@ def line_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Which method failed; what coefficients of a model that is not complete are, and their errors hold."""
+    """Report failed methods, and say that coefficients of an incomplete model are effective values."""
     for name, reason in findings.failures(tree).items():
         yield f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
     results = findings.kept_results(tree)
@@ -219,7 +219,7 @@ UNIDENTIFIABLE = {
 
 
 def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
-    """Which coefficients of results are fixed, tied or at a bound, in a sentence; none if none is."""
+    """List the coefficients that are fixed, tied or at a bound; nothing if there are none."""
     parts, results = [], list(results)
     for result in results:
         for symbol, row in layout.by_label(result, "force").items():
@@ -232,7 +232,7 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
-    """What methods cannot identify or separate by principle, from the attributes of a comparison."""
+    """List what methods cannot identify or separate by principle, from attributes of a comparison."""
     return [text.format(attrs[key]) for key, text in UNIDENTIFIABLE.items() if attrs.get(key)]
 
 

@@ -1,10 +1,11 @@
-"""A decay cut from a record where its motion is free, or is too short to prove it; several runs as a list."""
+"""Decay: the free part of a record, or all of a short one; several runs as a list."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeAlias
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
@@ -64,7 +65,7 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     # Half periods of the same sign: an error of the equilibrium makes them as long.
     half_period = duration[1] + np.clip(duration[1] - duration[3], -0.1 * duration[1], 0.1 * duration[1])
     decay = max(0.0, float(np.log(peak[0] / peak[2])) / 2.0)
-    # Of the cosine whose amplitude decays; the extremum itself comes a little sooner.
+    # Time of the cosine with a decaying amplitude; its extremum comes a little sooner.
     middle = swing.halves.crossing[run.start] - 0.5 * half_period
     extremum = middle - half_period * np.arctan(decay / np.pi) / np.pi
     away = middle - smoothed[smoothed < extremum]
@@ -256,6 +257,18 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
 
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
+# What may stand for a record in Python: a Dataset with angle(time), or times and angles in any usual form.
+RecordLike: TypeAlias = (
+    xr.Dataset
+    | xr.DataArray
+    | pd.DataFrame
+    | pd.Series
+    | Array
+    | Mapping[str, ArrayLike]
+    | tuple[ArrayLike, ArrayLike]
+)
+# One, or several.
+RecordsLike: TypeAlias = RecordLike | Iterable[RecordLike]
 
 # Of each run, by which it shows how far names and coefficients hold.
 RECORD_PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}

@@ -1,4 +1,4 @@
-"""The swing within a record, and the equilibrium it swings about."""
+"""Swing within a record, and its equilibrium."""
 
 from dataclasses import dataclass
 from functools import lru_cache

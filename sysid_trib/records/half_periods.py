@@ -172,7 +172,7 @@ def _periods_of_lines(signal: Array, interval: float) -> list[float]:
     periods: list[float] = []
     for peak in peaks:
         period = float(size * interval / index[peak])
-        # Of times near the smallest number a period may be zero.
+        # With times near the smallest number a period may be zero.
         if period > 0.0 and not any(0.8 < period / other < 1.25 for other in periods):
             periods.append(period)
     return periods

@@ -235,7 +235,7 @@ def first_frequency(runs: Sequence[xr.Dataset]) -> float:
 
 
 def nominal_frequency(frequency: float) -> float:
-    """A frequency to two digits: the same for records that differ by noise, and so is their spline.
+    """Round a frequency to two digits, so that records which differ by noise have the same splines.
 
     The digits are those in a unit of time, a power of two of the second, that makes the frequency 5 to 10:
     results do not depend on the unit.

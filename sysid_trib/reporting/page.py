@@ -147,7 +147,7 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
         )
     except SysidTribError:
         raise
-    # Of a result that was edited any part may be missing, or of another form.
+    # An edited result may lack any part, or have it in another form.
     except Exception as error:
         reason = " ".join(str(error).split())
         raise RecordError(f"The result is not whole ({reason}); make it again with this version.") from error

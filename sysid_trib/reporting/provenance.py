@@ -1,4 +1,4 @@
-"""Where a result is from: record, methods, library, and the Python that makes it again."""
+"""Provenance of a result: record, methods, library, and the Python code that reproduces it."""
 
 import json
 from collections.abc import Mapping
@@ -38,7 +38,7 @@ def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
 
 
 def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
-    """What is known of the result and its records, as terms and texts."""
+    """Return the known facts on a result and its records, as terms and texts."""
     first = next(iter(identifications_of(tree).values())).attrs
     general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY)}
     records = kept_records(tree)
@@ -118,7 +118,7 @@ def python_text(tree: xr.DataTree) -> str:
 
 
 def _asked(options: Mapping[str, Any]) -> str:
-    """What `laws` was asked for beside its records, as further arguments."""
+    """Return the options of `laws` other than its records, as further arguments."""
     table = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in options["constraints"].items()
@@ -204,7 +204,7 @@ def _method(result: xr.Dataset) -> str:
 
 
 def _python(value: Any) -> Any:
-    """What was kept as JSON, which has no tuples; a side of bounds that is open is None."""
+    """Restore values from JSON, which has no tuples; an open side of bounds becomes None."""
     if isinstance(value, dict):
         return {key: _python(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

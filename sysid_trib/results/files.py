@@ -15,10 +15,10 @@ import xarray as xr
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records import inputs, tables
 from sysid_trib.records.probe import check_binary
-from sysid_trib.results.variables import record_groups
+from sysid_trib.results.variables import FORMAT_VERSION, record_groups
 
-# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 3
+# An older format that is read too: its dimension `method` is `model` now.
+FORMAT_WITH_METHODS = 3
 
 # netCDF gives a list of one text back as the text, and an empty list as an array.
 LISTS = (
@@ -28,7 +28,7 @@ LISTS = (
 
 
 def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
-    """A tree as it was before it was written.
+    """Convert a tree of an earlier file to the present format.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
     """
     for node in tree.subtree:
         version = node.attrs.get("format_version", 1)
-        if "sysid_trib_version" in node.attrs and version != FORMAT_VERSION:
+        if "sysid_trib_version" in node.attrs and version not in (FORMAT_VERSION, FORMAT_WITH_METHODS):
             raise RecordError(
                 f"{path.name}: a result in format {version}, and this version of sysid_trib reads format "
                 f"{FORMAT_VERSION}; make the result again."
@@ -52,7 +52,15 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
         # A record and its envelope have one source, as one text.
         lists = [name for name in LISTS if name in node.attrs and "source" not in node.attrs]
         node.attrs |= {name: np.ravel(node.attrs[name]).astype(str).tolist() for name in lists}
+        if version == FORMAT_WITH_METHODS:
+            node.attrs["format_version"] = FORMAT_VERSION
+        node.dataset = over_models(node.to_dataset(inherit=False))
     return tree
+
+
+def over_models(data: xr.Dataset) -> xr.Dataset:
+    """Return a dataset with the dimension `model`, which results of older versions call `method`."""
+    return data.rename(method="model") if "method" in data.dims else data
 
 
 def kind_of(tree: xr.DataTree) -> str:
@@ -171,7 +179,7 @@ def write_file(target: Path, content: bytes) -> None:
 
 
 def _mark(process: int) -> str:
-    """How temporary files of a process of this machine begin."""
+    """Return the beginning of the names of temporary files of a process of this machine."""
     return f"{TEMPORARY}{uuid.getnode():x}-{process}-"
 
 

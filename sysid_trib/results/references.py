@@ -1,4 +1,4 @@
-"""The reference of coefficients: a common one for comparison, and the frequency without contact."""
+"""Reference frequency of coefficients: a common one for comparison, and that without contact."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar

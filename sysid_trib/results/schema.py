@@ -15,8 +15,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.files import FORMAT_VERSION
-from sysid_trib.results.variables import Variable, described, variable
+from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
@@ -27,7 +26,7 @@ INPUT_UNITS = "input_units"
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a method estimates, before it becomes a Dataset.
+    """Estimate of a method, before it becomes a Dataset.
 
     Attributes
     ----------
@@ -114,7 +113,7 @@ def identification(
 
 
 def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = None) -> dict[str, Variable]:
-    """What describes each force: coordinates over `force`; of inputs their units by name."""
+    """Return the coordinates that describe each force, with the units of inputs by name."""
     # The degree in the rate says how a coefficient changes with its reference: a sensor's does not.
     speed_degree = [None if f.kind == "sensor" else f.speed_degree for f in forces]
     values = {
@@ -137,7 +136,7 @@ def _shape_values(method: Any, library: ForceLibrary, estimate: Estimate) -> dic
 
 
 def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:
-    """How a result came about: package version, method and options, library text, record(s)."""
+    """Return the provenance of a result: package version, method and options, library text, record(s)."""
     runs = as_runs(decay, driven=True)
     names = [f.name for f in fields(method)] if is_dataclass(method) else []
     options = {name: getattr(method, name) for name in names}

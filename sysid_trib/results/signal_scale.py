@@ -1,4 +1,4 @@
-"""Displacements and tiny angles: computed in a unit of their own motion, and told in that of the record.
+"""Scaling of displacements and tiny angles to a unit of their own motion, and back.
 
 Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted
 in a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come
@@ -58,7 +58,7 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
         if scale is None:
             return function(*args, **kwargs)
         if isinstance(candidates := given.get("candidates"), ForceLibrary):
-            # What may be missing is offered as far as it can be; what is asked for is refused by name.
+            # Offer possible candidates where they apply; raise an error for forces that were named.
             kept = tuple(force for force in candidates if scalable(force))
             given["candidates"] = replace(candidates, forces=kept)
         inside = scale.inwards(given)
@@ -75,13 +75,13 @@ def counts_angles(decay: xr.Dataset) -> bool:
 
 
 def scalable(force: Force) -> bool:
-    """True if a force has a meaning for a displacement: it knows no radian."""
+    """Return true if a force has a meaning for a displacement: its formula does not need radians."""
     return notation.signal_powers(force) is not None
 
 
 @dataclass(frozen=True)
 class _SignalScale:
-    """Unit of a record, and how much of it is counted as one; degrees of the forces by symbol.
+    """Scale of a signal: its unit, the size counted as one, and the degrees of the forces by symbol.
 
     `inputs` are those in the unit of the signal; others stay as they are.
     """
@@ -92,11 +92,11 @@ class _SignalScale:
     inputs: frozenset[str] = frozenset()
 
     def inwards(self, given: Any) -> Any:
-        """What is computed with."""
+        """Convert arguments to the scaled signal used in computations."""
         return _changed(given, self._scaled)
 
     def outwards(self, made: Any) -> Any:
-        """What comes out, in the unit of the record; each run's own forces have names of their own."""
+        """Convert results to the unit of the record; individual forces of runs have their own names."""
         whole = replace(self, degrees=_degrees(made) | self.degrees)
         return _changed(made, lambda part: whole._dataset(part) if isinstance(part, xr.Dataset) else part)
 
@@ -223,7 +223,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     inputs = frozenset(c.input for force in _forces(given) for c in force.channels if c.kind)
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees, inputs)
-    # What does not move, or is no number, is refused where it is used.
+    # A signal without motion, or not finite, is rejected where it is used.
     # The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
     size = 2.0 ** np.ceil(np.log2(largest / 0.5)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])
@@ -252,7 +252,7 @@ def _degrees(given: Any) -> dict[str, notation.Powers]:
 
 
 def _changed(given: Any, change: Callable[[Any], Any]) -> Any:
-    """What is given with each part changed: trees, lists and dicts hold parts."""
+    """Apply a change to each part of trees, lists and dicts."""
     if isinstance(given, xr.DataTree):
         groups = {node.path: change(node.to_dataset(inherit=False)) for node in given.subtree}
         return xr.DataTree.from_dict(groups)

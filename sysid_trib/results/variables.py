@@ -16,9 +16,11 @@ from sysid_trib.arrays import (
     with_error as with_error,
 )
 
+# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
+FORMAT_VERSION = 4
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
-# What validation and physics return, by their names.
+# Variables of validation and physics, by name.
 RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
@@ -108,7 +110,7 @@ def small_units(units: str) -> tuple[float, str]:
 
 
 def signal_label(units: str) -> str:
-    """What a signal is, with its unit, as the label of an axis."""
+    """Return the label of the signal with its unit, for an axis."""
     return f"{'angle' if units == 'rad' else 'displacement'} ({units})"
 
 

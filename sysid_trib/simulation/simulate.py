@@ -158,7 +158,7 @@ INCREMENTS_PER_PERIOD = 40
 
 
 def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Forcing | None:
-    """What is given to a model: its inputs, exact between their samples, and a random force.
+    """Return the forcing of a model: its inputs, exact between their samples, and a random force.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
     knots = np.union1d(ends, bends[(bends > tau[0]) & (bends < tau[-1])])
     increments = np.zeros((len(knots), 2))
     increments[np.searchsorted(knots, ends)] = added
-    return knots, polynomials_of(model, knots), increments
+    return Forcing(knots, polynomials_of(model, knots), increments)
 
 
 def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
@@ -206,13 +206,13 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
 
 
 def bends_of(model: Model) -> Vector:
-    """Times at which what is given begins another polynomial, (knot,), s."""
+    """Return the times at which an input begins another polynomial, (knot,), s."""
     names = {channel.input for channel in model.driven} & {*model.inputs}
     return np.unique(np.concatenate([*(model.inputs[name].bends for name in names), []]))
 
 
 def polynomials_of(model: Model, knots: Vector) -> Vector:
-    """What is given from each knot (tau) on, by powers of tau since it, (knot, channel, power)."""
+    """Return the inputs after each knot (tau) as polynomials in tau since it, (knot, channel, power)."""
     w, channels = model.reference_frequency, model.driven
     polynomials = np.zeros((len(knots), len(channels), FORCING_NUMBERS))
     for at, channel in enumerate(channels):

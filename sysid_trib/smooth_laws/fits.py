@@ -1,4 +1,4 @@
-"""Fits of law models: curves where a motion bears them, sensor errors and even parts where asked for."""
+"""Fits of law models: curves where the data allow them, with sensor errors and even parts if significant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -145,13 +145,13 @@ def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
     if not isinstance(method, Direct):
         return None
     if model.is_free_to_move:
-        # What nothing pulls back has no side.
+        # A body without a restoring force has no sides.
         added = added.select(force.symbol for force in added if "x" not in force.formula.names)
         symbols = added.symbols
     model = replace(model, named=replace(model.named, forces=(*model.named.forces, *added.forces)))
     even = symbols != SENSOR_TERMS
     if even and model.odd:
-        # Those whose odd part is a curve.
+        # Laws whose odd part is a curve.
         model = replace(model, even=tuple(f"{name}_even" for name in model.odd))
     elif not even and len(runs) > 1:
         method = replace(method, own=symbols)

@@ -8,14 +8,15 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces, records
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import LibraryLike
 from sysid_trib.forces.selection import System, load_system
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.decay import Decays, RecordsLike, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results import signal_scale
@@ -37,11 +38,11 @@ FAR_WORSE = 2.0
 
 
 def laws(
-    decay: Decays,
+    decay: RecordsLike,
     system: str | System | None = None,
     constraints: ConstraintTable | None = None,
     *,
-    library: ForceLibrary | None = None,
+    library: LibraryLike | None = None,
     random_force: RandomForceOption = "off",
     tell: Tell = silent,
 ) -> xr.DataTree:
@@ -49,14 +50,14 @@ def laws(
 
     Parameters
     ----------
-    decay : Dataset or sequence of Dataset
-        `angle(time)`; several runs share their laws.
+    decay : record, or several of them
+        `angle(time)` as `free_decay` returns it, or `(t, angle)`; several runs share their laws.
     system : str or System, optional
         A system of `libraries/systems.toml`: what it holds, as a pendulum its gravity, stays as it is, and
         its usual forces are outside of the penalty.
     constraints : mapping of str to float, (float, float) or str, optional
         Known forces: `{"gravity": 1.0}`.
-    library : ForceLibrary, optional
+    library : ForceLibrary, str, or what `library` takes, optional
         Where forces of the constraints are looked for before those of the package.
     random_force : "off", "estimated" or float
         As that of `methods.Direct`.
@@ -91,8 +92,10 @@ def laws(
     them within the cycle, averaging from amplitude to amplitude.
     """
     moving = system if isinstance(system, System) else load_system(system)
-    model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), library)
-    runs = as_runs(decay, driven=True)
+    offered = None if library is None else forces.as_library(library, "laws")
+    model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), offered)
+    given = records.as_decays(decay, "laws")
+    runs = as_runs(given, driven=True)
     if not signal_scale.counts_angles(runs[0]):
         for force in model.named:
             if not signal_scale.scalable(force):
@@ -100,7 +103,7 @@ def laws(
                     f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
                     "leave it out, or give the pendulum's length, --length M."
                 )
-    tree = _identified(decay, model, random_force, tell=tell)
+    tree = _identified(given, model, random_force, tell=tell)
     asked = {"system": moving.name, "constraints": dict(constraints or {}), "random_force": random_force}
     tree["comparison"].attrs["options"] = json.dumps(asked)
     return tree

@@ -1,31 +1,32 @@
-"""Every method on the same runs: what each identifies, how well it predicts, what it neglects."""
+"""Comparison of all methods on the same runs: coefficients, predictions, neglected forces."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from time import perf_counter
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib import records
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
-from sysid_trib.methods import METHODS
+from sysid_trib.methods import every_kind
 from sysid_trib.methods.scope import (
     Method,
     by_unique_label,
     constrained,
-    force_scope,
     scope_of,
     with_stated,
 )
 from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale, variables
 from sysid_trib.validation import cross_check, findings, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven
+from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison")
@@ -46,22 +47,24 @@ def every_method(
 
     Returns
     -------
-    dict of str to method, those of `methods.METHODS` with their variants, in that order.
+    dict of str to method, those of `methods.METHODS` with their variants, in that order; then those that
+    other installed packages declare as entry points `sysid_trib.methods`.
     """
     given = {"reference_frequency": reference_frequency, "shapes": dict(shapes or {})}
     methods: dict[str, Method] = {}
-    for kind in METHODS:
-        taken = {option.name for option in fields(kind)}
+    for kind in every_kind():
+        taken = {option.name for option in fields(kind)} if is_dataclass(kind) else set()
         method = kind(**{name: value for name, value in given.items() if name in taken})
-        methods[method.scope.label] = method
-        for variant, options in method.scope.variants.items():
-            methods[f"{method.scope.label} ({variant})"] = replace(method, **options)
+        scope = scope_of(method)
+        methods[scope.label] = method
+        for variant, options in scope.variants.items():
+            methods[f"{scope.label} ({variant})"] = replace(method, **options)
     return methods
 
 
 def compare(
-    decay: Decays,
-    library: ForceLibrary | None = None,
+    decay: RecordsLike,
+    library: LibraryLike | None = None,
     methods: Methods | None = None,
     *,
     contactless: tuple[float, float] | None = None,
@@ -72,11 +75,11 @@ def compare(
 
     Parameters
     ----------
-    decay : Dataset, or sequence of Dataset
-        `angle(time)` in rad, as `free_decay` returns it; or a list of runs, as `identify` takes them. With
-        inputs Direct and Trajectory alone identify it.
-    library : ForceLibrary, optional
-        The forces offered to every method; by default those of `contact_forces`.
+    decay : record, or several of them
+        `angle(time)` in rad, as `free_decay` returns it, or `(t, angle)`; or a list of runs, as `identify`
+        takes them. With inputs Direct and Trajectory alone identify it.
+    library : ForceLibrary, str, or what `library` takes, optional
+        The forces offered to every method, or the name of their library; by default `contact_forces`.
     methods : sequence of methods, or Mapping of str to method, optional
         Labelled by their scope and options; or by label. By default every method of the field with its
         variants.
@@ -93,16 +96,16 @@ def compare(
     DataTree
         Groups `record` (with `holdout_start`, s), `envelope` (`record_1`, `envelope_1`, `record_2`, ... of
         several runs), one identification of the whole decay (all runs) per method that gave one, named by its
-        label, and `comparison`. That has, over `method` and `force`: `coefficient`, `standard_error` (nan
+        label, and `comparison`. That has, over `model` and `force`: `coefficient`, `standard_error` (nan
         where not identified) at the one `common_frequency` (rad/s), and `z`, the difference from the method
-        that predicts best over the errors of both, taken as independent. Over `method`:
+        that predicts best over the errors of both, taken as independent. Over `model`:
         `reference_frequency`, `asymptotic_frequency` (rad/s) with errors, `asymptotic_frequency_z`;
         `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
         `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
-        errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `method` and `run`,
+        errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `model` and `run`,
         `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen by
-        `sel({"method": label})`: `method=` is an argument of xarray's own.
+        `sel(model=label)`.
 
     Raises
     ------
@@ -121,13 +124,14 @@ def compare(
     Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
     the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
+    runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
     pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    library = verdict.checked_library("compare", library, [method for _, method in pairs], decay)
+    offered = verdict.checked_library("compare", library, [method for _, method in pairs], runs)
     if not pairs:
         raise UsageError("compare wants at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
-    return _compared(decay, library, named, contactless, constraints, tell)
+    return _compared(runs, offered, named, contactless, constraints, tell)
 
 
 @signal_scale.in_units_of_the_motion
@@ -228,7 +232,7 @@ def _try_method(
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
-    """Why the motion of a run is not the record's, and of which, in a few words; empty if all are."""
+    """Describe why, and in which run, the motion does not follow the record; empty if all motions do."""
     if not motions:
         return f"{subject} diverges"
     for at, motion in enumerate(motions):
@@ -280,7 +284,7 @@ def _not_separable(
 
 
 def _bias(result: xr.Dataset | None) -> str:
-    """A bias of its own that a method says it has left in."""
+    """Return the bias that a method reports."""
     if result is None:
         return ""
     removed = str(result.attrs.get("first_order_bias_removed", "yes"))

@@ -1,4 +1,4 @@
-"""Two identifications of a decay held against each other, and what they cannot tell apart."""
+"""Cross-check of two identifications of a decay, and the forces that they cannot separate."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import smoothed_backbone
 from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
@@ -16,7 +17,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit import bands, innovations
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.decay import Decays, RecordsLike, as_runs
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import described, group_names
@@ -64,13 +65,13 @@ def agreement_of(p_value: float) -> str:
 
 @signal_scale.in_units_of_the_motion
 def cross_check(
-    decay: Decays,
+    decay: RecordsLike,
     first: xr.Dataset,
     second: xr.Dataset,
     *,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Hold two identifications of one decay, or of the same runs, against each other.
+    """Compare two identifications of one decay, or of the same runs.
 
     Parameters
     ----------
@@ -112,7 +113,7 @@ def cross_check(
     has nan for its angle and residual. The residual of a result with a random force is what it predicts
     wrongly one sample ahead, over its own error.
     """
-    together = dict(enumerate(as_runs(decay)))
+    together = dict(enumerate(as_runs(records.as_decays(decay, "cross_check"))))
     followed = [FollowedRuns(together, result) for result in (first, second)]
     return _checked(followed, tell=tell)
 
@@ -145,7 +146,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     if moving and not biased:
         covariance, errors = _covariance(pair, moving[0], kept)
     error = np.sqrt(np.diag(covariance))
-    # What neither leaves free does not differ.
+    # Quantities that both hold do not differ.
     z = np.divide(difference, error, out=np.zeros_like(difference), where=error != 0.0)
     chi_square = float("nan")
     if np.all(np.isfinite(covariance)):
@@ -209,9 +210,9 @@ def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) 
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
         with suppress(DecayError):
-            backbone, weights = smoothed_backbone(run)
-            groups[of_record] = backbone
-            groups[of_models] = lack_of_fit(run, results, (backbone, weights))
+            smoothed = smoothed_backbone(run)
+            groups[of_record] = smoothed.curves
+            groups[of_models] = lack_of_fit(run, results, smoothed)
     return groups
 
 
@@ -229,10 +230,10 @@ def explained_by(compared: xr.Dataset) -> str:
 
 
 def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
-    """Which of two identifications is the answer, by their residuals and by `better_of`.
+    """Return the index of the preferred identification, by the residuals and by `better_of`.
 
-    What makes averaging immune to forces that are missing does not help against a line (hum), which moves
-    extrema and their times: a second method that leaves no more, and but noise or a line, is the answer.
+    A spectral line (hum) moves extrema and their times, so that averaging loses its advantage. The second
+    method is then preferred if its residual is not larger and contains only noise or a line.
     """
     rms, over_noise = compared.residual_rms.values, compared.residual_over_noise.values
     line = np.isfinite(compared.line_frequency.values[1])
@@ -242,7 +243,7 @@ def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
 
 
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
-    """Which of two identifications of a record is the answer: the second, unless the first predicts better.
+    """Return the index of the preferred identification: the second, unless the first predicts better.
 
     Where its model leaves nothing but noise the second is: it is at the statistical bound; else the first
     where its does. Elsewhere the second must predict the parts that were held out better than the first by
@@ -255,7 +256,7 @@ def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
 
 
 def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
-    """What a random force is judged and drawn by, as groups of a tree; none where none is found.
+    """Return test, innovations and bands of a random force as groups of a tree; empty without one.
 
     Parameters
     ----------
@@ -279,7 +280,7 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
             continue
         tracked = followed.tracked(at)
         groups[of_innovations] = innovations.innovations_of(decay, tracked)
-        # Of a record too short to predict anything there is no figure.
+        # A record too short for predictions has no figure.
         with suppress(SysidTribError):
             groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
     return groups

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import xarray as xr
 
+from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
@@ -18,7 +19,7 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.conversion import factor_between
-from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.decay import Decays, RecordLike, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.results.references import comparison_values, stated_covariance
@@ -97,7 +98,7 @@ def identified_driven(
     together = dict(enumerate(runs))
     best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
     random_explains, stochastic = False, None
-    # What is integrated is no record in which a random force could be told from noise.
+    # In an integrated record a random force cannot be separated from noise.
     own_quantity = any(MEASURED in run for run in runs)
     if direct.random_force == "auto" and not own_quantity and _sizes(best)["residual_p_value"] < WHITE_LEVEL:
         tell("random force")
@@ -170,12 +171,12 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
 
 
 def _follows(followed: FollowedRuns) -> bool:
-    """True if the motion of a model has not slipped out of phase with the records."""
+    """Return true if the motion of a model stays in phase with the records."""
     return _sizes(followed)["residual_over_motion"] < SLIPPED_PART
 
 
 def _random_force_explains(stochastic: FollowedRuns) -> bool:
-    """True if the innovations of a fit with a random force are noise, and that force depends on nothing."""
+    """Return true if a random force that is independent of the motion explains the record."""
     try:
         return verdict.has_white_residual(stochastic) and verdict.is_random(stochastic)
     except (SysidTribError, np.linalg.LinAlgError):
@@ -291,16 +292,16 @@ FEWEST_FITTED = 20
 
 
 def predict(
-    result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None = None, run: int = 0
+    result: xr.Dataset | xr.DataTree, record: RecordLike, *, warm_up: float | None = None, run: int = 0
 ) -> xr.Dataset:
     """Predict a record by an identified model: its free run under the record's inputs.
 
     Parameters
     ----------
-    result : Dataset
-        An identification, of this record or of another one.
-    record : Dataset
-        `angle(time)`, and the inputs that the model's forces hold.
+    result : Dataset or DataTree
+        An identification, of this record or of another one; of a whole result its preferred one.
+    record : record
+        `angle(time)`, or `(t, angle)`; with the inputs that the model's forces hold.
     warm_up : float, s, optional
         The start is fitted to so much of the beginning, which does not count for the residual; to all of the
         record where left out, and all of it counts.
@@ -326,10 +327,10 @@ def predict(
     -----
     Signal and inputs are converted to the units in which the model was identified; the prediction is in them.
     """
-    (given,) = [record] if isinstance(record, xr.Dataset) else record
+    given, identified = records.one_record(record, "predict"), findings.best(result)
     checked_signal(given)
     (whole,) = driven_parts(given, across_gaps=True)
-    return _predict(result, _in_units_of(result, whole), warm_up=warm_up, run=run)
+    return _predict(identified, _in_units_of(identified, whole), warm_up=warm_up, run=run)
 
 
 def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:

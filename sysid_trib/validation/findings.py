@@ -1,4 +1,4 @@
-"""What a result knows of itself: written in it once when it is made, and read from its tree."""
+"""Properties of a result: stored when it is made, and read from its tree."""
 
 import json
 from collections.abc import Sequence
@@ -18,26 +18,26 @@ from sysid_trib.results.variables import Variables, described, group_names, reco
 # Beyond so many noise levels (RMS) a residual is large.
 LARGE = 1.5
 DIVERGES = "its motion diverges"
-# What `discover` holds out where nothing else is asked for.
+# Default held-out part of `discover`.
 LAST_THIRD = "the last third"
 
 
 def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
-    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
+    """Return a record with `simulated_angle(model, time)`, `residual(model, time)` and its `noise`, rad.
 
-    It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
-    record, whose motion no spline follows, no more than a model leaves.
+    Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
+    whose motion no spline follows, it is no more than the residual of a model.
     """
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
         noise = float(np.nanmin(remains, initial=noise))
-    values = {"simulated_angle": simulated, "noise": noise}
+    values = {"simulated_angle": simulated, "residual": decay.angle.values - simulated, "noise": noise}
     return decay.assign_coords(model=list(names)).assign(described("record", values))
 
 
 def failure_of_models(records: Sequence[xr.Dataset]) -> Variables:
-    """Why there is no motion of a model, in a few words; empty where there is one, even a far one."""
+    """Return why a model has no motion, in a few words; empty if it has one."""
     reasons = []
     largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
     # Of the largest angle of the record; a motion that grows beyond is none of it.
@@ -82,7 +82,7 @@ def residual_over_noise(tree: xr.DataTree, model: str) -> float:
 
 
 def held_out_excess(tree: xr.DataTree) -> float:
-    """What the final model of a discovery leaves of what it was not fitted to, over the sensor's noise.
+    """Return the held-out residual of the final model of a discovery over the sensor noise.
 
     Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
     of driven records, whose noise no spline tells.
@@ -104,12 +104,12 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 
 def holds(tree: xr.DataTree) -> bool:
-    """True if the model of a cross-check follows the record: what follows from its coefficients is given."""
+    """Return true if the model of a cross-check is adequate: then its consequences are given."""
     return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
 
 
 def answer_of(tree: xr.DataTree) -> str:
-    """The method of a cross-check whose numbers the result stands by."""
+    """Return the preferred method of a cross-check."""
     return str(tree["comparison"].attrs["answer"])
 
 
@@ -119,7 +119,7 @@ def second_of(tree: xr.DataTree) -> xr.Dataset:
 
 
 def failures(tree: xr.DataTree) -> dict[str, str]:
-    """The methods of a cross-check whose models broke down, and why."""
+    """Return the methods of a cross-check whose models failed, and why."""
     reasons = tree["comparison"].failure
     return {name: why for name, why in zip(reasons.model.values, reasons.values.tolist(), strict=True) if why}
 
@@ -143,13 +143,13 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     if kind_of(tree) == "discover":
         return {"start model": tree["before"].to_dataset(), "final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
-        labels = applied_methods(tree["comparison"].to_dataset()).method.values.tolist()
+        labels = applied_methods(tree["comparison"].to_dataset()).model.values.tolist()
         return {label: tree[label].to_dataset() for label in labels}
     return identifications_of(tree) if kind_of(tree) == "difference" else kept_results(tree)
 
 
 def main_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that stands for a result: the best, the final or the answer; None without one."""
+    """Return the main identification of a result: the best, final or preferred one; None without one."""
     if kind_of(tree) == "identify":
         return tree.to_dataset()
     if kind_of(tree) in ("", "difference"):
@@ -232,13 +232,13 @@ def applied_methods(table: xr.Dataset) -> xr.Dataset:
     The one that predicts best stays, whatever it does on the whole: the others are held against it.
     """
     applied = table.coefficient.notnull().any("force") | table.asymptotic_frequency.notnull()
-    failed = (table.failure != "") & (table.method != table.attrs["best"])
-    return table.isel(method=np.flatnonzero((applied & ~failed).values))
+    failed = (table.failure != "") & (table.model != table.attrs["best"])
+    return table.isel(model=np.flatnonzero((applied & ~failed).values))
 
 
 def column_power(column: xr.Dataset) -> int:
     """Power of ten of a column: of the best method's value or error, of all if it has none."""
-    best = column.sel({"method": column.attrs["best"]})
+    best = column.sel(model=column.attrs["best"])
     size = max(abs(best.coefficient.item()), best.standard_error.item())
     if not (np.isfinite(size) and size > 0.0):
         size = float(np.nanmedian(np.abs(column.coefficient.values)))

@@ -1,4 +1,4 @@
-"""Prediction of what fits have not seen: which part is held out, and all methods in one table by it."""
+"""Prediction of held-out data: the held-out part, and the table of all methods."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -65,7 +65,7 @@ def in_all_runs(
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Why a model that neglects nothing says nothing of the records, by what `in_all_runs` gives; or none."""
+    """Return why a model that neglects no force fails on the records, from `in_all_runs`; or nothing."""
     if not motions:
         return findings.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
@@ -78,7 +78,7 @@ def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str
 
 
 def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) -> xr.Dataset:
-    """The identification as it holds for a motion that begins at the last sample of `before`.
+    """Return the identification for a motion that continues at the last sample of `before`.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
         "common_frequency_of": of_reference,
         "errors_of_z": "taken as independent; the methods saw the same noise, so that z is rather too small",
     }
-    return xr.Dataset(variables.described("comparison", values), {**forces.coords, "method": labels}, attrs)
+    return xr.Dataset(variables.described("comparison", values), {**forces.coords, "model": labels}, attrs)
 
 
 def _common_frequency(results: Results, labels: Sequence[str], whole: Array, best: int) -> tuple[float, str]:

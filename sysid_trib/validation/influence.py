@@ -108,7 +108,7 @@ class RunNoise:
 
 @dataclass(frozen=True)
 class WeakRows:
-    """Rows of the equation in weak form, which see a part of the samples' noise; as `RunNoise` to a fit.
+    """Rows of the equation in weak form, which contain part of the noise; interface as `RunNoise`.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ def _parameters(result: xr.Dataset, method: Any) -> _Parameters:
 def _influence(
     followed: FollowedRuns, noises: Sequence[RunNoise], kept: Sequence[str], frequency: float
 ) -> list[Array] | None:
-    """How the samples of each run move the compared quantities, (quantity, sample); None if not known."""
+    """Return the influence of each sample on the compared quantities, (quantity, sample), or None."""
     result, motions = followed.result, followed.motions
     moving = [motion for motion in motions if motion is not None]
     known = all(result.active.values) and len(moving) == len(motions)
@@ -314,10 +314,10 @@ def _of_motion(
         rows = _weak_rows(followed, run, noise) if of_rows else noise
         seen.append(rows)
         common, own = _sensitivities(followed, run, parameters)
-        # Of a start the rows see nothing.
+        # The rows do not depend on the start.
         common, own = rows.white(common), rows.white(own[:, 2:] if of_rows else own)
         own = own / np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny)
-        # What the start and the zero of the run take is not told of the forces.
+        # Project out the start and the zero of the run.
         tables.append((common - own @ np.linalg.lstsq(own, common, rcond=None)[0]) / noise.level)
     information = np.sum([table.T @ table for table in tables], axis=0)
     size = np.sqrt(np.diag(information))

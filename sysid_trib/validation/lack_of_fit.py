@@ -1,6 +1,7 @@
-"""Where models miss a record: in damping or frequency, by a force over angle and rate, by a spectral line."""
+"""Lack of fit of models: in damping or frequency, by a force over angle and rate, by a spectral line."""
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -60,13 +61,26 @@ def lack_of_fit(
     return xr.Dataset(described("lack_of_fit", values), coords)
 
 
-# A curve, its largest deviation there in half widths of the band, positive where the model is above the
-# record; the amplitudes between which that is, infinite beyond the ends of the record's.
-Departure = tuple[str, float, tuple[float, float]]
+class Departure(NamedTuple):
+    """A range of amplitude in which a model is outside of the band of a curve.
+
+    Attributes
+    ----------
+    curve : str
+    deviation : float
+        The largest, in half widths of the band, positive where the model is above the record.
+    low, high : float
+        The range of amplitude; 0 and infinite beyond the ends of the record's.
+    """
+
+    curve: str
+    deviation: float
+    low: float
+    high: float
 
 
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:
-    """Ranges of amplitude in which a model of `lack_of_fit` leaves the bands, the farthest first."""
+    """Return the ranges of amplitude in which a model of `lack_of_fit` is outside of the bands."""
     amplitude, those = lack.amplitude.values, []
     for name in bands.CURVES:
         deviation = lack[f"{name}_deviation"].sel(model=model).values
@@ -78,15 +92,15 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
             farthest = float(part[np.argmax(np.abs(part))]) if len(part) else np.inf
             low = amplitude[first] if first else 0.0
             high = amplitude[end - 1] if end < len(amplitude) else np.inf
-            those.append((name, farthest, (low, high)))
-    return sorted(those, key=lambda departure: -abs(departure[1]))
+            those.append(Departure(name, farthest, low, high))
+    return sorted(those, key=lambda departure: -abs(departure.deviation))
 
 
 def departure_sentence(ranges: Sequence[Departure], unit: str) -> str:
-    """Where a model misses the backbone: its farthest departure of each curve, joined by "and"."""
-    farthest = {curve: (abs(size), limits) for curve, size, limits in reversed(ranges)}
-    ordered = sorted(farthest.items(), key=lambda item: -item[1][0])
-    return " and ".join(f"in {SHORT[curve]} {_between(*limits, unit)}" for curve, (_, limits) in ordered)
+    """Describe the largest departure from each curve of the backbone."""
+    farthest = {departure.curve: departure for departure in reversed(ranges)}
+    ordered = sorted(farthest.values(), key=lambda departure: -abs(departure.deviation))
+    return " and ".join(f"in {SHORT[d.curve]} {_between(d.low, d.high, unit)}" for d in ordered)
 
 
 def _between(low: float, high: float, unit: str) -> str:
@@ -140,7 +154,7 @@ def _model_rows(
         u, first = np.unique(u + np.log(largest), return_index=True)
         if u[0] <= low:
             break
-    return u, rows["frequency"][0][first], rows["damping_ratio"][0][first]
+    return u, rows["frequency"].target[first], rows["damping_ratio"].target[first]
 
 
 @signal_scale.in_units_of_the_motion
@@ -291,7 +305,7 @@ def without_line(time: Array, residual: Array, frequency: float) -> Array:
 
 
 def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
-    """`spectral_line` of what the harmonics of the motion leave, if it is little else than a line.
+    """Return the `spectral_line` of the residual without harmonics, if it is little else than a line.
 
     In a short record the harmonics leak into all of the spectrum. Here they are columns, of an amplitude that
     goes with the motion's and changes slowly, and a line counts that takes most of the rest (F test).
@@ -326,7 +340,7 @@ def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tu
 
 
 def _harmonic_columns(time: Array, motion: tuple[Array, Array]) -> Array:
-    """What a motion and its harmonics leave: drifts, and harmonics whose amplitude changes slowly."""
+    """Return columns for drifts and for harmonics of a motion with slowly changing amplitudes."""
     x, v = motion
     phase, size = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     s = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
@@ -348,7 +362,7 @@ def _harmonics(
     leak: float = LEAK,
     slowest: float = SLOWEST,
 ) -> Mask:
-    """Which lines a harmonic of the motion leaks into at its start, at its end, or between."""
+    """Return the mask of lines into which a harmonic of the motion leaks: at its start, end, or between."""
     phase = np.unwrap(np.arctan2(-motion[1], motion[0]))
     quarter = max(2, len(time) // 4)
     rates = [(phase[b] - phase[a]) / (time[b] - time[a]) for a, b in ((0, quarter), (-quarter - 1, -1))]
@@ -356,7 +370,7 @@ def _harmonics(
     low, high = min(np.abs(rates)), max(np.abs(rates))
     # Means of quarters: a frequency that goes on evenly is beyond them at either end.
     low, high = low - (high - low) / 6.0, high + (high - low) / 6.0
-    # What drifts slowly is no line.
+    # A slow drift is no line.
     excluded = at <= slowest * resolution
     for harmonic in range(1, most + 1):
         middle, half = 0.5 * harmonic * (low + high), 0.5 * harmonic * (high - low)

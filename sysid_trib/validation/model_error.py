@@ -1,4 +1,4 @@
-"""The error of a model: by how much its coefficients move between parts of a record."""
+"""Error of a model: the change of its coefficients between parts of a record."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -138,7 +138,7 @@ def with_error_by_another_fit(result: xr.Dataset, other: xr.Dataset) -> xr.Datas
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
-    """Covariance of the error of a model: what numbers move between parts beyond what fewer data explain.
+    """Return the covariance of the model error: changes between parts beyond those due to fewer data.
 
     Parameters
     ----------
@@ -194,8 +194,8 @@ def _held_out(
 
 
 def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
-    """RMS (rad) of what a model leaves, start and zero fitted; nan without a motion."""
-    # What is too stiff predicts nothing, and is not waited for.
+    """Return the residual RMS (rad) of a model, start and zero fitted; nan without a motion."""
+    # A model that is too stiff gives no prediction; do not wait for it.
     motion = None if result is None else fitted_motion(rest, result, most_steps=motions.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
@@ -203,7 +203,7 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
 
 
 def _numbers(result: xr.Dataset, names: Sequence[str]) -> Array:
-    """What an identification has `ESTIMATED`, or the errors that it has `STATED` of it; nan of none."""
+    """Return the variables `ESTIMATED` or `STATED` of an identification; nan if there are none."""
     return np.concatenate([np.ravel(result[name].values) for name in names])
 
 

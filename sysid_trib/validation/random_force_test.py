@@ -1,4 +1,4 @@
-"""Tests of what is left of a motion: a random force, or one on angle, speed, amplitude or time.
+"""Tests of a residual motion: a random force, or one that depends on angle, speed, amplitude or time.
 
 The gain of columns without effect is no chi-square where few cycles show the random force: they take a good
 part of what tells its size. Records of the model without them calibrate it (parametric bootstrap about the
@@ -7,6 +7,7 @@ same path).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -36,7 +37,7 @@ NEAR, E_FOLDS = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]), 12.0
 def random_force_dependence(
     decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, seed: int = 0
 ) -> xr.Dataset:
-    """Test whether a random force depends on angle, speed, amplitude or time: then it is no random force.
+    """Test whether a random force depends on angle, speed, amplitude or time.
 
     Parameters
     ----------
@@ -113,7 +114,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
 
 
 def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
-    """What `random_force_dependence` returns, of `NUMBERS` and (aspect, on) p-values; these may be nan."""
+    """Return the Dataset of `random_force_dependence` from `NUMBERS` and (aspect, on) p-values."""
     values = dict(zip(NUMBERS, numbers, strict=True)) | {"dependence_p_value": p_values}
     return xr.Dataset(variables.described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
 
@@ -158,16 +159,25 @@ def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.rando
     return np.asarray(random_walk + scipy.signal.lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
-# A record with the model's columns (nuisances), columns that are tried, and records of noise alone, all as
-# columns of one linear model; and where the first two end among these.
-TrialModel = tuple[kalman.LinearModel, tuple[int, int]]
+class TrialModel(NamedTuple):
+    """A record with nuisances, columns that are tried and records of noise, as one linear model.
+
+    Attributes
+    ----------
+    linear : LinearModel
+        Its columns are those three kinds, in this order.
+    ends : (int, int)
+        Where the first two kinds end.
+    """
+
+    linear: kalman.LinearModel
+    ends: tuple[int, int]
 
 
 def _white(trial: TrialModel, ratio: float) -> tuple[Array, Array, Array, float]:
     """Rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
-    linear, ends = trial
-    rows = linear.rows(ratio)
-    nuisances, tried, draws = np.split(rows.design, ends, axis=1)
+    rows = trial.linear.rows(ratio)
+    nuisances, tried, draws = np.split(rows.design, trial.ends, axis=1)
     return nuisances, tried, np.column_stack([rows.target, draws]), rows.log_determinant
 
 
@@ -196,7 +206,7 @@ def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) ->
         by_column=np.concatenate([linear.by_column, by], axis=2),
         observed_parameters=np.hstack([np.pad(linear.observed_parameters, ((0, 0), (0, tried))), records]),
     )
-    return whole, (nuisances, nuisances + tried)
+    return TrialModel(whole, (nuisances, nuisances + tried))
 
 
 def _likelihood_gains(

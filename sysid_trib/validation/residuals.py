@@ -24,7 +24,7 @@ from sysid_trib.validation import findings, lack_of_fit
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
-# What is said of each model.
+# Variables of each model.
 RESIDUALS = (
     *("residual_rms", "residual_over_noise", "departure_time", "residual_p_value"),
     *("line_frequency", "line_amplitude"),
@@ -48,11 +48,11 @@ class FollowedRuns:
     _made: dict[str, Any] = field(default_factory=dict)
 
     def with_result(self, result: xr.Dataset) -> "FollowedRuns":
-        """The runs with a result of the same model whose errors are others."""
+        """Return the runs with a result of the same model with other errors."""
         return replace(self, result=result)
 
     def once(self, name: str, make: Callable[[], Any]) -> Any:
-        """What is made of all runs, or of one, made once; what it is refused with is kept too."""
+        """Return a quantity that is computed once; its error is kept too."""
         if name not in self._made:
             try:
                 self._made[name] = make()
@@ -156,7 +156,7 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
 
 
 def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise: float) -> tuple[float, ...]:
-    """What `RESIDUALS` lists of a run: of record minus motion, or of the innovations over their deviation."""
+    """Return `RESIDUALS` of a run: of record minus motion, or of the innovations over their deviation."""
     decay, result = followed.runs[run], followed.result
     time, line, fitted, noises = decay.time.values, lack_of_fit.NO_LINE, 0, None
     stochastic = random_force_of(result, run) or sensor_noise_of(result, run).warm_up
@@ -197,7 +197,7 @@ def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise
 
 
 def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion) -> Array:
-    """What was measured minus the model, (sample,), rad: over the swing's frequency for each integration.
+    """Return measurement minus model, (sample,), rad: over the frequency for each integration.
 
     Integration makes white noise red: in the integral no residual is white.
     """

@@ -45,7 +45,7 @@ def with_own_sensor(
     errors = dict(zip(result.force.values.tolist(), result.standard_error.values.tolist(), strict=True))
     symbols = [force.symbol for force in model.sensors if errors.get(force.symbol, 0.0) > 0.0]
     checksum = str(record.attrs.get("record_checksum", ""))
-    # Of a rate or an acceleration the angle is not what a sensor showed.
+    # With a rate or an acceleration, the angle was not measured.
     if (
         not symbols
         or MEASURED in record

@@ -1,4 +1,4 @@
-"""What is said of a record, and the answer that predicts: with which noise it is identified, how surely."""
+"""Verdict on a record and the preferred method: noise of the identification, and its errors."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces
 from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
@@ -38,7 +39,7 @@ APPROXIMATE_PART = 0.05
 
 
 def widening(result: xr.Dataset, residual_over_noise: float) -> float:
-    """By how much stated errors are to be widened where a model does not explain the record; 1 at least.
+    """Return the factor by which stated errors are widened if a model is incomplete; at least 1.
 
     Parameters
     ----------
@@ -58,12 +59,12 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
 
 
 def is_found(force: RandomForce) -> bool:
-    """True if there is a random force beyond chance; one that was given is there."""
+    """Return true if a random force is significant or given."""
     return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
 
 
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
-    """Over `run` what `random_force_dependence` returns; `reason` where the motion does not settle.
+    """Return `random_force_dependence` over `run`; `reason` where the motion does not converge.
 
     Parameters
     ----------
@@ -75,7 +76,7 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
 
 
 def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr.Dataset:
-    """What `dependence_on_motion` says of a run, tested once; nan where the motion does not settle: why."""
+    """Return `dependence_on_motion` of a run, computed once; nan where the motion does not converge."""
     nothing, reason = np.full((len(ASPECTS), len(ON)), np.nan), ""
     # A run without a random force has none that depends on something.
     tested = dependence((1.0, *[np.nan] * 4), nothing)
@@ -120,7 +121,7 @@ def verdict_on_record(
 
 
 def is_random(followed: FollowedRuns) -> bool:
-    """True if what an identification takes for random is: its random force, and the colour of its noise.
+    """Return true if the random force and coloured noise of an identification are really random.
 
     Parameters
     ----------
@@ -134,7 +135,7 @@ def is_random(followed: FollowedRuns) -> bool:
 
 
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:
-    """True if what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
+    """Return true if the estimated sensor noise is too large and depends on the motion.
 
     A method that finds the colour of the noise with a random force takes a slow force for either.
     """
@@ -168,7 +169,7 @@ def p_value_of_dependence(tested: xr.Dataset) -> float:
 
 
 def checked_library(
-    function: str, library: ForceLibrary | None, methods: Iterable[Any], decay: Decays
+    function: str, library: LibraryLike | None, methods: Iterable[Any], decay: Decays
 ) -> ForceLibrary:
     """The library that is offered; what is no method is refused.
 
@@ -184,12 +185,11 @@ def checked_library(
         of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
         names = [name for known in of_runs for name in known if name != inputs.INPUT]
         library = with_inputs_acting(load_library(), names)
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(f"{function} wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
+    offered = forces.as_library(library, function)
     for method in methods:
         if isinstance(method, type) or not hasattr(method, "identify"):
             raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
-    return library
+    return offered
 
 
 @signal_scale.in_units_of_the_motion
@@ -223,7 +223,7 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
 
 
 def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[FollowedRuns]:
-    """`identifications`, each with the runs as its motion follows them."""
+    """Return the `identifications`, each with its simulated runs."""
     runs = as_runs(decay, driven=True)
     together, quiet = dict(enumerate(runs)), [with_noise(method, "off") for method in methods]
     results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
@@ -234,7 +234,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
     stochastic: dict[int, FollowedRuns] = {}
     # From here on a residual may be that of a random force, which is then looked for.
-    # What depends on the amplitude is refused before the long search.
+    # Reject a dependence on the amplitude before the long search.
     deciding = results[open_ones[-1]] if open_ones else None
     if deciding and _residual(deciding)[0] < 0.05 and not _depends_on_amplitude(deciding):
         stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
@@ -265,7 +265,7 @@ def _depends_on_amplitude(followed: FollowedRuns) -> bool:
 
 
 def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
-    """The identification with errors that are those of the model too, where the residual is not noise."""
+    """Return the identification with model errors included, if the residual is not noise."""
     p_value, over_noise = _residual(followed)
     if p_value >= RESIDUAL_LEVEL:
         return model_error.with_rounding(followed)
@@ -313,7 +313,7 @@ def _residual(followed: FollowedRuns) -> tuple[float, float]:
 def _stochastic(
     decay: Decays, library: ForceLibrary, methods: Mapping[int, Method]
 ) -> dict[int, FollowedRuns]:
-    """Identifications with a random force or coloured noise, by their place; none where that is refused."""
+    """Return the identifications with a random force or coloured noise; none if these are rejected."""
     stochastic: dict[int, FollowedRuns] = {}
     runs, last = dict(enumerate(as_runs(decay, driven=True))), [*methods][-1]
     for at, method in methods.items():
@@ -324,7 +324,7 @@ def _stochastic(
             if at == last:
                 refused = _residual(stochastic[at])[0] < RESIDUAL_LEVEL or not is_random(stochastic[at])
             elif scope_of(method).family == "averaging" and is_found(random_force_of(result)):
-                # What the quicker methods refuse is not looked for by the slower ones.
+                # If a fast method rejects the random force, the slow methods do not search for it.
                 refused = not is_random(stochastic[at])
         except (SysidTribError, np.linalg.LinAlgError):
             refused = at == last

@@ -11,10 +11,10 @@ import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.cycles.look import look
 from sysid_trib.plots.figure import figures_of, new_figure
+from sysid_trib.questions.difference import held_against
+from sysid_trib.questions.profiles import profile
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.files import kind_of
-from sysid_trib.validation.profiles import contour, profile
-from sysid_trib.validation.samples import held_against
 
 # mm, as journals have them.
 WIDTHS = (88.0, 180.0)
@@ -102,9 +102,7 @@ def test_texts_of_what_is_asked_besides_have_room(results):
     other = DECAY.isel(time=slice(100, None))
     frequencies = np.linspace(9.0, 11.0, 12)
     figures = {
-        "profile": partial(
-            plots.profile, *(f([DECAY], answer, ["zeta", "delta"]) for f in (profile, contour))
-        ),
+        "profile": partial(plots.profile, profile([DECAY], answer, ["zeta", "delta"])),
         "sensitivity": partial(plots.sensitivity, st.validation.sensitivity([DECAY], answer)),
         "response": partial(plots.response, st.forced_response(answer, 0.01, frequencies)),
         "plan": partial(plots.plan, st.validation.plan(results["discover"])),

@@ -11,8 +11,8 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.shape_parameters import slope_of_unit
 from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.likelihood.trials import slope_of_unit
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
@@ -61,7 +61,7 @@ class Rival:
 def predicted(
     rival: Rival, time: Array, start: tuple[float, float], noise: float, forcing: tuple[Model, float]
 ) -> tuple[RunPrediction, float]:
-    """What a rival predicts after a start (angle, rad, and rate, rad/s), in noise of this standard deviation.
+    """Predict a rival after a start (rad, rad/s), in units of the noise, and return its stop time (s).
 
     Beside it when the motion stops (s), infinite if it does not. `forcing` : the model about whose motion a
     random force acts, and its ratio to the noise of a sample: then innovations are predicted.
@@ -82,13 +82,13 @@ def predicted(
 
 
 def _own(run: RunPrediction) -> Array:
-    """What is known of a motion that neither start nor zero can make, (sample, direction)."""
+    """Remove from a prediction the directions of start and zero, (sample, direction)."""
     known, free = run[:, 1:-3], run[:, -3:]
     return np.asarray(known - free @ np.linalg.lstsq(free, known, rcond=None)[0])
 
 
 def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival], Rival]:
-    """The models that a result leaves: one of an identification, of a discovery those of its last set.
+    """Return the competing models of a result: one of an identification, the last set of a discovery.
 
     Before them the identification that stands for it, behind them the model whose errors are stated: of a
     search that of its coefficients and shapes together.
@@ -158,7 +158,7 @@ def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[
 
 
 def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], probability: float) -> Rival:
-    """A rival, with the inverse of what records inform of its parameters as their covariance.
+    """Return a competing model with the covariance of its parameters from the records.
 
     A shape has a Gaussian prior whose density is that of even ones over its range, as in the evidence.
     """
@@ -191,13 +191,13 @@ def covariance_after(run: RunPrediction) -> Array:
 
 
 def _explained_space(run: RunPrediction) -> Array:
-    """Basis of what a rival can make of a difference to its motion, without what that costs."""
+    """Return the basis of differences of the motion that a competing model can explain."""
     costs = np.eye(run.shape[1] - 4, run.shape[1] - 1)
     return random_force_test.orthonormal(np.vstack([run[:, 1:], costs]))[: len(run)]
 
 
 def _sharpened(rival: Rival, run: RunPrediction) -> float:
-    """Half the logarithm by which the covariance of a rival's shapes falls in a run, negative."""
+    """Return half the fall of the log determinant of the covariance of the shapes in a run, negative."""
     # The frequency is the last of its parameters.
     shapes, after = rival.directions[len(rival.model.coefficients) : -1], covariance_after(run)
     was, becomes = (np.linalg.slogdet(shapes @ c @ shapes.T)[1] for c in (np.eye(len(after)), after))
@@ -205,7 +205,7 @@ def _sharpened(rival: Rival, run: RunPrediction) -> float:
 
 
 def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
-    """Logarithms of the weights of rivals after a run, (truth, drawing, rival), each the truth in turn."""
+    """Return the log weights of competing models after a run, (truth, drawing, rival)."""
     rng, (rivals, runs) = np.random.default_rng(0), zip(*pairs, strict=True)
     apart = [np.column_stack([run[:, 0] - runs[0][:, 0], run[:, 1:]]) for run in runs]
     # What is outside of these columns is noise that all rivals share.
@@ -226,7 +226,7 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
 
 
 def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
-    """Entropy (nats) that a run is expected to leave, and the probability of odds for the right model."""
+    """Return the expected entropy (nats) after a run, and the probability of odds for the right model."""
     logs = logs - logs.max(axis=2, keepdims=True)
     posterior = np.exp(logs) / np.exp(logs).sum(axis=2, keepdims=True)
     entropy = -np.sum(posterior * np.log(np.maximum(posterior, 1e-300)), axis=2).mean(axis=1)
@@ -237,7 +237,7 @@ def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
 
 
 def parting_of(truth: RunPrediction, run: RunPrediction) -> Array:
-    """D of a run up to each time, (sample,): one motion is the truth, a rival is to explain it."""
+    """Return the discrimination D of a run up to each time, (sample,), between two motions."""
     residual, space = truth[:, 0] - run[:, 0], _explained_space(run)
     # r' V^-1 r by the identity of Woodbury.
     return np.maximum(0.0, np.cumsum(residual * (residual - space @ (space.T @ residual))))

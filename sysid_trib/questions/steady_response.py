@@ -167,7 +167,7 @@ def _picked(values: Array, numbers: Index) -> Array:
 
 
 def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Pointwise bands, (sweep, frequency), widened on either side until they hold whole draws of a sweep."""
+    """Widen pointwise bands, (sweep, frequency), until they contain whole drawn sweeps."""
     middle = np.nanmedian(curves, axis=0)
     width = np.where(curves > middle, high - middle, middle - low)
     apart = (curves - middle) / np.where(width > 0.0, width, np.inf)
@@ -177,7 +177,7 @@ def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
-    """The input that drives; empty where the model has none."""
+    """Return the driving input; empty if the model has none."""
     if not forces.inputs and not driven_by:
         return ""
     if base:
@@ -189,7 +189,7 @@ def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
 
 
 def _forcings(model: Model, name: str, ratio: Array) -> Array:
-    """What an input of amplitude 1 does by each force of coefficient 1, (force, frequency), complex."""
+    """Return the forcing by an input of amplitude 1 in each force, (force, frequency), complex."""
     forcing = np.zeros((len(model.forces), len(ratio)), complex)
     for at, force in enumerate(model.forces):
         for channel in (channel for channel in force.channels if channel.input == name):
@@ -214,7 +214,7 @@ def _refuse_mixed(force: Force, channel: Channel, rise: float) -> None:
 
 
 def _drawn(result: xr.Dataset, model: Model, seed: int) -> list[tuple[float, Array]]:
-    """Frequencies and coefficients as they may be too, drawn with the errors of the result."""
+    """Draw frequencies and coefficients with the errors of the result."""
     names, covariance = parameters_of(result)
     kept = [*(names.index(force.symbol) for force in model.forces), -1]
     values, vectors = np.linalg.eigh(covariance[np.ix_(kept, kept)])
