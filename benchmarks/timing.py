@@ -156,7 +156,7 @@ def methods(quick: bool) -> pd.DataFrame:
 MEASURED = {
     "string pendulum": ("string_pendulum/run_1.txt", {}, (None, None), "pendulum"),
     "ship": ("roll_decay/model_test_21337.csv", {"angle": "phi"}, (25.0, None), "ship"),
-    "tank": ("sloshing/decay_0p953.csv", {"units": "1"}, (None, None), None),
+    "tank": ("sloshing/decay_0p953.csv", {}, (None, None), None),
 }
 EMPS = {"time": "t", "angle": "qm", "units": "m", "input": "35.15065*vir", "between": "linear"}
 
