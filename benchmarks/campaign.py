@@ -160,7 +160,7 @@ def worker_kills(folder: Path, records: int, every: float) -> pd.DataFrame:
 
 
 def scheduler_load(folder: Path) -> pd.DataFrame:
-    """What records cost that are refused at once: a block is sent, scheduled, received and written."""
+    """Measure the cost of records that fail at once: a block is sent, scheduled, received and written."""
     names = [f"{at}.csv" for at in range(REFUSED_RECORDS)]
     nothing = st.campaigns.Task(
         "identify", LIBRARY, {"direct": METHODS["direct"]}, judged=False, read=_refuse

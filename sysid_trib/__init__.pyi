@@ -16,10 +16,10 @@ from sysid_trib.records.read import read_record as read_record
 from sysid_trib.reporting.page import report as report
 from sysid_trib.reporting.shown import show as show
 from sysid_trib.results.files import load as load, save as save
+from sysid_trib.results.judged import best as best
 from sysid_trib.simulation.simulate import simulate as simulate
 from sysid_trib.smooth_laws.laws import laws as laws
 from sysid_trib.validation.cross_check import cross_check as cross_check
-from sysid_trib.validation.findings import best as best
 
 from . import (
     campaigns as campaigns,

@@ -18,6 +18,11 @@ DEPENDENCE = 1e-11
 SMALLEST_PART = 1e-8
 
 
+def root_mean_square(values: ArrayLike) -> float:
+    """RMS of numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def cell_middles(edges: Array) -> Array:
     """Return the middles of cells that lie evenly about zero, (cell,), with an exact zero."""
     middle = 0.5 * (edges[1:] + edges[:-1])

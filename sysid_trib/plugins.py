@@ -1,25 +1,25 @@
 """Methods and force libraries of other installed packages, by their entry points."""
 
-from functools import cache
+from functools import lru_cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from sysid_trib.errors import UsageError
 
-METHODS, LIBRARIES = "sysid_trib.methods", "sysid_trib.libraries"
+METHOD_PLUGINS, LIBRARY_PLUGINS = "sysid_trib.methods", "sysid_trib.libraries"
 
 
-@cache
+@lru_cache(maxsize=2)
 def installed(group: str) -> dict[str, EntryPoint]:
     """Return the entry points of a group by name; of two with one name the first.
 
     Parameters
     ----------
     group : str
-        `METHODS` or `LIBRARIES`.
+        `METHOD_PLUGINS` or `LIBRARY_PLUGINS`.
     """
-    found = entry_points(group=group)
-    return {entry.name: entry for entry in reversed(list(found))}
+    entries = entry_points(group=group)
+    return {entry.name: entry for entry in reversed(list(entries))}
 
 
 def loaded(entry: EntryPoint) -> Any:

@@ -76,5 +76,5 @@ def deviations(model: FittedModel, truth: Mapping[str, float]) -> Array:
 
 
 def active(candidates: ForceLibrary) -> ForceLibrary:
-    """The same forces, free to drive."""
+    """Return the same forces without the restriction to dissipation."""
     return replace(candidates, forces=tuple(replace(force, passive=False) for force in candidates))

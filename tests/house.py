@@ -282,7 +282,7 @@ def import_lines(name):
 
 @cache
 def numbers():
-    """What the house is measured by."""
+    """Return the measures of the structure."""
     code = {name: code_lines(*module) for name, module in modules().items()}
     lines = [count for name, count in code.items() if not name.endswith("__init__.py")]
     return {

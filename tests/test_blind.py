@@ -66,7 +66,7 @@ def test_a_blind_record_is_named_from_its_files(number):
 
 
 def test_a_slope_by_a_shape_that_is_no_number_is_refused(tmp_path):
-    """Of v^p at p = 1 the force has values, and its slope by p has none where v is negative."""
+    """At p = 1 the force v^p has values, but no slope by p where v is negative."""
     place = tmp_path / "own.toml"
     place.write_text(
         '[[force]]\nsymbol = "own"\nformula = "v**p"\n'

@@ -28,7 +28,7 @@ ROOT = PACKAGE.parent
 # From the ground up; each room imports only from rooms before it.
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
-    errors _version _lazy arrays forces records simulation results cycles likelihood motion_fit
+    errors _version _lazy plugins arrays forces records simulation results cycles likelihood motion_fit
     methods validation smooth_laws discovery questions physics control campaigns printing plots
     reporting commands cli
 """)
@@ -74,7 +74,7 @@ ALIASES = {"Array", "Vector", "Index", "Mask"}
 
 
 def wrong(found_in, is_wrong):
-    """Where a module says what it must not; `found_in` gives words and their lines."""
+    """Return the places where a module has something wrong; `found_in` gives words and their lines."""
     return [
         f"{name}:{line}: {word}"
         for name, module in modules().items()
@@ -118,7 +118,7 @@ def said(tree, text):
 
 
 def first_lines(tree, _):
-    """How docstrings begin."""
+    """Yield the first lines of docstrings."""
     for node in ast.walk(tree):
         holds = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         if holds and (text := ast.get_docstring(node)):
@@ -161,7 +161,7 @@ def test_every_definition_is_reached_from_the_doors():
     """Public names, the program, and what typer, scikit-learn and numba call: tests keep nothing alive."""
     stubs = [ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.pyi")]
     doors = {"app", "main", "format_epilog", "format_options", "get_feature_names"}
-    doors |= {"load_overload", "save_overload"}
+    doors |= {"load_overload", "save_overload", "_repr_html_"}
     assert not unreachable(doors.union(*map(words_of, stubs)))
 
 
@@ -199,12 +199,12 @@ def test_a_constant_or_class_means_one_thing():
 
 # What is decided in one place, and read everywhere.
 HOMES = {
-    "as_runs": "records/decay.py",
-    "kind_of": "results/files.py",
+    "as_runs": "records/runs.py",
+    "kind_of": "results/kinds.py",
     "departure_time": "validation/residuals.py",
     "widening": "validation/verdict.py",
-    "verdict_on_record": "validation/verdict.py",
-    "answer_of": "validation/findings.py",
+    "verdict_word": "validation/judge.py",
+    "preferred_of": "results/judged.py",
     "move_of": "discovery/exchange.py",
 }
 
@@ -228,7 +228,7 @@ def test_what_is_decided_has_one_home():
 def test_the_kind_of_a_result_is_asked_not_guessed():
     guess = re.compile(r'"(?:steps|ranking|stiffness_difference)" (?:not )?in \w+')
     guesses = {name for name, (_, text) in modules().items() if guess.search(text)}
-    assert guesses == {"results/files.py"}
+    assert guesses == {"results/kinds.py"}
 
 
 def defined(tree):

@@ -19,7 +19,7 @@ from sysid_trib.commands.app import command_after
 from sysid_trib.commands.next_step import NEXT_COMMANDS, keep_next, next_step
 from sysid_trib.commands.options import COMMANDS, DiscoverOptions, ModelOptions, RecordOptions, SearchOptions
 from sysid_trib.printing.identification import identification_blocks
-from sysid_trib.validation.findings import holds
+from sysid_trib.results.judged import follows
 from sysid_trib.validation.identify import usual_methods
 
 FORCES = st.load_library()
@@ -45,12 +45,12 @@ def unexplained():
 
 
 def test_an_explained_record_leads_to_every_method():
-    assert holds(explained())
+    assert follows(explained())
     assert next_step(explained())[0] == "compare"
 
 
 def test_a_record_that_is_not_explained_leads_to_its_laws():
-    assert not holds(unexplained())
+    assert not follows(unexplained())
     assert next_step(unexplained())[0] == "laws"
 
 
@@ -115,10 +115,10 @@ def test_what_discover_names_is_identified_by_methods_that_can(symbol):
 
 def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors():
     tree = explained().copy(deep=True)
-    tree["comparison"].z[:] = [0.1, -2.8, 0.5, 0.0, 1.0, -1.0]
+    tree["agreement"].z[:] = [0.1, -2.8, 0.5, 0.0, 1.0, -1.0]
     text = " ".join(sentences_of(identification_blocks(tree)))
-    assert "Averaging and direct agree as a whole; zeta differs by 2.8 errors." in text
-    tree["comparison"].z[:] = 1.9
+    assert "Averaging and direct agree as a whole; zeta differs by 2.8 standard errors." in text
+    tree["agreement"].z[:] = 1.9
     assert "agree within their errors" in " ".join(sentences_of(identification_blocks(tree)))
 
 

@@ -113,7 +113,7 @@ def test_two_models_are_told_apart_as_often_as_their_distance_says(distance):
 
 
 def test_more_repeats_never_tell_less():
-    """Of as many repeats the square of the distance is as many times what it is of one."""
+    """The square of the distance is proportional to the number of repeats."""
     left, right = np.array([told(3.0 * repeats, 0.7, 0.3) for repeats in (1, 2, 3, 5, 9)]).T
     assert np.all(np.diff(left) < 0.0)
     assert np.all(np.diff(right) > 0.0)

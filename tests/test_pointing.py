@@ -1,4 +1,4 @@
-"""What a backbone points to: systems ranked by prediction, forces that improve it, columns, and a scale."""
+"""Indications of a backbone: systems ranked by prediction, forces that improve it, columns, and a scale."""
 
 import numpy as np
 import pytest

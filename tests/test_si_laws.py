@@ -197,7 +197,7 @@ def test_where_laws_differ_is_where_the_band_excludes_zero():
 
 @pytest.mark.slow
 def test_equal_laws_differ_as_often_as_the_level_says():
-    """Over draws of two samples with the same law: 5 % of bands exclude zero, and p-values are uniform."""
+    """In draws of two samples with the same law 5 % of bands exclude zero, and p-values are uniform."""
     values = np.array([*DRY.values(), W])
     covariance = correlated(values, 0.01)
     covariance[-1] = covariance[:, -1] = 0.0

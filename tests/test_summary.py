@@ -87,5 +87,5 @@ def test_models_of_a_discovery_and_methods_of_a_comparison():
     "wrong", [xr.Dataset(), xr.DataTree(), RUN.decay(1)], ids=["empty", "tree", "record"]
 )
 def test_what_is_no_result_is_refused(wrong):
-    with pytest.raises(UsageError, match="summary wants a result"):
+    with pytest.raises(UsageError, match="summary needs a result"):
         st.summary(wrong)

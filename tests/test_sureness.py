@@ -1,4 +1,4 @@
-"""How sure coefficients are: profile likelihoods, and the same fit in every other defensible way."""
+"""Uncertainty of coefficients: profile likelihoods, and other defensible fits."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""What the confirmation set says, against the bars: shares with 95 % binomial intervals, and each failure."""
+"""Report of the confirmation set against the bars: fractions with 95 % binomial intervals, and failures."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -63,12 +63,12 @@ def _bars() -> list[tuple[str, str, str, str]]:
 
 
 def frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """What is counted, a row for each record; one without a verdict is a miss in every share."""
+    """Return the counted values, a row for each record; a record without a verdict is a miss everywhere."""
     return pd.DataFrame([_counted(row if "found" in row else row | {"found": FAILED}) for row in rows])
 
 
 def hits_of(row: Row) -> list[bool]:
-    """Of each hidden effect, whether it is in the set of a step."""
+    """Return for each hidden effect whether it is in the set of a step."""
     sets = [{*step["ties"]} for step in row["found"]["steps"]]
     return [any(names(one["symbol"]) & tied for tied in sets) for one in row["hidden"]]
 
@@ -145,7 +145,7 @@ def _ends(rows: Sequence[Row], drawn: Sequence[Row], slow: float) -> list[tuple[
         "given up": late,
         "errors in the exact fit of the truth": len(rows) - len(drawn),
         "refused with an error of the package": sum("refused" in row for row in drawn),
-        "not converged": sum(row["found"]["converged"] != "True" for row in drawn if "found" in row),
+        "not converged": sum(str(row["found"]["converged"]) != "True" for row in drawn if "found" in row),
     }
     lines = [(title, f"{count} of {len(rows)}") for title, count in counts.items()]
     seconds = pd.Series([row["seconds"] for row in drawn if "seconds" in row])
@@ -161,7 +161,7 @@ def _ends(rows: Sequence[Row], drawn: Sequence[Row], slow: float) -> list[tuple[
 
 
 def reliability(ran: Sequence[Row]) -> list[tuple[float, bool, bool]]:
-    """Of each name its stated probability, whether it is right, and flagged; the truth being offered."""
+    """Return for each name its stated probability, whether it is right, and flagged."""
     points = []
     for row in ran:
         if row["kind"].startswith(("effect", "strong", "two", "three")):

@@ -1,4 +1,4 @@
-"""How often intervals and bands of 95 % hold the truth.
+"""Coverage of 95 % intervals and bands.
 
 profile: profile intervals beside 1.96 standard errors of the same fit: presliding length, Stribeck speed, and
 dry friction near zero that is bounded at zero, with a stop at the end.
@@ -92,7 +92,7 @@ def true_curves(model: st.Model, bands: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def covers(case: str, seed: int) -> dict[str, tuple[bool, float]]:
-    """Of each curve whether it is wholly inside, and the part within 1.96 errors (of pointwise bands)."""
+    """Return for each curve whether it is inside, and the part within 1.96 errors (pointwise bands)."""
     coefficients, noise, lacking, density = CURVES[case]
     model = st.Model(CONTACT.select(list(coefficients)), coefficients, PAPER_W)
     motion = st.simulate(model, CLOCK, RELEASE, random_force=density, seed=seed).angle.values

@@ -177,7 +177,7 @@ ISO = ("repeatability", "between_laboratory", "reproducibility")
 
 
 def holds(fit: xr.Dataset, name: str, truth: float) -> bool:
-    """Whether an interval holds the truth."""
+    """Return whether an interval contains the truth."""
     return bool(fit[f"{name}_lower"] <= truth <= fit[f"{name}_upper"])
 
 

@@ -181,7 +181,7 @@ def _estimates(results: Sequence[xr.Dataset]) -> xr.Dataset:
     """Return the values and errors of identifications at their mean reference frequency."""
     for result in results:
         if not isinstance(result, xr.Dataset) or "coefficient" not in result:
-            raise UsageError("between_runs wants identifications, as identify returns them.")
+            raise UsageError("between_runs needs identifications, as identify returns them.")
     kept = comparable(*results) if len(results) else []
     if not kept:
         raise UsageError("These runs have no free coefficient in common; identify them with the same forces.")

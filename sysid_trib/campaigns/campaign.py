@@ -19,7 +19,7 @@ import xarray as xr
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.rows import LOST, Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
-from sysid_trib.campaigns.task import CampaignRecords, Task, empty_row, record_at, rows_of
+from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -39,7 +39,7 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 def campaign(
     records: CampaignRecords,
-    task: Task,
+    task: Task | Name = "identify",
     *,
     output: str | os.PathLike[str],
     workers: int | str = 2,
@@ -50,10 +50,11 @@ def campaign(
 
     Parameters
     ----------
-    records : sequence of path or Dataset
-        Files, or decays in memory. What else names a record is a text that `Task.read` makes decays of.
-    task : Task
-        What is done with each.
+    records : sequence of path or record
+        Files, or decays in memory, `(t, angle)` too. What else names a record is a text that `Task.read`
+        makes decays of.
+    task : Task or str
+        What is done with each: `identify`, `compare`, `discover` with what is usual, or a `Task`.
     output : path-like
         The store. One that is there is gone on with: what is done in it is not done again, unless a record's
         file has changed since; more records may come to it.
@@ -94,11 +95,14 @@ def campaign(
     if getattr(current_process(), "_inheriting", False):
         # A process that it started would begin it again, as its script is read there.
         raise UsageError(
-            'A script that starts processes wants if __name__ == "__main__": around its campaign; '
+            'A script that starts processes needs if __name__ == "__main__": around its campaign; '
             "or take workers=0."
         )
+    task = Task(task) if isinstance(task, str) else task
+    if not isinstance(task, Task):
+        raise UsageError(f"campaign needs a Task, or one of {', '.join(TASKS)}; not {task!r}.")
     if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
-        raise UsageError("A campaign wants a list of records, of one at least.")
+        raise UsageError("A campaign needs a list of records, of one at least.")
     # A link to a store stays one when records come to it.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):
@@ -226,7 +230,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 client.wait_for_workers(1, timeout=STARTS_WITHIN)
             except TimeoutError:
                 raise UsageError(
-                    f"No worker has started within {STARTS_WITHIN}; a script that starts processes wants "
+                    f"No worker has started within {STARTS_WITHIN}; a script that starts processes needs "
                     'if __name__ == "__main__": around its campaign. Else give them more memory, or take '
                     "workers=0."
                 ) from None
@@ -252,8 +256,8 @@ def _interrupts_held() -> Iterator[None]:
 def _without_current_folder() -> Iterator[None]:
     """Keep processes that start in this context from importing from the current folder.
 
-    A file `signal.py` next to the records would be executed. What a script of the user imports they find by
-    the path of this process, which they are given.
+    A file `signal.py` next to the records would be executed. They get the path of this process, and find the
+    imports of the user's script by it.
     """
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"

@@ -20,7 +20,7 @@ RECORD = "record"
 def reported_method(store: xr.Dataset) -> str:
     """Return the label of the identification that a campaign compares between records.
 
-    Of those that identify most forces the one that most often predicts best, or where none is said to, the
+    Among the methods that identify most forces, this is the one that most often predicts best, or else the
     last.
     """
     done = np.flatnonzero(store.status.values == IDENTIFIED)

@@ -36,7 +36,10 @@ CHECKSUM = "checksum"
 
 
 # Dimensions beside the record, unit and meaning of each variable.
-VARIABLES = {name: (tuple(dims.split()), *of) for name, (dims, *of) in RESULT_TABLES["campaign"].items()}
+VARIABLES = {
+    name: (tuple(dims.split()), units, meaning)
+    for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
+}
 # As numpy has what is no number, texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},

@@ -27,7 +27,6 @@ from sysid_trib.campaigns.task import (
     record_at,
 )
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.results.files import over_models
 from sysid_trib.results.schema import force_labels
 
 FINGERPRINT = "task_fingerprint"
@@ -212,7 +211,7 @@ def as_dataset(path: Path) -> xr.Dataset:
     for array in store.variables.values():
         # No value is missing: what was not computed is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
-    return over_models(store)
+    return store
 
 
 def _damaged(path: Path, reason: object) -> RecordError:

@@ -12,23 +12,23 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib import forces
 from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError, readable
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.from_python import as_library
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
-from sysid_trib.records.decay import RecordLike, one_or_all
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import one_record
 from sysid_trib.records.read import read_records
-from sysid_trib.results import effects, variables
+from sysid_trib.records.runs import RecordLike, one_or_all
+from sysid_trib.results import effects, judged, variables
 from sysid_trib.results.references import with_contactless_frequency
-from sysid_trib.validation import compare, cross_check, findings, verdict
+from sysid_trib.validation import compare, cross_check, verdict
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
@@ -37,7 +37,7 @@ CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
 
 TASKS = get_args(Name)
 # Of what a store holds; one of another format is of another version.
-STORE_FORMAT = 3
+STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 # What a comparison says of a record, before the name of a method.
@@ -112,9 +112,9 @@ class Task:
     def __post_init__(self) -> None:
         if self.name not in TASKS:
             raise UsageError(f"task {self.name!r} is unknown: give {', '.join(TASKS)}.")
-        object.__setattr__(self, "library", as_library(self.library, "Task"))
+        object.__setattr__(self, "library", forces.as_library(self.library, "Task"))
         if self.candidates is not None:
-            object.__setattr__(self, "candidates", as_library(self.candidates, "Task, candidates=,"))
+            object.__setattr__(self, "candidates", forces.as_library(self.candidates, "Task, candidates=,"))
         if self.name == "discover" and self.candidates is None:
             object.__setattr__(self, "candidates", further_forces(load_library(), self.library))
         judged = not self.methods if self.judged is None else self.judged
@@ -123,7 +123,7 @@ class Task:
             usual = {"averaging": Averaging(), "direct": Direct()}
             object.__setattr__(self, "methods", compare.every_method() if self.name == "compare" else usual)
         if self.judged and len(self.methods) != 2:
-            raise UsageError("Two methods are held against each other; give two, or judged=False.")
+            raise UsageError("A cross-check needs two methods; give two, or judged=False.")
 
     @property
     def labels(self) -> list[str]:
@@ -233,20 +233,19 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     for at, label in enumerate(task.labels):
         # What a record's text withholds is not kept either.
         given = label in tree.children and "covariance" in tree[label]
-        if given and not (task.judged and label in findings.failures(tree)):
+        if given and not (task.judged and label in judged.failures(tree)):
             result = tree[label].to_dataset()
             for name in (name for name, empty in row.items() if name in result and empty.size):
                 # Forces and shape parameters that the result lacks stay nan.
                 of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
                 row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
-    if "comparison" in tree.children and "p_value" in tree["comparison"]:
-        compared = tree["comparison"]
-        row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
+    if "agreement" in tree.children and "p_value" in tree["agreement"]:
+        row |= {"p_value": float(tree["agreement"].p_value), "verdict": judged.verdict_of(tree)}
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
         # Of a discovery, behind its verdict.
-        early = "" if tree.attrs["converged"] == "True" else " (its search ended before it had converged)"
+        early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
 

@@ -1,6 +1,6 @@
 """The commands as one program: their options and help, of a table (`commands.toml`), and what was given.
 
-What works is imported when it runs.
+Modules that compute are imported when a command runs.
 """
 
 import re

@@ -15,16 +15,17 @@ from sysid_trib.forces import selection
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
+from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.results.files import kind_of
-from sysid_trib.validation.findings import main_result
+from sysid_trib.results.judged import main_result
+from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.random_force import DENSITY_UNITS
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
     """The forces that are asked for, the linear elastic one among them where alpha is wanted.
 
-    What is asked for by name and the library lacks is taken from those that come with the package.
+    A named force that the library lacks is taken from the libraries of the package.
     """
     whole = load_library(library)
     symbols = list(whole.symbols)
@@ -190,7 +191,7 @@ def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
     """The identification that stands for a saved result; refused where there is none."""
     answer = main_result(tree)
     if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} compares samples and is no model of either; give what identify wrote.")
+        raise UsageError(f"{result} compares samples and is no model of either; give a result of identify.")
     if answer is None:
         raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
     return answer

@@ -30,7 +30,7 @@ def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
     check_extra()
     records = _records(given.records, given.conditions)
     if given.output is None:
-        raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
+        raise UsageError("A campaign needs a store: -o RESULTS.zarr.")
     if given.output.suffix != ".zarr":
         raise UsageError(f"{given.output}: the ending must be .zarr.")
     page = given.output.with_suffix(".html")
@@ -85,7 +85,7 @@ def _task(given: CampaignOptions) -> task.Task:
         raise UsageError(f"{idle[0]} is no option of --task {name}; leave it out, or give another task.")
     if name == "discover":
         if given.methods is not None:
-            raise UsageError("--methods are of identify and compare; discover has one of its own.")
+            raise UsageError("--methods is for identify and compare; discover has its own method.")
         start, offered, how = asked_search(given)
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     asked = asked_model(given)
@@ -118,7 +118,7 @@ def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
     if folders := [file for file in files if Path(file).is_dir()]:
         raise UsageError(f"{folders[0]}: this is a folder; give its files: '{Path(folders[0]) / '*.csv'}'.")
     if not files:
-        raise UsageError("A campaign wants files: 'data/*.csv'.")
+        raise UsageError("A campaign needs files: 'data/*.csv'.")
     return [file for file in dict.fromkeys(files) if conditions is None or Path(file) != conditions]
 
 

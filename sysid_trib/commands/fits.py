@@ -27,17 +27,19 @@ from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods.scope import Method, with_random_force
-from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
+from sysid_trib.physics.consequences import with_consequences
+from sysid_trib.physics.si_units import check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks, difference_json
 from sysid_trib.questions import profiles
 from sysid_trib.questions.difference import held_against
 from sysid_trib.questions.law_difference import laws_held_against
 from sysid_trib.records.signal import unit_of_signal
-from sysid_trib.results.files import kind_of
+from sysid_trib.results import judged
+from sysid_trib.results.kinds import SI, kind_of
 from sysid_trib.results.references import with_scale_error
 from sysid_trib.results.variables import record_groups
-from sysid_trib.validation import findings, refits
+from sysid_trib.validation import refits
 from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.identify import identify as identified, usual_methods
@@ -71,7 +73,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
     if driven and (measured or given.methods_text):
-        raise UsageError("SI units and --methods-text are of free decays; leave them out of a driven record.")
+        raise UsageError("SI units and --methods-text are for free decays; omit them for a driven record.")
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
     if "inertia" in measured:
@@ -96,15 +98,16 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         tell("prediction")
         of_test = given.but(records=[given.test], omega0=None, reference_frequency=None)
         others, _ = read_decays(of_test, as_it_is=True, driven=True)
-        answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
+        answer = tree[judged.preferred_of(tree)].to_dataset()
         predicted = [predict(answer, other, warm_up=given.warm_up) for other in others]
     _add_sureness(tree, decays, given.sensitivity, profiled, tell)
     if calibration[1]:
         tree = with_scale_error(tree, calibration[1] / calibration[0])
-    if measured and (result := findings.kept_results(tree).get(findings.answer_of(tree))) is not None:
+    if measured and (result := judged.kept_results(tree).get(judged.preferred_of(tree))) is not None:
         # What has a covariance of forces is an identification.
         converted = in_si_units(result, **measured).drop_dims("other_force")
-        tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
+        tree[SI] = xr.DataTree(converted.assign_attrs(of_method=judged.preferred_of(tree)))
+    tree = with_consequences(tree)
     keep_next(tree, given)
     texts = _texts(given, tree)
     if given.methods_text is not None:
@@ -143,7 +146,7 @@ def _add_sureness(
     """Add what is asked of how sure the answer is, as groups of the result."""
     if not (varied or profiled):
         return
-    answer = tree[findings.answer_of(tree)].to_dataset()
+    answer = tree[judged.preferred_of(tree)].to_dataset()
     if profiled:
         tree["profile"] = profiles.profile(decays, answer, profiled, tell=tell)
     if varied:
@@ -280,5 +283,5 @@ def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:
     if len(marks) == 1 and 0 < marks[0] < len(records) - 1:
         return records[: marks[0]], records[marks[0] + 1 :]
     raise UsageError(
-        "difference wants two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
+        "difference needs two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
     )

@@ -21,10 +21,10 @@ from sysid_trib.physics.si_units import check_length_unit
 from sysid_trib.printing import Block, driven, laws as printed
 from sysid_trib.printing.si_laws import si_blocks, si_json
 from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.results.judged import best
 from sysid_trib.smooth_laws.calibration import with_scale_error
 from sysid_trib.smooth_laws.laws import laws as identified
 from sysid_trib.validation.driven import is_driven, predict
-from sysid_trib.validation.findings import best
 
 
 def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:

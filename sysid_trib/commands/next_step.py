@@ -14,11 +14,10 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
-from sysid_trib.results import effects, files
-from sysid_trib.results.files import identifications_of, kind_of
-from sysid_trib.results.schema import library_of, shape_values_of
+from sysid_trib.results import effects, judged, kinds
+from sysid_trib.results.kinds import identifications_of, kind_of
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
-from sysid_trib.validation import findings
 
 # Stands for a file that the user is to measure first: marked, so that nobody takes it for one that is there.
 SECOND_RECORD = "<SECOND_RECORD.csv>"
@@ -97,16 +96,16 @@ class StateOfResult(NamedTuple):
 
 
 def _after_identification(tree: xr.DataTree) -> StateOfResult:
-    verdict = findings.verdict_of(tree)
+    verdict = judged.verdict_of(tree)
     if verdict == "undetermined":
-        return _undetermined(findings.second_of(tree))
+        return _undetermined(judged.last_of(tree))
     if not verdict.startswith("explained"):
         library = _largest_library(tree)
         # A driven record has no backbone.
-        named = _effects_named(library) and not files.is_of_driven(tree)
+        named = _effects_named(library) and not kinds.is_of_driven(tree)
         state = "approximate with named effects" if named else verdict
         return StateOfResult(state, {} if named else _search_options(library))
-    if fewer := findings.fewer_forces(tree):
+    if fewer := judged.fewer_forces(tree):
         return StateOfResult("explained, no coefficient is known by itself", {"forces": ",".join(fewer[0])})
     return StateOfResult("explained", {})
 
@@ -120,14 +119,14 @@ def _undetermined(result: xr.Dataset) -> StateOfResult:
 
 
 def _after_laws(tree: xr.DataTree) -> StateOfResult:
-    if findings.verdict_of(tree) != "explained":
+    if judged.verdict_of(tree) != "explained":
         return StateOfResult("laws do not explain", {})
-    without = tree["comparison"].attrs["reason"]
+    without = tree["judged"].attrs["reason"]
     return StateOfResult("laws without a curve explain" if without else "laws explain", {})
 
 
 def _after_comparison(tree: xr.DataTree) -> StateOfResult:
-    if ratio_of_best(tree["comparison"].to_dataset()) <= findings.LARGE:
+    if ratio_of_best(judged.comparison_of(tree)) <= judged.LARGE:
         return StateOfResult("compared, explained", {})
     return StateOfResult("compared, not explained", _search_options(_largest_library(tree)))
 
@@ -153,7 +152,7 @@ def _effects_named(library: ForceLibrary) -> bool:
 def _after_discovery(tree: xr.DataTree) -> StateOfResult:
     if tree.attrs.get("out_of_time"):
         return StateOfResult("out of time", {"time_limit": None})
-    after, driven = tree["after"].to_dataset(), files.is_of_driven(tree)
+    after, driven = tree["after"].to_dataset(), kinds.is_of_driven(tree)
     unexplained = tree.attrs["verdict"] == "unknown effect"
     if unexplained and not driven:
         return StateOfResult("unknown effect", {})
@@ -180,10 +179,10 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
         most = tree.attrs["max_effects"]
         if outstanding and tree["steps"].attrs["count"] >= most > 0:
             made.append(("For further effects", "discover", {"max_effects": str(most + MORE_EFFECTS)}))
-        if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
+        if judged.held_out_excess(tree) and not tree["holdout_given"]:
             made.append(("To fit the same forces to the whole record", "discover", {"refit": ""}))
     elif kind_of(tree) == "laws":
-        if findings.verdict_of(tree) != "explained" and not files.is_of_driven(tree):
+        if judged.verdict_of(tree) != "explained" and not kinds.is_of_driven(tree):
             when = "For a force with memory, or one that changes in time"
             made.append((when, "discover", {}))
         # A simulated record has no rig to make another one.
@@ -199,7 +198,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
 
 def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
     """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
-    unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
+    unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
         return ""
@@ -225,7 +224,7 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     if kind_of(tree) == "discover":
         unexplained = tree.attrs["verdict"] == "unknown effect"
     else:
-        unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
+        unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
     records = (tree[group].to_dataset() for group in record_groups(tree))
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
@@ -240,7 +239,7 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
     searched for no further force.
     """
-    if not (_moves_freely(tree) or findings.verdict_of(tree).startswith("explained")):
+    if not (_moves_freely(tree) or judged.verdict_of(tree).startswith("explained")):
         return None
     if isinstance(given, FileOptions) and given.output is not None:
         page = given.output.with_suffix(".html")
@@ -256,8 +255,8 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
 
 def _moves_freely(tree: xr.DataTree) -> bool:
     """Return true if the body of a driven record has no restoring force, which a search needs."""
-    result = findings.main_result(tree)
-    if result is None or not files.is_of_driven(tree):
+    result = judged.main_result(tree)
+    if result is None or not kinds.is_of_driven(tree):
         return False
     held = {
         symbol: result.coefficient.sel(force=symbol).item()

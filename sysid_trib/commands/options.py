@@ -1,4 +1,4 @@
-"""Options of the commands with their types and defaults; `commands.toml` has what the help says of each."""
+"""Options of the commands with their types and defaults; `commands.toml` has their help."""
 
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -19,7 +19,7 @@ OptionRows = Mapping[str, Mapping[str, Any]]
 
 @dataclass(frozen=True, kw_only=True)
 class CommandOptions:
-    """What a command was given: one attribute for each of its options."""
+    """Options of a command with the values that were given."""
 
     def but(self, **values: Any) -> Self:
         """Return the options with some values replaced."""
@@ -74,7 +74,7 @@ class ConstraintOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ModelOptions(ForcesOptions, ConstraintOptions):
-    """What is to be identified."""
+    """Forces to identify, with their constraints."""
 
     omega0: str | None = None
     random_force: str = "auto"
@@ -91,7 +91,7 @@ class StartOptions(ForcesOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class SearchOptions(ForcesOptions):
-    """What a search adds to its start model."""
+    """Limits of a search."""
 
     candidates: str | None = None
     max_effects: int = 4
@@ -102,7 +102,7 @@ class SearchOptions(ForcesOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredOptions(CommandOptions):
-    """What gives SI units, and another record to predict."""
+    """Measured quantities for SI units, and another record to predict."""
 
     inertia: str | None = None
     mass: str | None = None
@@ -114,7 +114,7 @@ class MeasuredOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ShownOptions(CommandOptions):
-    """How a result is shown."""
+    """Forms in which a result is shown."""
 
     as_json: bool = False
     plot: Path | None = None
@@ -131,7 +131,7 @@ class FileOptions(CommandOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class DestinationOptions(FileOptions, ShownOptions):
-    """How much of a result is printed, and its tables for LaTeX."""
+    """Amount of printed text, and tables for LaTeX."""
 
     latex: Path | None = None
     explain: bool = False
@@ -299,7 +299,7 @@ COMMANDS: dict[str, Any] = TABLE.pop("commands")
 
 
 def _whole(name: str, title: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of an option with what the table leaves out."""
+    """Return the row of an option with what the table leaves out."""
     whole: dict[str, Any] = {"title": title, "flag": f"--{name.replace('_', '-')}", **row}
     if whole.get("within") == "positive":
         whole["within"] = POSITIVE

@@ -16,7 +16,8 @@ from sysid_trib.errors import Tell, UsageError
 from sysid_trib.printing import driven, layout
 from sysid_trib.questions.next_run import plan as best_run
 from sysid_trib.questions.steady_response import forced_response
-from sysid_trib.results.files import kind_of, load
+from sysid_trib.results.files import load
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.validation.identify import identify
 
 

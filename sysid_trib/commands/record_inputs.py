@@ -149,8 +149,8 @@ def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFi
     """The runs of each file as they are in it, uncut, and what they are."""
     if given.input_ is not None and not driven:
         raise UsageError(
-            "--input is of driven records, which identify, laws, discover and compare take; this command "
-            "takes free decays."
+            "--input is for driven records (identify, laws, discover, compare); this command takes free "
+            "decays."
         )
     return [_read(given, record) for record in given.records or (None,)]
 

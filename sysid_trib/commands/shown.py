@@ -26,10 +26,10 @@ from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, Usa
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
-from sysid_trib.likelihood.random_force import DENSITY_UNITS
-from sysid_trib.printing import equation, exported, looked
+from sysid_trib.printing import code, exported, looked
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.files import load, save, write_file
+from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import group_names
 from sysid_trib.simulation.model import Model, check_shapes
 from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS, simulate as motion_of
@@ -151,7 +151,7 @@ def export(tell: Tell, given: ExportOptions) -> Callable[[], None]:
     """The equation of a result as a program."""
     result, language, output = given.result, given.language, given.output
     check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
-    text = equation.model_code(model_of_file(result, load(result)), language)
+    text = code.model_code(model_of_file(result, load(result)), language)
     if output is None:
         return partial(print, text, end="")
     write_file(output, text.encode())

@@ -266,7 +266,8 @@ def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell
     """Write the figures of a result, of a width in inches."""
     tell("figures")
     from sysid_trib.plots.figure import figures_of
-    from sysid_trib.results.files import kind_of, write_figure
+    from sysid_trib.results.files import write_figure
+    from sysid_trib.results.kinds import kind_of
 
     drawings = [drawn for figure in figures_of(kind or kind_of(tree)) for drawn in figure.drawings(tree)]
     for at, (name, _, draw) in enumerate(drawings):

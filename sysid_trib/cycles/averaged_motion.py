@@ -1,6 +1,6 @@
 """Motion by averaging: the envelope of a free decay, and steady amplitudes where forces balance a drive.
 
-Steady: x = a cos phi, phi = W t + theta, r = W/w. What forces average to over that cycle balances a drive
+Steady: x = a cos phi, phi = W t + theta, r = W/w. The averages of the forces over that cycle balance a drive
 f cos W t, to first order (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 4.1):
 
     a (1 - r^2) + 2 <h cos phi> = f cos theta,    -2 <h sin phi> = -f sin theta.

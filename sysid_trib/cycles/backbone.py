@@ -14,7 +14,7 @@ from sysid_trib.arrays import Array, Variables, variable, with_error
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
-from sysid_trib.records.decay import RecordLike
+from sysid_trib.records.runs import RecordLike
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
@@ -130,9 +130,9 @@ def backbone(decay: RecordLike) -> xr.Dataset:
 
     Notes
     -----
-    Of the period about each half period, from extremum to extremum of half-sines (see `envelope`): the
+    For the period about each half period, between extrema of half-sines (see `envelope`), the values are the
     logarithmic decrement over 2 pi and 2 pi over the duration, at the geometric mean of both extrema. Even
-    forces, the sensor's zero and its harmonics leave them alone to first order. The noise is that of the
+    forces, the sensor's zero and its harmonics do not change them to first order. The noise is that of the
     sensor and a random walk of amplitude and phase, as a white random force makes it, each of a size that
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.

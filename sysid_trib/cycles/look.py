@@ -9,9 +9,9 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.pointing import ElasticModel, pointed_to
 from sysid_trib.records import equilibrium, half_periods, half_sines, modes, sensor, signal, smoothing
-from sysid_trib.records.decay import RecordsLike
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import as_decays
+from sysid_trib.records.runs import RecordsLike
 from sysid_trib.results.variables import Variables, group_names, variable
 
 PENDULUM = "pendulum"

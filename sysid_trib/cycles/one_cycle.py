@@ -1,8 +1,8 @@
 """Averages of a force over one cycle x = a cos phi, v = -a sin phi, exact to rounding.
 
-A cycle of a force without history is cut where it changes branch, and integrated between. One with history
-is followed until its states and memory repeat after a period: cycles of all amplitudes one after the other by
-the compiled engine. What begins a steady one is found by Newton's method on the map of a period, whose
+A cycle of a force without history is cut where it changes branch, and integrated between. One with history is
+followed until its states and memory repeat after a period: cycles of all amplitudes one after the other by
+the compiled engine. The start of a steady cycle is found by Newton's method on the map of a period, whose
 derivatives the engine gives (shooting).
 """
 

@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import forces, records
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.discovery import parts, to_xarray
 from sysid_trib.discovery.engine import start_model
 from sysid_trib.discovery.engine.fitted_model import FittedModel
@@ -33,10 +34,9 @@ from sysid_trib.forces.selection import (
     viscous_model,
 )
 from sysid_trib.records import smoothing
-from sysid_trib.records.decay import Decays, RecordsLike, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_for, inputs_of
-from sysid_trib.results import effects, schema, signal_scale, variables
-from sysid_trib.validation import findings
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
+from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
 
 
@@ -137,8 +137,8 @@ def discover(
     constraints = known_coefficients(model) | dict(constraints)
     if is_free_to_move(model, Constraints(constraints).fixed):
         raise UsageError(
-            "A candidate is weighed by the restoring force, which this body has none of; identify it with "
-            "forces that may act, and compare the residuals."
+            "discover needs a restoring force, and this body has none; identify it with several sets of "
+            "forces, and compare the residuals."
         )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
     return _discovery(runs, model, offered, constraints, unseen, how)
@@ -150,7 +150,7 @@ NEARER = 0.95
 
 @dataclass(frozen=True)
 class SearchPlan:
-    """How a search goes on.
+    """Plan of a search.
 
     Attributes
     ----------
@@ -215,18 +215,13 @@ def _discovery(
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
+    groups["/"] = _search_group(done, holdout_given=bool(unseen), refitted=how.refit and not unseen)
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
-    options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-    options |= {
-        "refit": how.refit,
-        "reference_frequency": reference_frequency,
-        "constraints": dict(constraints),
-    }
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
         **schema.provenance(None, one_or_all(runs), model),
         "method": "discover",
-        "options": json.dumps(options),
+        "options": json.dumps(_options_of(how, constraints)),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         **_outcome(done, closing),
@@ -244,6 +239,24 @@ def _discovery(
     return tree
 
 
+def _search_group(done: Search, *, holdout_given: bool, refitted: bool) -> xr.Dataset:
+    """Return the variables of a search that are true or false."""
+    values = {"converged": done.converged, "holdout_given": holdout_given, "refitted": refitted}
+    return xr.Dataset(variables.described("search", values))
+
+
+def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]:
+    """Return the options of a search as they are kept in its result."""
+    return {
+        "max_effects": how.settings.max_effects,
+        "level": how.settings.level,
+        "seed": how.settings.seed,
+        "refit": how.refit,
+        "reference_frequency": how.reference_frequency,
+        "constraints": dict(constraints),
+    }
+
+
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
     """Return what a search says of itself, as attributes of its result."""
     return {
@@ -251,7 +264,6 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
-        "converged": str(done.converged),
         "failed_fits": done.failed,
     }
 
@@ -267,7 +279,7 @@ def _unless_laws_predict_better(
     named_rms = float(np.nan_to_num(done.predictions[-1].rms, nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
-    explains = named_rms <= findings.LARGE * noise or parts.closing_effect(done)
+    explains = named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
     tell("laws as the rival of the names")
@@ -328,9 +340,9 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
 def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     """Return the search, or that with coloured noise if it explains the record better.
 
-    What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
-    must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
-    all of them; else the colour with what was named is tried, of which that of the search is outside.
+    The named effects, or the residual, may be coloured noise that the lines above the motion did not show.
+    Noise of another colour without any name must be outside of the credible set of all names, as chance must
+    be outside of that of each effect. Otherwise the colour together with the names is tried.
     """
     done = search(fits, growing=True, tell=tell)
     if parts.verdict_of(done) == "nothing missing":

@@ -59,7 +59,7 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
 def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[ScoredTrials]:
     """Return pairs of candidates as replacements of effects, by the noise of the present model.
 
-    Of any two shapes of theirs: with another one a candidate may have a shape that gains nothing alone.
+    All shapes of both are combined: in a pair the best shape may gain nothing alone.
     """
     model, kept = current.model, current.model.columns_without(gone)
     columns = [current.first_trial + at for at in current.replacing]
@@ -150,8 +150,8 @@ def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
 def extended(current: Screening, fits: Fits) -> list[FittedModel]:
     """Return models with one more candidate, for the most likely candidates.
 
-    What it gains is beyond chance, and leaves that no place in its credible set. What columns gain is taken
-    to be as far off as it was in the fits that were done: much where effects are strong.
+    The gain of the candidate is significant, and its credible set excludes chance. The error of gains by
+    columns is estimated from the fits so far; it is large for strong effects.
     """
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
@@ -200,7 +200,7 @@ def better_rival(
 ) -> FittedModel | None:
     """Return the model with a more likely and significant candidate in place of an effect, or with none.
 
-    Of two that are as likely the one of fewer shapes is taken.
+    If two are equally likely, the one with fewer shapes is taken.
     """
     model, equal = current.model, current.model.settings.least_gain
     shapes = {t.force.symbol: len(t.force.shape) for t in (*current.trials, *model.trials)} | {"": 0}

@@ -64,7 +64,7 @@ def errors_off(model: FittedModel, symbol: str) -> float:
 def _at_end(beyond_end: float, error: float) -> float:
     """Return the penalty -2 ln of the part of its range that a record allows a shape at an end of it.
 
-    That of a Gaussian likelihood whose middle is outside, over what it is at the end.
+    This is the integral of a Gaussian likelihood with its middle outside, over its value at the end.
     """
     if not 0.0 < error < np.inf:
         return 0.0

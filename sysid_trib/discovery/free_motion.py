@@ -7,16 +7,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.paths import RecordPath
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.random_force import RandomForce, random_force_variables
+from sysid_trib.likelihood.random_force import random_force_variables
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.variance_ratio import p_value_of_gain
-from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start

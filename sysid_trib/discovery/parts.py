@@ -16,8 +16,8 @@ from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search, may_gain
 from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force
-from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.effects import NAMED
+from sysid_trib.results.variables import PARTS_OF_RECORD
 
 
 def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
@@ -96,13 +96,13 @@ def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
         model = search.fits.kept.get(rest | {name} - {""})
         if model is not None:
             scores[name] = _deviances(model) + (evidence(model) - model.deviance)
-    own = scores.setdefault(symbol, np.zeros(len(RECORD_PARTS)))
+    own = scores.setdefault(symbol, np.zeros(len(PARTS_OF_RECORD)))
     return {name: score - own for name, score in scores.items()}
 
 
 def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float]) -> Array:
     """Probability of each rival, (rival,): the mean over the whole record, by `whole`, and its parts."""
-    missing = np.full(len(RECORD_PARTS), np.inf)
+    missing = np.full(len(PARTS_OF_RECORD), np.inf)
     table = [np.append(costs.get(name, missing), of_whole) for name, of_whole in whole.items()]
     return np.asarray(np.mean([probabilities(of_part) for of_part in np.transpose(table)], axis=0))
 
@@ -114,7 +114,7 @@ def error_of_model(model: FittedModel) -> Array:
     """
     count, kept = len(model.trials), 1 + model.columns - len(model.shape_columns)
     tables = [table[:, :kept] for table in model.white_tables()]
-    fits = [_solved(_in_part(tables, *part)) for part in ((0.0, 1.0), *RECORD_PARTS.values())]
+    fits = [_solved(_in_part(tables, *part)) for part in ((0.0, 1.0), *PARTS_OF_RECORD.values())]
     values, variances = (np.array(part)[:, : count + 1] for part in zip(*fits, strict=True))
     expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
     movement = np.mean((values[1:] - values[0]) ** 2, axis=0)
@@ -135,7 +135,7 @@ def _deviances(model: FittedModel) -> Array:
     runs = zip(model.rows, of_fit.ratios.tolist(), of_fit.variances, strict=True)
     logarithms = [2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance) for rows, ratio, variance in runs]
     deviances = []
-    for part in RECORD_PARTS.values():
+    for part in PARTS_OF_RECORD.values():
         inside = _in_part(tables, *part)
         squares, _ = squares_left(inside[:, 1:], inside[:, 0], 1e-10)
         deviances.append(squares + float(np.sum(_in_part(logarithms, *part))))

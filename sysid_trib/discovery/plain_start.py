@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.free_motion import FreeMotion, free_motion
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, method_of
-from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.schema import model_of
 from sysid_trib.validation.residuals import FollowedRuns
 from sysid_trib.validation.verdict import with_model_in_errors

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.discovery import single_columns as single
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
@@ -18,7 +18,6 @@ from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnib
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.shape_parameters import has_frequency_parameter
-from sysid_trib.records.decay import root_mean_square
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 NOT_FINITE = "it is not finite on this motion"
@@ -102,8 +101,8 @@ class Screening:
     def widening(self) -> float:
         """Factor by which errors from noise are too small if the omnibus test rejects; at least 1.
 
-        What is missing moves coefficients as it moves the scores of forces of any form: by as much as these
-        are larger than scores of noise, whose mean square is 1 (Birge 1932).
+        A missing force changes the coefficients as much as the scores of forces of any form. The mean square
+        of these scores is 1 for noise (Birge 1932).
         """
         tested = self.omnibus_z[self.omnibus_z != 0.0]
         rejects = self.omnibus_p_value < self.model.settings.level and len(tested)
@@ -256,7 +255,7 @@ def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialE
 def _lines(model: FittedModel) -> list[float]:
     """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows, and of its own.
 
-    What has the frequency of a force of the model leaves no line, and may stand in its place.
+    A force at the frequency of a model force leaves no line, but may replace it.
     """
     most, lines = model.settings.lines, list[tuple[float, float]]()
     for rows, residual in zip(model.rows, model.white_residuals(), strict=True):

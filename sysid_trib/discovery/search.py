@@ -230,8 +230,8 @@ def _collinear(last: Screening) -> list[str]:
 def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedModel, FittedModel, Rivals, bool]:
     """Return the simplest of equally likely models; the most likely one if the motion does not follow it.
 
-    Of those in a credible set with the model. A force of the user's own is plainer than one of the usual
-    candidates, and then one of fewer shapes.
+    The models are those in a credible set with the given one. Forces of the user are simpler than the usual
+    candidates; otherwise fewer shapes are simpler.
 
     Returns
     -------

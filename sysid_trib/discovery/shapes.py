@@ -24,9 +24,9 @@ def refined(
 
     Notes
     -----
-    A column halfway between two of correlation c, with the model and in its noise, has the correlation
-    ((1 + c) / 2)^(1/2) with either: what it gains is seen but for a part of (1 - c) / 2. That part is the
-    setting `tolerance`. Several shapes of a candidate are climbed instead (`climbed`).
+    A column halfway between two of correlation c, with the model and in its noise, has the correlation ((1 +
+    c) / 2)^(1/2) with either, so that a part (1 - c) / 2 of its gain is missed. The setting `tolerance`
+    limits this part. Several shapes of a candidate are optimised instead (`climbed`).
     """
     every, new, added = list[TrialEffect](), list(trials), dict[str, int]()
     alike, most = 1.0 - 2.0 * model.settings.tolerance, 2 * model.settings.shape_values
@@ -87,11 +87,11 @@ def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect
 
     Notes
     -----
-    What is screened has two to four values of each of three shapes, none of which may be near. From each
-    combination of a finer grid that is not worse than those next to it the shapes go one at a time to the
-    best of their neighbours, in steps that are halved down to the setting `shape_step` (compass search:
-    Kolda, Lewis, Torczon 2003). What gains no more than chance stays, and what gains far less than the
-    effects in whose place it is.
+    Screening has two to four values of each of three shapes, and none may be near. From each combination of a
+    finer grid that is not worse than those next to it the shapes go one at a time to the best of their
+    neighbours, in steps that are halved down to the setting `shape_step` (compass search: Kolda, Lewis,
+    Torczon 2003). Candidates are left as they are if their gain is not significant, or far below that of the
+    effects they would replace.
     """
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
@@ -108,7 +108,7 @@ def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect
 def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> list[TrialEffect]:
     """Return the combinations reached from the best of a grid, best first; none if none is significant.
 
-    Nor where all are far worse than the effects in whose place they are.
+    Skip the exchange if every candidate fits much worse than the effect it would replace.
     """
     (gains, of_gone), settings = _gains(model, grid, gone), model.settings
     if np.max(gains) < (1.0 - settings.family_tolerance) * of_gone:

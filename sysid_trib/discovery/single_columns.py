@@ -77,9 +77,9 @@ def each_column(
 
     Notes
     -----
-    Of one run this is `likelihood`. Of several runs the coefficients are solved for the variances of the
-    model without the column, and then each run's variances are the most likely ones with them; and again
-    for those of the model with the best column, since what is strong leaves another noise. The deviance is a
+    For one run this is `likelihood`. For several runs the coefficients are solved at the variances of the
+    model without the column, then the variances of each run are maximised. This is repeated with the
+    variances of the model with the best column, because a strong column changes the noise. The deviance is a
     little too high.
 
     Where a random force is most of the noise of a column, few rows may tell how large it is, and so the error
@@ -259,8 +259,8 @@ def known_finely(
 
     Notes
     -----
-    With a random force a motion is known as well as the sensor tells it. What a column gains along the path
-    is its square correlation with the one along the motion: but for a part that `tolerance` allows.
+    With a random force the sensor limits the knowledge of the motion. The gain of a column along the path is
+    reduced by its squared correlation with the column along the motion; `tolerance` is the largest reduction.
     """
     base = base_of(model, without)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
@@ -280,8 +280,8 @@ def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
 def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:
     """Return the mixtures of columns that are the same along an equally likely motion, (column, direction).
 
-    Of directions outside of the model's columns that are orthogonal in its noise. Parameters as of
-    `known_finely`: columns that differ little may be known though their difference is not.
+    The directions are outside of the model's columns and orthogonal in its noise. Parameters as in
+    `known_finely`: two similar columns may be known although their difference is not.
     """
     base = base_of(model)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))

@@ -10,15 +10,15 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
+from sysid_trib.discovery.judged_models import judged_models
 from sysid_trib.discovery.plain_start import PlainStart
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results import effects, variables
-from sysid_trib.validation.findings import with_noise_and_models
+from sysid_trib.validation.residuals import with_noise_and_models
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
@@ -59,6 +59,7 @@ def groups_of(
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
     groups["holdout"] = _holdout(search, motions[-1])
+    groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]})
     if len(seen) > 1:
         groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
     return groups

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.paths import RecordPath
 from sysid_trib.discovery.engine.run_rows import decimated, run_rows
@@ -20,7 +20,6 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.weak_form import whiten
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_frequency
 from sysid_trib.validation.holdout import first_held_out, up_to_held_out
@@ -29,7 +28,7 @@ from sysid_trib.validation.residuals import FollowedRuns
 
 
 class Prediction(NamedTuple):
-    """How a model predicts parts that it has not seen.
+    """Prediction of parts that a model has not seen.
 
     Attributes
     ----------
@@ -163,11 +162,11 @@ def predicted(
 
     Notes
     -----
-    Variances are the model's, and so are coefficients and shapes, with their errors: a model is not blamed
-    for what it does not know. Of the part itself come its start, which the rows need not know, and the
-    sensor's zero; of what came before what forces remember, as a resonator that rings on. The rows follow
-    each other in time, and the factor of their covariance is triangular: each is predicted by those before
-    it, a few samples ahead.
+    Variances are the model's, and so are coefficients and shapes, with their errors: a model is not penalised
+    for uncertain parameters. The start, which the rows need not know, and the sensor's zero come from the
+    part itself, and internal states from the record before, as those of a resonator. The rows follow each
+    other in time, and the factor of their covariance is triangular: each is predicted by those before it, a
+    few samples ahead.
     """
     scores, residuals = [], []
     for part, run in zip(parts, runs, strict=True):
@@ -248,7 +247,8 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
 def improvements(predictions: Sequence[Prediction]) -> Array:
     """Return the gain of the last prediction over each earlier one, in standard errors, (prediction - 1,).
 
-    Not each than the one before: while other forces are missing, a right name may predict worse.
+    Do not require every step to improve the prediction: a correct force can predict worse while others are
+    still missing.
 
     Notes
     -----

@@ -89,7 +89,7 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
     ):
         return library(*given)
     raise UsageError(
-        f"{function} wants a force library: st.load_library('contact_forces'), its name, or "
+        f"{function} needs a force library: st.load_library('contact_forces'), its name, or "
         f"st.library(zeta='2*v'); not {_kind(given)}."
     )
 
@@ -129,13 +129,13 @@ def _named(text: str) -> ForceLibrary:
         f.symbol: f for name in reversed(SHIPPED_LIBRARIES) for f in reversed(load_library(name).forces)
     }
     symbols = [symbol.strip() for symbol in text.split(",") if symbol.strip()]
-    unknown = [symbol for symbol in symbols if symbol not in shipped]
-    if unknown or not symbols:
+    not_shipped = [symbol for symbol in symbols if symbol not in shipped]
+    if not_shipped or not symbols:
         known = known_libraries()
-        nearest = did_you_mean(unknown[0] if unknown else text, [*known, *shipped])
+        nearest = did_you_mean(not_shipped[0] if not_shipped else text, [*known, *shipped])
         raise UsageError(
-            f"There is no library or force '{unknown[0] if unknown else text}'; give a TOML file, one of the "
-            f"libraries {', '.join(known)}, or the symbol of a force.{nearest}"
+            f"There is no library or force '{not_shipped[0] if not_shipped else text}'; give a TOML file, "
+            f"one of the libraries {', '.join(known)}, or the symbol of a force.{nearest}"
         )
     return ForceLibrary(
         ", ".join(symbols), tuple(shipped[symbol] for symbol in symbols), "contact_forces.toml"

@@ -95,7 +95,7 @@ def known_libraries() -> list[str]:
     """Return the names of the libraries of this package and of other installed ones."""
     # Systems are in the folder of the libraries and are none.
     stems = {path.stem for path in library_folder().glob("*.toml")} - {"systems"}
-    return sorted(stems | plugins.installed(plugins.LIBRARIES).keys())
+    return sorted(stems | plugins.installed(plugins.LIBRARY_PLUGINS).keys())
 
 
 def is_library(name_or_path: str) -> bool:
@@ -130,7 +130,7 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     if path.suffix != ".toml" and not os.path.exists(path):
         name = OTHER_NAMES.get(str(name_or_path), str(name_or_path))
         path = library_folder() / f"{name}.toml"
-        entry = plugins.installed(plugins.LIBRARIES).get(name)
+        entry = plugins.installed(plugins.LIBRARY_PLUGINS).get(name)
         if entry is not None and not os.path.isfile(path):
             return _of_package(entry)
     if not os.path.isfile(path):
@@ -156,8 +156,8 @@ def _of_package(entry: EntryPoint) -> ForceLibrary:
     if isinstance(given, str | Path) and Path(given).suffix == ".toml":
         return load_library(given)
     raise LibraryError(
-        f"The entry point '{entry.name}' of {plugins.LIBRARIES} is a {type(given).__name__}; it must be a "
-        "ForceLibrary, or the path of a TOML file."
+        f"The entry point '{entry.name}' of {plugins.LIBRARY_PLUGINS} has the type {type(given).__name__}; "
+        "it must be a ForceLibrary, or the path of a TOML file."
     )
 
 
@@ -260,5 +260,5 @@ def _check_finite(force: Force, where: str) -> None:
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:
             raise LibraryError(
                 f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad "
-                "and states of either sign; mind overflow, division by zero, roots or logarithms below zero."
+                "and states of either sign; check for overflow, division by zero, roots of negative numbers."
             )

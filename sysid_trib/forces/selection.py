@@ -63,11 +63,6 @@ def forces_to_identify(
     DecayError
         None remains, or there is a sensor term that the method does not know.
     """
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(
-            "A method's identify takes a ForceLibrary, st.load_library('contact_forces'); st.identify(decay, "
-            "library, method) takes a name too."
-        )
     if not sensors:
         refuse_sensors(library)
     stiffness = library.role("x")
@@ -126,7 +121,7 @@ def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -
     refuse_sensors(library)
     forces = {formula: library.role(formula) for formula in formulas}
     if missing := [formula for formula, force in forces.items() if force is None]:
-        raise DecayError(f"{method} wants a force of formula {missing[0]}, and the library has none.")
+        raise DecayError(f"{method} needs a force of formula {missing[0]}, and the library has none.")
     return library.select(force.symbol for force in forces.values() if force is not None)
 
 
@@ -359,8 +354,8 @@ def system(
 def known_coefficients(library: ForceLibrary) -> dict[str, float]:
     """Return the coefficients that a user's library states, by symbol; they are held.
 
-    Those of the package's libraries are free where their force is asked for by name: a record then says
-    whether they hold.
+    The known coefficients of the package's libraries are free if their force is named: the record then tests
+    them.
     """
     shipped = {f"{name}.toml": name for name in SHIPPED_LIBRARIES}
     sources = library.source.split(" + ")

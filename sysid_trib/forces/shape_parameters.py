@@ -1,11 +1,10 @@
-"""Shape parameters of forces: which of them are frequencies or phases, and their scale over their range."""
+"""Shape parameters that are frequencies or phases of their forces."""
 
 from functools import lru_cache
 
 import numpy as np
 
-from sysid_trib.arrays import Array
-from sysid_trib.forces.force import Force, Shape
+from sysid_trib.forces.force import Force
 
 # How nearly a natural frequency is the shape that gives it.
 SAME = 0.05
@@ -68,25 +67,3 @@ def is_phase(force: Force, name: str) -> bool:
         force.formula.evaluate(points | {name: shape.default + part * TURN}) for part in (0.0, 0.3, 1.0)
     ]
     return bool(np.allclose(turned[0], turned[2]) and not np.allclose(turned[0], turned[1]))
-
-
-def is_wide(shape: Shape) -> bool:
-    """Return true if a shape parameter spans more than a decade, so that its logarithm is uniform."""
-    return shape.low > 0.0 and shape.high > 10.0 * shape.low
-
-
-def evened(shape: Shape, value: float) -> float:
-    """Return the coordinate of a shape parameter that is uniform over its range."""
-    return float(np.log(value)) if is_wide(shape) else value
-
-
-def from_unit(shape: Shape, part: Array) -> Array:
-    """Return values of a shape parameter from their positions in its range."""
-    low, high = evened(shape, shape.low), evened(shape, shape.high)
-    values = low + part * (high - low)
-    return np.asarray(np.clip(np.exp(values), shape.low, shape.high) if is_wide(shape) else values)
-
-
-def slope_of_unit(shape: Shape, value: float) -> float:
-    """Return the derivative of a shape parameter by its position in the range."""
-    return value * float(np.log(shape.high / shape.low)) if is_wide(shape) else shape.high - shape.low

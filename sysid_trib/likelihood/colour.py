@@ -95,7 +95,7 @@ class Lines:
 def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
     """Return the spectral lines above a frequency (in units of that of the motion); rows include those below.
 
-    None where the steps of time differ.
+    There are none if the time steps differ.
 
     Notes
     -----

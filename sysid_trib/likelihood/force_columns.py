@@ -180,7 +180,7 @@ def derivatives_along(
 def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coefficient: float) -> Array:
     """Return the derivative of a force by x or v along a motion, with jumps at zero as bumps.
 
-    What is left of the rise within `STEEP` of the amplitude by the tangents at its ends is the jump.
+    The jump is the rise within `STEEP` of the amplitude, minus that of the tangents at its ends.
     """
     x, v = names["x"], names["v"]
     # A root of squares takes a seventh of the time of numpy's hypot.

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.least_squares import ConstraintMap
@@ -16,7 +16,6 @@ from sysid_trib.likelihood.regression import (
     with_common_values,
 )
 from sysid_trib.likelihood.rows import Solution, solve, weak_rows
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 

@@ -99,7 +99,7 @@ def filter_slopes(partial: Array) -> Array:
 def memory_samples(whitening_filter: Array) -> int:
     """Return the number of samples after which the inverse of a whitening filter is negligible.
 
-    Of a long one twice its length: what noise of long memory does after so long, it leaves out itself.
+    For a long filter it is twice its length, because the filter itself neglects longer memory.
     """
     if len(whitening_filter) == 1:
         return 0

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.colour import Lines, lines_above, most_likely_colour, sensor_colour
 from sysid_trib.likelihood.least_squares import ConstraintMap
-from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.regression import RunRegression
 from sysid_trib.likelihood.rows import Rows, rows_about
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_band
@@ -28,6 +28,7 @@ from sysid_trib.likelihood.variance_ratio import (
 )
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured
 from sysid_trib.records.smoothing import smooth
+from sysid_trib.results.random_force import RandomForce
 
 # Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
 # they count as so many samples.

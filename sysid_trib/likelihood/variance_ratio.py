@@ -71,7 +71,7 @@ class WhiteRows:
         # The triangular factor of the design and the target holds all that is needed.
         acting = self._size > 0.0
         size = self._size[acting]
-        # Columns that lie in one piece, as LAPACK wants them, take a third of the time.
+        # Columns that lie in one piece, as LAPACK needs them, take a third of the time.
         columns = np.concatenate([self.design.T[acting] / size[:, None], self.target[None]])
         factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
         count = len(size)

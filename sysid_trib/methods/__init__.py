@@ -1,6 +1,6 @@
 """Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`.
 
-What a method assumes, observes and identifies is its attribute `scope`.
+The attribute `scope` of a method states its assumptions, observed quantities and identified forces.
 """
 
 import json
@@ -34,11 +34,11 @@ __all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_dec
 
 
 def __dir__() -> list[str]:
-    return sorted([*__all__, *plugins.installed(plugins.METHODS)])
+    return sorted([*__all__, *plugins.installed(plugins.METHOD_PLUGINS)])
 
 
 def __getattr__(name: str) -> Any:
-    entry = plugins.installed(plugins.METHODS).get(name)
+    entry = plugins.installed(plugins.METHOD_PLUGINS).get(name)
     if entry is None:
         nearest = did_you_mean(name, __dir__())
         raise AttributeError(f"There is no method {name}; there are {', '.join(__dir__())}.{nearest}")
@@ -47,7 +47,41 @@ def __getattr__(name: str) -> Any:
 
 def every_kind() -> tuple[type[Any], ...]:
     """Return the methods of this package, and those that other packages declare (`sysid_trib.methods`)."""
-    return (*METHODS, *(_of_package(entry) for entry in plugins.installed(plugins.METHODS).values()))
+    return (*METHODS, *(_of_package(entry) for entry in plugins.installed(plugins.METHOD_PLUGINS).values()))
+
+
+def as_method(given: Any, function: str) -> Any:
+    """Return the method that is given, by itself or by its name: `direct`, or `Direct`.
+
+    Parameters
+    ----------
+    given : Method or str
+    function : str
+        The function that takes it, for the message.
+
+    Raises
+    ------
+    UsageError
+        No such method, or a class in the place of an object.
+    """
+    if isinstance(given, str):
+        kinds = {name: kind for kind in every_kind() for name in (kind.__name__.lower(), _label_of(kind))}
+        if given.lower() not in kinds:
+            known = ", ".join(kind.__name__ for kind in every_kind())
+            nearest = did_you_mean(given, kinds)
+            raise UsageError(f"{function}: there is no method '{given}'; there are {known}.{nearest}")
+        return kinds[given.lower()]()
+    if isinstance(given, type) and hasattr(given, "identify"):
+        raise UsageError(f"{function} needs a method such as methods.{given.__name__}(), not its class.")
+    if not hasattr(given, "identify"):
+        raise UsageError(f"{function} needs a method such as methods.Direct(), not {given!r}.")
+    return given
+
+
+def _label_of(kind: type[Any]) -> str:
+    """Return the name of a method in tables, in small letters."""
+    scope = kind().scope if hasattr(kind, "scope") else None
+    return scope.label.lower() if isinstance(scope, MethodScope) else kind.__name__.lower()
 
 
 def _of_package(entry: EntryPoint) -> type[Any]:
@@ -62,7 +96,7 @@ def _of_package(entry: EntryPoint) -> type[Any]:
     if isinstance(kind, type) and hasattr(kind, "identify"):
         return kind
     raise UsageError(
-        f"The entry point '{entry.name}' of {plugins.METHODS} is no method: it must be a class with "
+        f"The entry point '{entry.name}' of {plugins.METHOD_PLUGINS} is no method: it must be a class with "
         "identify(decay, library)."
     )
 

@@ -25,7 +25,7 @@ from sysid_trib.methods.auxiliary import (
 from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.indirect import IndirectEstimate, as_identification, as_measured, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 SCOPE = MethodScope(
@@ -261,8 +261,8 @@ class Averaging(Constrained):
 def _with_errors_of_unbounded(estimate: IndirectEstimate, unbounded: IndirectEstimate) -> IndirectEstimate:
     """An estimate at its bounds with the covariance of the one that knows no bounds.
 
-    A coefficient at its bound is not known: the errors of the others allow for what it may be. What the
-    bounds leave in the residual widens them.
+    A coefficient at its bound is not known: the errors of the others include its uncertainty. The residual
+    due to the bounds widens them.
     """
     ratios = [max(1.0, of.birge_ratios[""]) for of in (estimate, unbounded)]
     widening = max(1.0, ratios[0] / ratios[1])
@@ -336,7 +336,7 @@ class FrequencyShift:
         asked = library.select(force.symbol for force in shifting if force is not stiffness)
         if not len(asked):
             label = self.scope.sentence_label
-            raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
+            raise DecayError(f"{label} needs a nonlinear conservative force, and the library has none.")
         auxiliary = _damped_model(asked, self.shapes)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
         forces, reference, count = asked.forces, self.reference_frequency, len(asked)

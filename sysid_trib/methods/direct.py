@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -39,11 +39,11 @@ from sysid_trib.likelihood.rows import (
 )
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables, start_variables
+from sysid_trib.results.variables import Variables, described, start_variables
 from sysid_trib.simulation.model import Model
 
 MAX_SELECTIONS = 5
@@ -224,7 +224,8 @@ class Direct(Constrained):
         result = result.assign(_random_force(solution, self.random_force))
         reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
         result = asked.marked(result, [offered.symbols[i] for i in reached])
-        return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
+        result = result.assign(described("identification", {"refined": refined}))
+        return result.assign_attrs(correlation_lags=solution.lags)
 
     @property
     def _fits_random_force(self) -> bool:
@@ -288,6 +289,6 @@ def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Arra
         result = method.identify(one_or_all(halves), library)
     except DecayError:
         return None
-    if result.attrs["refined"] != "True":
+    if not result.refined:
         return None
     return np.append(result.coefficient.values, result.reference_frequency.item())

@@ -11,7 +11,6 @@ from sysid_trib.arrays import Array, jacobian
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import (
-    RandomForce,
     RandomForceOption,
     is_fitted,
     random_force_of_ratio,
@@ -27,10 +26,11 @@ from sysid_trib.methods.auxiliary import (
 )
 from sysid_trib.methods.half_period_equations import DENSITY, ENVELOPE_ERRORS
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
-from sysid_trib.results.variables import variable
+from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -57,8 +57,10 @@ class IndirectEstimate:
         Scaled by the Birge ratios.
     birge_ratios : Mapping of str to float
         Of each group of equations, and of all by an empty name.
-    bias_removed : str
-        `yes`, or `no` and why.
+    bias_removed : bool
+        Whether the bias was taken off.
+    bias_reason : str
+        Why it was not, where that was tried.
     random_forces : list of RandomForce
         Of each run; none where the motion is not pushed.
     """
@@ -67,7 +69,8 @@ class IndirectEstimate:
     bias: Array
     covariance: Array
     birge_ratios: Mapping[str, float]
-    bias_removed: str
+    bias_removed: bool
+    bias_reason: str
     random_forces: Sequence[RandomForce] = ()
 
     def mapped(self, function: Callable[[Array], Array]) -> "IndirectEstimate":
@@ -137,15 +140,17 @@ def _estimate(
 ) -> tuple[IndirectEstimate, Groups]:
     """The estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
     first = auxiliary.fit(measured)
-    values, last, bias_removed = auxiliary.values(first), first, "no"
+    values, last = auxiliary.values(first), first
+    bias_removed, bias_reason = False, ""
     if correct:
         try:
             values, last = _corrected(auxiliary, decays, measured, first)
-            bias_removed = "yes"
+            bias_removed = True
         except (SysidTribError, np.linalg.LinAlgError) as error:
-            bias_removed = f"no: {error}"
+            bias_reason = str(error)
     ratios, bias = birge_ratios(last), auxiliary.values(first) - values
-    estimate = IndirectEstimate(values, bias, auxiliary.covariance(first, ratios), ratios, bias_removed)
+    covariance = auxiliary.covariance(first, ratios)
+    estimate = IndirectEstimate(values, bias, covariance, ratios, bias_removed, bias_reason)
     return estimate, last
 
 
@@ -205,7 +210,7 @@ def _motion_from_start(
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
     """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
-    Of a motion that is pushed far the steps themselves converge slowly, or lead away.
+    With a strong random force the plain steps converge slowly, or diverge.
     """
     # Corrections by whose differences the next is shortened or lengthened.
     recent = slice(-5, None)
@@ -252,4 +257,5 @@ def as_identification(
     if indirect.random_forces:
         result = result.assign(random_force_variables(indirect.random_forces))
     assumes = scope_of(method).assumes
-    return result.assign_attrs(first_order_bias_removed=indirect.bias_removed, assumes=assumes)
+    result = result.assign(described("identification", {"first_order_bias_removed": indirect.bias_removed}))
+    return result.assign_attrs(first_order_bias_reason=indirect.bias_reason, assumes=assumes)

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -29,7 +29,7 @@ from sysid_trib.motion_fit.least_squares import (
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
-from sysid_trib.records.decay import Decays, as_runs, root_mean_square
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -82,10 +82,9 @@ class Trajectory(Constrained):
     `compared_in`, and `bias` of the sensor with `bias_standard_error`; `measured_noise` is that of a sample.
 
     The window grows over the records unless the start already follows them; sensitivities are differences of
-    exact motions, so that switching times and the stop take part. Of several runs each counts by its own
+    exact motions, so that switching times and the stop take part. Each of several runs is weighted by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
-    rule. One that a bound stops is held there; the errors, its own too, are those of the fit in which it is
-    free.
+    rule. A parameter at its bound is held there; all errors are those of the fit in which it is free.
     """
 
     reference_frequency: float | None = None
@@ -194,7 +193,7 @@ class Trajectory(Constrained):
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
     """Return the direct identification, its first guess and the colour of the sensor noise.
 
-    None where it fails and a start model is given.
+    Return None if it fails and a start model is given.
     """
     parameters = problem.parameters
     # Held parameters act on the first guess too; ties act only in the fit of the motion.

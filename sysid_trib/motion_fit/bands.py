@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.motion_fit.linearised import sensor_on
 from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
 
@@ -112,9 +112,9 @@ def _recent_ratios(
 
     Notes
     -----
-    Errors of a random force are those of a white series: of a model that lacks nothing the sum of their
-    squares is a chi-square. What a model lacks comes and goes with the amplitude, so that predictions of long
-    ago say little of it.
+    Errors of a random force are those of a white series: for a complete model the sum of their squares is a
+    chi-square. The effect of a missing force changes with the amplitude, so that old predictions say little
+    about it.
     """
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
     factors = np.ones(len(starts))

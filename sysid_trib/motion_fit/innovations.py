@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array, Index
+from sysid_trib.arrays import Array, Index, root_mean_square
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood import random_force, sensor_noise
+from sysid_trib.likelihood import sensor_noise
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results import schema, signal_scale
+from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 
@@ -80,7 +80,7 @@ class TrackedRecord:
         SimulationError
             The motion between two samples cannot be computed.
         """
-        per_tau = random_force.RandomForce(density).per_tau(self.model.reference_frequency)
+        per_tau = RandomForce(density).per_tau(self.model.reference_frequency)
         return self if per_tau == self.per_tau else _settled(replace(self, per_tau=per_tau))
 
 
@@ -114,7 +114,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     decay = decay.isel(time=slice(None, None, every))
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = model.reference_frequency
-    per_tau = random_force.random_force_of(result, run).per_tau(frequency)
+    per_tau = random_force_of(result, run).per_tau(frequency)
     # A record without noise is still one of finite digits.
     sensor = sensor_noise.sensor_noise_of(result, run).of_every(every, len(time))
     noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))

@@ -9,13 +9,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
-from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.simulate import trajectory

@@ -162,7 +162,8 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     Notes
     -----
     A force f(x, v) of a motion that decays is such a series, its Fourier series on the cycle: the describing
-    function is its resonant part. What acts within a step is Simpson's mean, moved on by the free oscillator.
+    function is its resonant part. The force within a step is Simpson's mean, propagated by the free
+    oscillator.
     """
     step = np.diff(tau)
     # The motion from each sample without the push of the step: with it, columns would hold what they explain.

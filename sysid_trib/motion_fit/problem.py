@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.sensor_noise import autoregression, whitened
 from sysid_trib.motion_fit.parameters import Parameters
-from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.records.inputs import KnownInput, inputs_for
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.results import schema, variables
 from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model

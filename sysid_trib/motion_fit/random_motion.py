@@ -21,11 +21,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.likelihood.colour import most_likely_colour
 from sysid_trib.likelihood.random_force import (
-    RandomForce,
     RandomForceOption,
     average_over_ratios,
     random_force_of_ratio,
@@ -38,8 +37,8 @@ from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import birge_ratio
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 
 PATIENCE = 10

@@ -7,7 +7,7 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import model_estimate, of_measured
 from sysid_trib.results.effects import significant
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import variable, with_error
 
 

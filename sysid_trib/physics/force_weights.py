@@ -152,7 +152,7 @@ def shares(estimate: estimates.ModelEstimate, unit: Array) -> tuple[Array, Array
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 0.0) -> Array:
     """Largest |h| on the cycles of these amplitudes (rad); internal states are on their settled cycle.
 
-    Of a force with memory it is half from peak to peak.
+    For a force with memory it is half the distance between peaks.
     """
     at = np.broadcast_to(np.asarray(time, float), a.shape)
     if not force.memoryless:

@@ -187,10 +187,11 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     UsageError
         Not an identification.
     """
+    variables.refuse_whole_result(result)
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
     if missing or "library" not in result.attrs:
         raise UsageError(
-            "This wants an identification, as identify returns it; "
+            "This needs an identification, as identify returns it; "
             f"{', '.join(missing) or 'library'} is missing."
         )
     # A sensor term takes no energy and has no weight.

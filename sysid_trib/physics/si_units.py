@@ -12,6 +12,7 @@ from sysid_trib.forces.notation import signal_powers
 from sysid_trib.physics import model_estimate as estimates
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.records.units import METRES
+from sysid_trib.results.kinds import MU
 from sysid_trib.results.variables import described, signal_units, variable
 
 # A value and its standard error.
@@ -178,16 +179,6 @@ def _at_unit_rate(force: Force) -> float | None:
     if force.kind != "force" or not names <= {"v"} or force.speed_degree is None:
         return None
     return float(force.value(0.0, 1.0))
-
-
-# Group of a result in SI units, what was given for it, and what it may hold.
-SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
-MU = "friction_coefficient"
-
-
-def si_of(tree: xr.DataTree) -> xr.Dataset | None:
-    """Return the preferred result in SI units, if it contains them."""
-    return tree[SI].to_dataset() if SI in tree.children else None
 
 
 def check_measured(names: Set[str]) -> None:

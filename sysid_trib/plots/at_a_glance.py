@@ -20,9 +20,9 @@ from sysid_trib.plots.over_time import draw_in_time, draw_weights, drawn_models,
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.effects import determines
-from sysid_trib.results.files import is_of_driven, kind_of
+from sysid_trib.results.judged import LARGE, follows, kept_results, last_of, preferred_of
+from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
-from sysid_trib.validation.findings import LARGE, answer_of, holds, kept_results
 from sysid_trib.validation.lack_of_fit import residual_force
 
 # Of a row of panels, and of one of residuals, over the page and in a column, inch.
@@ -112,7 +112,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         titles = [""] * len(panels)
         if "F" in panels:
             # A model that failed has no weights, but what it lacks can be seen.
-            of_surface = main if main is not None else tree[tree["comparison"].attrs["second"]].to_dataset()
+            of_surface = main if main is not None else last_of(tree)
             _surface(panels["F"], of_surface, record[["angle"]], run, "right" if wide else "bottom")
             titles[-1] = MISSING_TITLE
         style.letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
@@ -135,7 +135,7 @@ def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
         ratio = tree["comparison"].holdout_over_noise.sel(model=best)
         return {best: tree[best].to_dataset()}, bool(ratio <= LARGE)
     results = kept_results(tree).items()
-    return dict(sorted(results, key=lambda pair: pair[0] == answer_of(tree))), holds(tree)
+    return dict(sorted(results, key=lambda pair: pair[0] == preferred_of(tree))), follows(tree)
 
 
 def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:

@@ -14,8 +14,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, shows
 from sysid_trib.plots.style import INK, ORANGE
-from sysid_trib.results.schema import library_of
-from sysid_trib.validation.findings import column_power
+from sysid_trib.results.judged import column_power, comparison_of
+from sysid_trib.results.models import library_of
 
 # Marks of the families that methods state (see `MethodScope`).
 OTHER_FAMILY = "other"
@@ -39,7 +39,7 @@ ARROW_BEYOND = 5.0
 
 def shown_methods(tree: xr.DataTree) -> xr.Dataset:
     """The group `comparison` of a result of `compare`, of the methods that have any result."""
-    table = tree["comparison"].to_dataset()
+    table = comparison_of(tree)
     # A method that failed must not set a scale.
     table = table.isel(model=np.flatnonzero((table.failure == "") | (table.model == table.attrs["best"])))
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]

@@ -21,7 +21,7 @@ from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import Bbox
 
 from sysid_trib.errors import UsageError
-from sysid_trib.results.files import is_of_driven, kind_of
+from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
 Draw = TypeVar("Draw", bound=Callable[..., Figure])

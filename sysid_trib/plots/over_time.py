@@ -15,11 +15,11 @@ from sysid_trib.errors import UsageError
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND
 from sysid_trib.plots.style import MODEL_LINES, Style
-from sysid_trib.records.decay import RecordLike
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.results.effects import steps_taken, tied_name
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.judged import LAST_THIRD, failures, is_refitted, judged_of
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_symbol, signal_units, small_units
-from sysid_trib.validation.findings import LAST_THIRD, failures, is_refitted
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 3000
@@ -51,14 +51,14 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
 def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[str, str]]:
     """Lines of the models of a run that have a motion, and what legends call all of them, by their names.
 
-    Those of a cross-check, those before and after of a discovery, that which predicts best of a comparison.
+    These are the models of a cross-check, the first and last of a discovery, or the best one of a comparison.
     """
     data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
     if kind == "discover":
         labels = {"before": "start model", "after": f"with {_effects(tree)}"}
     else:
-        checked = tree["comparison"].attrs
-        names = [checked["best"]] if kind == "compare" else [checked["first"], checked["second"]]
+        compared = kind == "compare"
+        names = [tree["comparison"].attrs["best"]] if compared else judged_of(tree).model.values.tolist()
         labels = dict(zip(names, names, strict=True))
     # A model that broke down must not set a scale.
     failed = failures(tree) if kind in ("cross_check", "driven") else {}

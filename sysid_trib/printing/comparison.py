@@ -8,36 +8,35 @@ import pandas as pd
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.verdict import EFFECTIVE, constraint_sentences, identifiability_warnings
+from sysid_trib.results.judged import LARGE, applied_methods, column_power, comparison_of, given_results
+from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.validation.findings import LARGE, applied_methods, column_power, given_results
-from sysid_trib.validation.verdict import is_found
 
 FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than so many standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
 ALIKE, ALIKE_LEVEL = 1.01, 0.01
-BY_METHOD, HELD_OUT = "Coefficients by method", "Prediction of what was held out"
+BY_METHOD, HELD_OUT = "Coefficients by method", "Prediction of the held-out part"
 DIFFERENCES = "Difference from the method that predicts best, in standard errors of both"
 QUALITY = (
     "RMS residual (record minus simulated model) of the whole record (all); of a model identified from the "
     "first two thirds, on these (train) and on the last third (held out)"
 )
 STOCHASTIC_METHODS = (
-    "In addition to the noise a random force was found, for which the errors of these methods allow: {}. "
-    "Whether it is one, or stands for a force that is missing, `sysid-trib identify` tests."
+    "A random force was found in addition to the noise; the errors of these methods allow for it: {}. "
+    "`sysid-trib identify` tests whether it is one, or stands for a force that is missing."
 )
 # In the order in which they are looked for.
 CAUSES = {
-    "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
-    "lacking": "The probable cause: {} neglects forces, and others take their place (see remarks)",
-    "bias": "The probable cause is a bias that these methods leave in (see remarks)",
-    "biased": "The probable cause is a bias that {} leaves in (see remarks)",
-    "form": "They know the same forces: probably these do not have the form of what acts, and each method "
-    "weighs the residual in its own way",
+    "neglect": "These methods neglect forces, which biases the others (see remarks)",
+    "lacking": "The probable cause: {} neglects forces, which biases the others (see remarks)",
+    "bias": "The probable cause is a bias of these methods (see remarks)",
+    "biased": "The probable cause is a bias of {} (see remarks)",
+    "form": "They have the same forces, so the form of a force is probably wrong: each method weighs the "
+    "residual differently",
 }
 
 
@@ -114,7 +113,7 @@ def _ratio(value: float) -> str:
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """Return the blocks of a result of `compare`; `sources` describe the records."""
-    table, details, units = tree["comparison"].to_dataset(), Layer.EXPLAIN, signal_units(tree)
+    table, details, units = comparison_of(tree), Layer.EXPLAIN, signal_units(tree)
     of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
     differ, warnings = _differences(table), identifiability_warnings(table.attrs)
     # The first cause is in the remarks of the table.
@@ -135,21 +134,21 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
 
 def _prediction(tree: xr.DataTree) -> str:
     """Describe which method predicts the held-out part best, and whether the forces explain it."""
-    table, groups = tree["comparison"].to_dataset(), record_groups(tree)
+    table, groups = comparison_of(tree), record_groups(tree)
     starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
-    third = "The last third" if len(groups) == 1 else "The last third of each run"
+    third = "the last third" if len(groups) == 1 else "the last third of each run"
     best = table.sel(model=table.attrs["best"])
     if np.isnan(best.holdout_rms.item()):
-        return f"No method could be tested on {third.lower()}, held out."
+        return f"No method could be tested on the held-out part ({third})."
     ratio = best.holdout_over_noise.item()
-    explains = ratio <= LARGE and best.attrs.get("white_residual") != "no"
+    explains = ratio <= LARGE and bool(best.get("white_residual", True))
     explain = "explain" if explains else "do not explain"
     if ratio > LARGE and _with_random_force(tree):
         explain = "without a random force do not explain"
     return (
-        f"{third}, held out from {starts} on, is predicted best by {table.attrs['best']}: RMS residual "
-        f"{layout.in_small_units(best.holdout_rms.item(), signal_units(tree))}, {ratio:.3g} times the noise. "
-        f"These forces {explain} it."
+        f"{table.attrs['best'].capitalize()} predicts the held-out part best ({third}, from {starts} on): "
+        f"RMS residual {layout.in_small_units(best.holdout_rms.item(), signal_units(tree))}, "
+        f"{ratio:.3g} times the noise. These forces {explain} it."
     )
 
 
@@ -158,7 +157,7 @@ def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
     stochastic = _with_random_force(tree)
     # It is nan for a motion that diverges from the record.
     if not ratio_of_best(table) <= LARGE:
-        effective = f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."
+        effective = f"{EFFECTIVE}. Standard errors include the change between parts of the record."
         yield STOCHASTIC_METHODS.format(", ".join(stochastic)) if stochastic else effective
 
 
@@ -171,7 +170,7 @@ def ratio_of_best(table: xr.Dataset) -> float:
 
 def _with_random_force(tree: xr.DataTree) -> list[str]:
     """Methods of all forces that found a random force, if the one that predicts best is among them."""
-    table = tree["comparison"].to_dataset()
+    table = comparison_of(tree)
     stochastic = [
         label
         for label, result in given_results(tree).items()
@@ -186,7 +185,7 @@ def _as_good(table: xr.Dataset) -> Iterator[str]:
     as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
     good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
     if labels := others.model.values[good].tolist():
-        yield f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
+        yield f"As good (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
 
 
 def _noise(table: xr.Dataset) -> str:
@@ -195,17 +194,17 @@ def _noise(table: xr.Dataset) -> str:
     whose = "the record" if len(levels) == 1 else "each run"
     factor, unit = small_units(signal_units(table))
     sizes = " and ".join(f"{factor * level:.2g}" for level in levels.tolist())
-    noise = f"The noise is that of {whose}: {sizes} {unit} a sample, from {table.attrs['noise_from']}."
+    noise = f"The sensor noise of {whose} is {sizes} {unit} per sample, from {table.attrs['noise_from']}."
     ratio, kept = ratio_of_best(table), applied_methods(table)
     if ratio <= LARGE:
         return noise
     if np.isnan(ratio):
-        return f"{noise} The motion of the best model leaves the record."
+        return f"{noise} The motion of the best model diverges from the record."
     labels = " and ".join(kept.model.values[kept.white_noise.values.astype(bool)].tolist())
     errors = f" Errors stated by {labels} are too small: they assume white noise." if labels else ""
     return (
-        f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has another form, or the "
-        f"record holds slower disturbances.{errors}"
+        f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has a different form, or "
+        f"the record contains slow disturbances.{errors}"
     )
 
 
@@ -216,8 +215,8 @@ def _by_accident(table: xr.Dataset) -> Iterator[str]:
     ratio = (ratios.sel(model=best) / ratios.min()).item()
     if ratio > LARGE:
         yield (
-            f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "
-            "prediction is good by accident, and differences from it say little."
+            f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its good "
+            "prediction is a coincidence, and differences from it mean little."
         )
 
 
@@ -248,9 +247,9 @@ def _reference(table: xr.Dataset) -> Iterator[str]:
     owner, symbol = table.attrs["common_frequency_of"], table.attrs["exchangeable_with_the_frequency"]
     origin = "given" if owner == "given" else f"w of {owner}"
     yield (
-        f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Their differences are "
-        "over the errors of both methods, taken as independent. All methods saw the same noise: these "
-        "numbers are rather too small."
+        f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Differences are "
+        "divided by the errors of both methods, taken as independent. All methods see the same noise, so "
+        "these ratios are too small rather than too large."
     )
     if symbol:
         yield (
@@ -261,7 +260,7 @@ def _reference(table: xr.Dataset) -> Iterator[str]:
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `compare` as plain data."""
-    table, several = tree["comparison"].to_dataset(), len(record_groups(tree)) > 1
+    table, several = comparison_of(tree), len(record_groups(tree)) > 1
     starts = [tree[group].holdout_start for group in record_groups(tree)]
     keys = layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})
     data = {
@@ -270,6 +269,7 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
         **{name: table[name] for name in ("common_frequency", "noise")},
         **table.attrs,
         "methods": layout.mapped(table, keys),
+        **layout.judged_json(tree),
     }
     if several:
         data |= {"holdout_starts": starts, "run_noises": table.run_noise}

@@ -239,6 +239,31 @@ def _value(data: Any, source: str | Mapping[str, Any]) -> Any:
     return data[name.removesuffix("?")]
 
 
+def by_variables(data: xr.Dataset) -> dict[str, Any]:
+    """Return scalars by the names of their variables, others by each label of their dimension.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of one dimension with labels, beside dimensions without.
+    """
+    dims = [dim for dim in data.dims if dim in data.coords]
+    along = {name: next((dim for dim in dims if dim in data[name].dims), "") for name in data.data_vars}
+    said: dict[str, Any] = {str(name): data[name] for name, dim in along.items() if not dim}
+    for dim in dims:
+        names = [name for name, of in along.items() if of == dim]
+        said[str(dim)] = {
+            label: {str(name): part[name] for name in names}
+            for label, part in by_label(data, str(dim)).items()
+        }
+    return said
+
+
+def judged_json(tree: xr.DataTree) -> dict[str, Any]:
+    """Return what was judged of each model, by the names of the variables."""
+    return {"judged": by_variables(tree["judged"].to_dataset())["model"]}
+
+
 def per_label(data: Any, dim: str, source: str | Mapping[str, Any]) -> dict[str, Any]:
     """Return the entries of a source at each label of a dimension; nothing without the dimension."""
     if dim not in data.dims:

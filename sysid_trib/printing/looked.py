@@ -104,7 +104,7 @@ def loses_power(force: Force) -> str:
 FEW_SAMPLES = 20.0
 # An amplitude that falls by less than this factor hardly tells one law of damping from another.
 LEAST_FALL = 2.0
-# Amplitudes that an identification wants for each of its forces.
+# Amplitudes that an identification needs for each of its forces.
 AMPLITUDES_A_FORCE = 3
 # A drift that counts, beside the last amplitude.
 DRIFTS = 0.1

@@ -16,13 +16,13 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods import method_of, scope
-from sysid_trib.records.decay import RECORD_PARTS, RecordsLike, as_runs
+from sysid_trib.records.runs import RecordsLike, as_runs
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.effects import at_bound
-from sysid_trib.results.variables import Variables, described, group_names, signal_units
+from sysid_trib.results.judged import error_parts, main_result
+from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names, signal_units
 from sysid_trib.validation import random_effects, refits
 from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
-from sysid_trib.validation.findings import error_parts, main_result
 from sysid_trib.validation.identify import identify, usual_methods
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
 
@@ -188,7 +188,7 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
     results = [main_result(member) if isinstance(member, xr.DataTree) else member for member in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
     if not kept or len(kept) < len(results):
-        raise UsageError("difference wants two identifications, or lists of them, as identify returns them.")
+        raise UsageError("difference needs two identifications, or lists of them, as identify returns them.")
     return kept
 
 
@@ -266,7 +266,7 @@ def _held_apart(
 ) -> xr.Dataset:
     """`difference`, where the error of the model is what the differences themselves move between parts.
 
-    What both samples lack alike moves both alike, and no difference.
+    A force missing in both samples changes both alike, but not the difference.
     """
     return _difference(sides, level, _model_error_of_difference(sides, runs, library))
 
@@ -291,7 +291,7 @@ def _model_error_of_difference(
         return means[0] - means[1], np.sqrt(variances[0] + variances[1])
 
     (whole, stated), changes, errors = contrast(sides), [], []
-    for limits in RECORD_PARTS.values():
+    for limits in PARTS_OF_RECORD.values():
         parts = [
             [part_fit(method_of(m), [run], library, limits, m) for m, run in zip(side, of_side, strict=True)]
             for side, of_side in zip(sides, runs, strict=True)

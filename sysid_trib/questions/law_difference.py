@@ -15,11 +15,11 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import System
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.questions.difference import SIDES
+from sysid_trib.results.judged import best
 from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws import bands
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
 from sysid_trib.smooth_laws.laws import laws
-from sysid_trib.validation.findings import best
 
 # Group of a result that holds what `law_difference` returns.
 LAW_DIFFERENCE = "law_difference"
@@ -64,7 +64,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
     """
     samples = [best(sample) for sample in (first, second)]
     if any("friction_covariance" not in sample for sample in samples):
-        raise UsageError("law_difference wants two results of laws; identify the laws first (st.laws).")
+        raise UsageError("law_difference needs two results of laws; identify the laws first (st.laws).")
     if len({signal_units(sample) for sample in samples}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     values: dict[str, Any] = {}

@@ -11,7 +11,7 @@ from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.motion_fit.least_squares import Fit, covariance_root
 from sysid_trib.questions.profiles import free_likelihood
-from sysid_trib.records.decay import Decays
+from sysid_trib.records.runs import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described
 

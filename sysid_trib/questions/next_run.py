@@ -1,6 +1,5 @@
 """Next run: release and duration that separate competing models, or give a wanted error."""
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TypeAlias
@@ -10,13 +9,13 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.questions import rivals as models
 from sysid_trib.questions.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
-from sysid_trib.results import files, signal_scale
+from sysid_trib.results import judged, kinds, signal_scale
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
-from sysid_trib.validation import findings, holdout
+from sysid_trib.validation import holdout
 
 Span: TypeAlias = tuple[float | None, float | None]
 # Releases and durations that are tried between the limits, in equal ratios.
@@ -85,7 +84,7 @@ def plan(
     are those after all records. Of a run only what a search fits counts: where the last third is held out,
     the rest. Errors are by the inverse of Fisher's informations of all runs.
     """
-    if isinstance(result, xr.DataTree) and files.is_of_driven(result):
+    if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
         raise UsageError("A plan is of releases of a free decay; the records of this result are driven.")
     wanted, unit = dict(wanted or {}), signal_units(result)
     given = {
@@ -187,10 +186,9 @@ def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float
     record = result[group]
     time = record.time.values
     window = np.asarray(record.attrs.get("kept_window", time[[0, -1]]))
-    rate, text = 1.0 / float(np.median(np.diff(time))), str(record.attrs.get("decimated", ""))
-    before, after = re.findall(r"\d+", text)[:2] if text else (1, 1)
+    rate = 1.0 / float(np.median(np.diff(time)))
     release = float(np.abs(record.angle).max())
-    return release, float(window[-1] - window[0]), rate, rate * int(before) / int(after)
+    return release, float(window[-1] - window[0]), rate, rate * float(record.attrs.get("decimation", 1.0))
 
 
 def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
@@ -212,8 +210,8 @@ def _longest(
 ) -> tuple[RunPrediction | None, float]:
     """Predict a rival's longest run and return its stop time (s).
 
-    Nothing is fitted after the stop; it is infinite of a motion that does not. None of no such motion.
-    `given` : what `predicted` takes besides.
+    Nothing is fitted after the stop, which is infinite for a motion that does not stop. Without a motion the
+    prediction is None. `given` : further arguments of `predicted`.
     """
     for time in reversed(times):
         with suppress(SysidTribError):
@@ -240,7 +238,7 @@ def _worth(
     after = models.covariance_after(runs[known.name])
     of_noise = np.sqrt(np.sum((known.directions @ after) * known.directions, axis=1))
     stated = dict(zip(known.model.coefficients, of_noise.tolist(), strict=False))
-    of_model = dict(zip(main.force.values.tolist(), findings.error_parts(main)[1].tolist(), strict=True))
+    of_model = dict(zip(main.force.values.tolist(), judged.error_parts(main)[1].tolist(), strict=True))
     errors = np.hypot([stated[s] for s in known.fitted], [of_model[s] for s in known.fitted])
     return {"entropy": entropy, "probability": right + 1.0 - moving.sum(), "standard_error": errors}
 

@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Trajectory, method_of
 from sysid_trib.motion_fit.least_squares import Fit
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results.random_force import random_force_of
 
 # Confidence of the intervals, and the root of the deviance at their ends.
 CONFIDENCE = 0.95

@@ -11,15 +11,14 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.shape_parameters import slope_of_unit
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
-from sysid_trib.results import effects, files, references, schema, variables
+from sysid_trib.results import effects, judged, kinds, references, schema, variables
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation import simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
-from sysid_trib.validation import findings, random_force_test
+from sysid_trib.validation import random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
@@ -63,8 +62,8 @@ def predicted(
 ) -> tuple[RunPrediction, float]:
     """Predict a rival after a start (rad, rad/s), in units of the noise, and return its stop time (s).
 
-    Beside it when the motion stops (s), infinite if it does not. `forcing` : the model about whose motion a
-    random force acts, and its ratio to the noise of a sample: then innovations are predicted.
+    The stop time is infinite if the motion goes on. `forcing` : the model with a random force, and its ratio
+    to the noise of a sample; then innovations are predicted.
 
     Raises
     ------
@@ -98,11 +97,11 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     UsageError
         Nothing was identified.
     """
-    main = findings.main_result(result) if isinstance(result, xr.DataTree) else result
+    main = judged.main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
-        raise UsageError("plan wants a result that identified a model.")
+        raise UsageError("plan needs a result that identified a model.")
     stated = _stated(main)
-    tree = result if isinstance(result, xr.DataTree) and files.kind_of(result) == "discover" else None
+    tree = result if isinstance(result, xr.DataTree) and kinds.kind_of(result) == "discover" else None
     if tree is None or not effects.added_effects(tree):
         return main, [stated], stated
     rivals = _of_discovery(tree)
@@ -114,7 +113,7 @@ def _stated(result: xr.Dataset) -> Rival:
     model = schema.model_of(result)
     symbols = [s for s in result.force.values.tolist() if s in model.coefficients]
     covariance, total = references.stated_covariance(result, symbols), result.standard_error.values
-    of_noise = np.divide(findings.error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
+    of_noise = np.divide(judged.error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
     part = np.append(of_noise[np.isin(result.force.values, symbols)], 1.0)
     count, shapes = len(symbols), len(model.shapes)
     directions = np.zeros((count + shapes + 1, count + 1))
@@ -164,7 +163,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
     """
     model, library = schema.model_of(result), schema.library_of(result)
     shapes = [(name.partition("."), value) for name, value in model.shapes.items()]
-    unit = np.array([slope_of_unit(library[force].shape[name], value) for (force, _, name), value in shapes])
+    unit = np.array([library[force].shape[name].slope(value) for (force, _, name), value in shapes])
     held = result.standard_error.sel(force=list(model.coefficients)).values == 0.0
     fitted = result.reference_frequency_standard_error.item() > 0.0
     is_free = np.flatnonzero([*~held, *np.full(len(unit), True), fitted])

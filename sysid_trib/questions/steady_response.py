@@ -15,6 +15,7 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.records.inputs import INPUT, PER_KIND, KnownInput
 from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results.judged import best
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
@@ -26,12 +27,12 @@ PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
 # What is said of each frequency, and of each simulation.
-RESPONSE = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
+RESPONSE_CURVES = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
 SIMULATED_CHECKS = ("check_frequency", "check_amplitude", "simulated_amplitude")
 
 
 def forced_response(
-    result: xr.Dataset,
+    result: xr.Dataset | xr.DataTree,
     drive: ArrayLike,
     frequencies: ArrayLike,
     *,
@@ -43,8 +44,8 @@ def forced_response(
 
     Parameters
     ----------
-    result : Dataset
-        An identification, of a decay or of a driven record.
+    result : Dataset or DataTree
+        An identification, of a decay or of a driven record; of a whole result its preferred one.
     drive : float or (frequency,) array of float
         Amplitude of the input, in its unit; of a model without one the deflection that it would have at rest,
         in the unit of the signal.
@@ -88,6 +89,7 @@ def forced_response(
     size = np.broadcast_to(np.asarray(drive, dtype=float), w.shape)
     if not np.all(np.isfinite(size) & (size > 0.0)):
         raise UsageError("A drive must be a positive amplitude: a number, or one for each frequency.")
+    result = best(result)
     forces = schema.library_of(result)
     if is_free_to_move(forces, dict(zip(forces.symbols, result.coefficient.values.tolist(), strict=True))):
         raise UsageError("A body without a restoring force has no resonance; its response is that of a mass.")
@@ -132,7 +134,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]
-    data = dict(zip(RESPONSE, (amplitude, *bands, phase), strict=True))
+    data = dict(zip(RESPONSE_CURVES, (amplitude, *bands, phase), strict=True))
     data |= dict(zip(SIMULATED_CHECKS, checks, strict=True))
     data |= {"frequency_ratio": w / result.asymptotic_frequency.item(), "left_open": left_open}
     coords = {"sweep": list(SWEEPS), **variables.described("response", {"frequency": w})}

@@ -274,7 +274,7 @@ def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
 def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
     """Rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
 
-    None where there is no decay.
+    Return None if there is no decay.
     """
     try:
         curve = half_sines.envelope(free_decay(xr.Dataset({"angle": ("time", values)}, {"time": time})))

@@ -34,7 +34,7 @@ class ChosenColumns(NamedTuple):
 
 
 class TriedColumn(NamedTuple):
-    """How a column swings, or why it does not."""
+    """Swing of a column, or the reason why it has none."""
 
     swing: equilibrium.Swing | None
     reason: str

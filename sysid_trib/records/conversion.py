@@ -70,10 +70,10 @@ def factor_between(given: str, wanted: str) -> float | None:
     """
     if given.strip() == wanted.strip():
         return 1.0
-    one, other = _parsed(given), _parsed(wanted)
-    if one is None or other is None or one.powers != other.powers:
+    first, second = _parsed(given), _parsed(wanted)
+    if first is None or second is None or first.powers != second.powers:
         return None
-    return one.size / other.size
+    return first.size / second.size
 
 
 def _parsed(text: str) -> UnitSize | None:

@@ -24,7 +24,7 @@ MOST_TEXTS = 100
 
 
 class Contents(NamedTuple):
-    """What is in a file.
+    """Contents of a file.
 
     Attributes
     ----------

@@ -10,9 +10,10 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes
-from sysid_trib.records.decay import RecordLike, decay_dataset, free_part, short_decay
+from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.in_memory import one_record
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
@@ -31,7 +32,7 @@ def free_decay(
 ) -> xr.Dataset:
     """Cut a record to its free decay and centre it on its equilibrium.
 
-    Of several decays in one record it is the one that travels farthest; `free_decays` gives them all.
+    If a record has several decays, this is the one with the longest travel; `free_decays` gives all.
 
     Parameters
     ----------
@@ -240,7 +241,7 @@ def _swing(time: Array, signal: Array, mended: str, value: float | None, source:
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
     swing = find_swing(time, signal, value)
     if swing is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise; check column and window.")
+        raise DecayError(f"{source}: no oscillation is visible above the noise; check column and window.")
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)

@@ -195,8 +195,8 @@ def smooth(time: Array, signal: Array, period: float) -> Oscillation:
 def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> HalfPeriods:
     """Split an oscillation at the zero crossings that lead from one clear side to the other.
 
-    A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis).
-    Of several chattering crossings on the way, the middle counts.
+    A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis). The
+    middle of several noisy crossings counts.
     """
     time, signal = oscillation.time, oscillation.signal - equilibrium
     magnitude = np.abs(signal)

@@ -12,8 +12,8 @@ from sysid_trib import records
 from sysid_trib.arrays import Array, Index, Variables, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import equilibrium, signal
-from sysid_trib.records.decay import RecordLike
 from sysid_trib.records.half_periods import HalfPeriods, analytic_extrema, noise_of_record
+from sysid_trib.records.runs import RecordLike
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
@@ -255,7 +255,7 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
 def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Response of extrema and times to impulses of density 1: (2 half periods, impulse) each.
 
-    What stays for good, from one extremum to the next; and what passes.
+    There is a lasting part, from one extremum to the next, and a transient part.
     """
     b, t = measured.extremum.values, measured.extremum_time.values
     (lasting, passes), count = _impulse_response(measured.attrs.get("curve", "half-sines")), len(b)

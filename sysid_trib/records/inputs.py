@@ -263,9 +263,9 @@ def refuse_inputs(record: xr.Dataset) -> None:
     names = [name for name, given in inputs_of(record).items() if np.any(given.values)]
     if names:
         raise UsageError(
-            f"This record has a known input ({', '.join(names)}), which Direct and Trajectory identify it "
-            "with, and simulate, predict, innovations and prediction_bands take; leave it out where it is "
-            f"zero, drop_vars('{names[0]}')."
+            f"This record has a known input ({', '.join(names)}), which only Direct, Trajectory, "
+            "simulate, predict, innovations and prediction_bands accept; if it is zero, remove it: "
+            f"drop_vars('{names[0]}')."
         )
 
 

@@ -89,6 +89,10 @@ def read_record(
     RecordError
         A file without such a record: malformed, not finite, times out of order.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise UsageError(
+            "read_record reads a file; what is in memory is a record as it is: st.free_decay((t, angle))."
+        )
     given = time, angle, signal, units, sampling_rate, time_units, length
     how = reading.Reading(*given, inputs=inputs.named_inputs(input), between=between)
     records = read_records(path, how)
@@ -221,7 +225,7 @@ def _as_record(
 def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict[str, Any]:
     """Return the acceleration that an accelerometer at a distance (m) measures per sine of the angle."""
     if swing is None:
-        raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")
+        raise RecordError(f"{source}: no oscillation is visible above the noise; choose another axis.")
     felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
     # An accelerometer that feels less of gravity than this part shows no angle.
     if felt < 0.02 * lab.STANDARD_GRAVITY:

@@ -196,8 +196,8 @@ def input_columns(inputs: Mapping[str, str | int], table: FileTable) -> list[Col
 def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
     """Inputs of other files, looked for in its folder too; a `*` in a name stands for the record's own.
 
-    Of several files that fit, as `*_y.mat`, it is the one whose name agrees with the record's for longest; a
-    UsageError is raised where there is none, or several agree as long.
+    If several files match, as `*_y.mat`, the file with the longest common beginning of its name and the
+    record's is taken. A UsageError is raised if there is none, or several are equal.
     """
     return {
         name: wanted if other is None else f"{_near(other, record)}:{wanted}"

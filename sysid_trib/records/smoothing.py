@@ -210,7 +210,7 @@ def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float
 def first_frequency(runs: Sequence[xr.Dataset]) -> float:
     """Frequency from which fits of runs begin, by the median of theirs, rad/s.
 
-    What is driven, as by a belt, may swing beside its zero: about its own middle then. A driven run that does
+    A driven body, as on a belt, may swing away from zero: its own middle is used then. A driven run that does
     not swing, as one that is lifted slowly, has no frequency beside others that do.
 
     Raises

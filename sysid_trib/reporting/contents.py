@@ -13,6 +13,7 @@ from sysid_trib import plots
 from sysid_trib._version import __version__
 from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.rows import STATUS, counts_of
+from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.plots.over_time import MOST_POINTS
@@ -27,7 +28,7 @@ from sysid_trib.printing import (
     laws,
     layout,
 )
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups
 
 # A part of a page as `page.html` reads it.
@@ -56,6 +57,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
 
 def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
     """Title of the page of a result, sentences above all sections, and sections."""
+    tree = with_consequences(tree)
     title, blocks_of = PAGES[kind_of(tree)]
     return title, *sections_of(blocks_of(tree), _figures(tree))
 

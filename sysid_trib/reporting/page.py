@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.reporting import provenance
 from sysid_trib.reporting.contents import Part, contents_of
-from sysid_trib.results.files import kind_of, write_file
+from sysid_trib.results.files import write_file
+from sysid_trib.results.kinds import kind_of
 
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
 # Letters are outlines: they were placed by the widths of a font that few readers have.

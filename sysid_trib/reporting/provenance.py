@@ -13,7 +13,7 @@ from sysid_trib.forces.library import library_folder, library_of_text, load_libr
 from sysid_trib.methods import method_of
 from sysid_trib.printing.equation import from_template
 from sysid_trib.reporting.contents import Part
-from sysid_trib.results.files import identifications_of, kind_of
+from sysid_trib.results.kinds import identifications_of, kind_of
 from sysid_trib.results.schema import NOT_KEPT
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
@@ -93,9 +93,9 @@ def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
 def python_text(tree: xr.DataTree) -> str:
     """Lines of Python that read the records and compute the result."""
     kind, named = kind_of(tree), identifications_of(tree)
-    checked = tree["comparison"].attrs if kind in ("cross_check", "laws", "driven") else {}
-    only = next(iter(named))
-    first, last = (named[checked.get(which, only)] for which in ("first", "second"))
+    checked = tree["judged"].attrs if kind in ("cross_check", "laws", "driven") else {}
+    models = tree["judged"].model.values.tolist() if checked else [next(iter(named))]
+    first, last = named[models[0]], named[models[-1]]
     options = json.loads(tree.attrs["options"]) if kind == "discover" else {}
     known = [last[name].item() for name in ("omega0", "omega0_standard_error") if name in last]
     return from_template(

@@ -1,4 +1,4 @@
-"""What a command prints of a result, for Python: as text, and as HTML in a notebook."""
+"""Results as text, as a command prints them, and as HTML in a notebook."""
 
 import html
 import io
@@ -11,10 +11,11 @@ import xarray as xr
 from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.errors import UsageError, printable
 from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.printing import Block, Layer, campaign, driven, looked
 from sysid_trib.printing.written import blocks_of_layer, write_blocks
 from sysid_trib.reporting.contents import PAGES, as_table
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.kinds import kind_of
 
 # Of what else than results is shown: variables by which it is known.
 CAMPAIGN, BACKBONE, RESPONSE = {"status", "message"}, {"damping_ratio", "dissipative_force"}, {"left_open"}
@@ -102,7 +103,7 @@ def _blocks_of(result: xr.Dataset | xr.DataTree | ForceLibrary) -> Iterable[Bloc
         )
     tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
     if kind := kind_of(tree):
-        return PAGES[kind][1](tree)
+        return PAGES[kind][1](with_consequences(tree))
     data = tree.to_dataset()
     held = {str(name) for name in data.data_vars}
     if held >= CAMPAIGN:

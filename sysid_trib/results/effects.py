@@ -9,7 +9,8 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.forces import force, library
+from sysid_trib.forces import force
+from sysid_trib.forces.library import library_of_text
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
@@ -114,7 +115,7 @@ def _where_others_are_zero(
 
 def candidates_of(tree: xr.DataTree) -> force.ForceLibrary:
     """The candidates that were offered."""
-    return library.library_of_text(tree.attrs["candidates"], "candidates")
+    return library_of_text(tree.attrs["candidates"], "candidates")
 
 
 def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:

@@ -10,12 +10,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib._version import __version__
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.library import library_of_text
-from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, variable
+from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.results.models import library_of as library_of, shape_values_of as shape_values_of
+from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, refuse_whole_result, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
@@ -192,12 +192,6 @@ def covariance_with_frequency(result: xr.Dataset) -> Array:
     return whole
 
 
-def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
-    """The force library of an identification: the forces it holds, or the whole file it was read from."""
-    library = library_of_text(result.attrs["library"], result.attrs["library_source"])
-    return library if whole else library.select(result.force.values.tolist())
-
-
 def model_of(result: xr.Dataset, run: int = 0) -> Model:
     """The identified model: active forces that refer to the reference frequency.
 
@@ -211,6 +205,7 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
     -------
     Model with the coefficients, frequency (rad/s) and shape parameters found, without their errors.
     """
+    refuse_whole_result(result)
     frequency = result.reference_frequency.item()
     kept = result.active.values & np.isclose(result.refers_to.values, frequency, rtol=1e-12)
     identified = zip(
@@ -219,11 +214,3 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
     acting = library_of(result).in_run(run + 1)
     coefficients = {symbol: c for symbol, c in identified if symbol in acting.symbols}
     return Model(acting, coefficients, frequency, shape_values_of(result, acting))
-
-
-def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> dict[str, float]:
-    """Shape parameters of an identification by name, such as `dahl.s`; those of a library alone if given."""
-    if "shape" not in result:
-        return {}
-    values = dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
-    return values if library is None else {k: v for k, v in values.items() if k in library.shape_values()}

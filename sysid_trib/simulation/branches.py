@@ -165,7 +165,8 @@ def grip_of(program, J, slot):
 def held_by(program, c):
     """The surface near which both sides push towards it, so that a motion stays there, or `FREE`.
 
-    That of v alone is rest, of which `settle` decides. Most are crossed, which the first side tells.
+    The surface of v alone is rest, which `settle` decides. Most surfaces are crossed, which the first side
+    shows.
     """
     for m in range(1, len(program.signs)):
         near = abs(c.v[at.VALUES, m]) < at.NEAR_SURFACE

@@ -115,7 +115,7 @@ class SimulatedMotion:
 
 
 class Forcing(NamedTuple):
-    """What is given over time.
+    """Inputs and random force of a motion over time.
 
     Attributes
     ----------
@@ -283,11 +283,10 @@ def _raise(outcome: int, elapsed: float) -> None:
     if outcome == under_way.GROWS:
         raise SimulationError(
             f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
-            "mind negative damping and negative stiffness in the coefficients, a far start, and a strong "
-            "random force."
+            "check for negative damping or stiffness, a start far away, and a strong random force."
         )
     reason = {under_way.SWITCHES: "switches without end", under_way.STEPS: "needs too many steps"}
     raise SimulationError(
-        f"The motion {reason.get(outcome, 'is not finite')}, {after}; mind forces that switch or are "
+        f"The motion {reason.get(outcome, 'is not finite')}, {after}; check for forces that switch or are "
         "singular there."
     )

@@ -61,9 +61,14 @@ def simulate(
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
     UsageError
-        The density is negative or not finite, an input that is not one finite number for each time, or one
-        that no force holds.
+        It is no model, the density is negative or not finite, an input that is not one finite number for each
+        time, or one that no force holds.
     """
+    if not isinstance(model, Model):
+        raise UsageError(
+            "simulate takes a Model: that of a result is st.physics.model_of(st.best(result)), and "
+            "st.predict(result, record) is its motion from the start of a record."
+        )
     time = np.asarray(time, dtype=float)
     if not (np.isfinite(random_force) and random_force >= 0.0):
         raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")
@@ -178,7 +183,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
     if not random_force and not any(channel.input in model.inputs for channel in model.driven):
         return None
     if len(tau) < 2:
-        raise SimulationError("A motion that is pushed wants two or more times that increase.")
+        raise SimulationError("A motion with a random force needs two or more increasing times.")
     ends, added = tau[:1], np.zeros((1, 2))
     if random_force:
         ends, added = _impulses(tau, 0.5 * random_force / w**3, seed)

@@ -22,7 +22,6 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.likelihood.force_columns import derivatives_along
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import covariance_band, sensor_noise_of
 from sysid_trib.likelihood.weak_form import build_weak_form, cholesky_factor, coloured, noise_operator, whiten
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
@@ -30,6 +29,7 @@ from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_along
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.results import references, schema
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion, first_zero
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
@@ -259,7 +259,7 @@ def _influence(
             return None
         of_motion = _of_motion(followed, noises, parameters, of_rows=isinstance(method, Direct))
         return None if of_motion is None else [slopes @ part for part in of_motion]
-    if method.curve != "half-sines" or result.attrs.get("first_order_bias_removed") != "yes":
+    if method.curve != "half-sines" or not result.get("first_order_bias_removed", False):
         return None
     runs = [*followed.runs.values()]
     library = schema.library_of(result).select(parameters.symbols)
@@ -284,7 +284,7 @@ def _influence(
 
 def _is_refined(method: Direct, result: xr.Dataset) -> bool:
     """True if the rows are about the motion of the identified model."""
-    return method.form == "weak" and result.attrs.get("refined") == "True"
+    return method.form == "weak" and bool(result.get("refined", False))
 
 
 def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) -> tuple[Array, Array]:
@@ -306,7 +306,7 @@ def _of_motion(
 ) -> list[Array] | None:
     """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run.
 
-    Of all that the samples tell, or of what the rows of `Direct` hold of it.
+    The fit uses all information of the samples, or only that in the rows of `Direct`.
     """
     tables: list[Array] = []
     seen: list[RunNoise | WeakRows] = []

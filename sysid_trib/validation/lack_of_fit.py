@@ -1,6 +1,6 @@
 """Lack of fit of models: in damping or frequency, by a force over angle and rate, by a spectral line."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -18,8 +18,6 @@ from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
-
-SHORT = {"frequency": "frequency", "damping_ratio": "damping"}
 
 
 def lack_of_fit(
@@ -39,7 +37,8 @@ def lack_of_fit(
     Dataset
         Over ``model`` and ``amplitude`` (of `backbone`): ``frequency`` (rad/s) and ``damping_ratio`` of the
         models, and ``frequency_deviation``, ``damping_ratio_deviation``: model minus record in half widths of
-        the simultaneous 95 % band, so that a model is outside beyond 1. nan where a model does not come.
+        the simultaneous 95 % band, so that a model is outside beyond 1. nan where a model does not come. Over
+        ``model`` and ``curve`` the farthest ``departure`` beyond the band, and between which amplitudes.
 
     Raises
     ------
@@ -58,19 +57,20 @@ def lack_of_fit(
         of_models = np.array([pair[name] for pair in both]).reshape(len(both), 2, -1)
         values |= {name: of_models[:, 0], f"{name}_deviation": of_models[:, 1]}
     coords = {"model": list(results), **described("lack_of_fit", {"amplitude": backbone.amplitude.values})}
-    return xr.Dataset(described("lack_of_fit", values), coords)
+    return _with_departures(xr.Dataset(described("lack_of_fit", values), coords))
 
 
 class Departure(NamedTuple):
-    """A range of amplitude in which a model is outside of the band of a curve.
+    """Range of amplitudes in which a model leaves the band of a curve.
 
     Attributes
     ----------
     curve : str
+        `frequency` or `damping_ratio`.
     deviation : float
-        The largest, in half widths of the band, positive where the model is above the record.
+        The largest in half widths of the band, positive where the model is above the record.
     low, high : float
-        The range of amplitude; 0 and infinite beyond the ends of the record's.
+        Between which amplitudes; 0 and infinite beyond the ends of the record's.
     """
 
     curve: str
@@ -90,28 +90,22 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
         for first, end in edges.reshape(-1, 2):
             part = deviation[first:end][np.isfinite(deviation[first:end])]
             farthest = float(part[np.argmax(np.abs(part))]) if len(part) else np.inf
-            low = amplitude[first] if first else 0.0
-            high = amplitude[end - 1] if end < len(amplitude) else np.inf
+            low = float(amplitude[first]) if first else 0.0
+            high = float(amplitude[end - 1]) if end < len(amplitude) else np.inf
             those.append(Departure(name, farthest, low, high))
     return sorted(those, key=lambda departure: -abs(departure.deviation))
 
 
-def departure_sentence(ranges: Sequence[Departure], unit: str) -> str:
-    """Describe the largest departure from each curve of the backbone."""
-    farthest = {departure.curve: departure for departure in reversed(ranges)}
-    ordered = sorted(farthest.values(), key=lambda departure: -abs(departure.deviation))
-    return " and ".join(f"in {SHORT[d.curve]} {_between(d.low, d.high, unit)}" for d in ordered)
-
-
-def _between(low: float, high: float, unit: str) -> str:
-    """Between which amplitudes, in words: "from 0.4 rad up"."""
-    if low == 0.0:
-        return "at all amplitudes" if np.isinf(high) else f"up to {high:.2g} {unit}"
-    if np.isinf(high):
-        return f"from {low:.2g} {unit} up"
-    if f"{low:.2g}" == f"{high:.2g}":
-        return f"at {low:.2g} {unit}"
-    return f"from {low:.2g} to {high:.2g} {unit}"
+def _with_departures(lack: xr.Dataset) -> xr.Dataset:
+    """Add the farthest departure of each model from each curve; 0 of one that stays within the band."""
+    nothing = {name: Departure(name, 0.0, np.nan, np.nan) for name in bands.CURVES}
+    rows = []
+    for model in lack.model.values.tolist():
+        farthest = nothing | {of.curve: of for of in reversed(departures(lack, model))}
+        rows.append([farthest[name][1:] for name in bands.CURVES])
+    columns = np.moveaxis(np.array(rows, dtype=float), -1, 0)
+    values = dict(zip(("departure", "departure_low", "departure_high"), columns, strict=True))
+    return lack.assign_coords(curve=list(bands.CURVES)).assign(described("lack_of_fit", values))
 
 
 def _against(
@@ -266,7 +260,7 @@ LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
     """Angular frequency (rad/s) and amplitude of a line in a residual; nan where there is none.
 
-    Of time in s and a residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
+    Time is in s, the residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
 
     A line's power over the mean of 2 m neighbours' is F distributed with 2 and 4 m degrees of freedom where
     the spectrum is flat about it: P(> r) = (1 + r/(2 m))^(-2 m); times the number of lines (Bonferroni).

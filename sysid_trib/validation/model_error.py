@@ -6,12 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.least_squares import sensitivities
-from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results import schema, variables
 from sysid_trib.simulation import initial_conditions, motions
@@ -93,11 +92,11 @@ class FittedParts(NamedTuple):
 def fitted_parts(
     runs: RunList, method: Method, library: ForceLibrary, result: xr.Dataset, *, later_only: bool = False
 ) -> FittedParts:
-    """Identify each of `RECORD_PARTS` of the runs, and every other run, and predict the rest.
+    """Identify each of `PARTS_OF_RECORD` of the runs, and every other run, and predict the rest.
 
     With `later_only` a part predicts only what comes after it, where a decay is within the part's range.
     """
-    limits = RECORD_PARTS.values()
+    limits = variables.PARTS_OF_RECORD.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
     pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
     missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends, later_only)]

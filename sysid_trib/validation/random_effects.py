@@ -158,8 +158,8 @@ class RandomEffects:
     def shrunken(self) -> tuple[Array, Array]:
         """Return shrunken estimates of the values and their standard errors, (value,) each.
 
-        At one tau the mean of value and effects, weighted by both variances. What few values leave open of
-        tau is averaged over: restricted likelihood times Jeffreys' prior.
+        At one tau it is the mean of value and effects, weighted by both variances. The result is averaged
+        over tau with restricted likelihood times Jeffreys' prior, because few values leave tau uncertain.
         """
         last = self._tau_of(float(scipy.stats.chi2.ppf(LAST_P_VALUE, self.degrees_of_freedom)))
         taus = max(last, float(np.max(self.errors))) * np.logspace(-4.0, 0.0, TAUS)

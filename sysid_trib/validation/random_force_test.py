@@ -16,10 +16,11 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood import random_force, sensor_noise, variance_ratio
+from sysid_trib.likelihood import sensor_noise, variance_ratio
 from sysid_trib.motion_fit import bands, kalman, linearised
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.results import signal_scale, variables
+from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.validation.residuals import FollowedRuns
 
 NULL_DRAWS = 60
@@ -71,7 +72,7 @@ def random_force_dependence(
     two variances is free with and without. The size: `size_p_values`. Records that are simulated in the
     linear model calibrate both.
     """
-    if not random_force.random_force_of(result, run):
+    if not random_force_of(result, run):
         raise UsageError("This identification has no random force; take random_force='estimated'.")
     return dependence_on_motion(FollowedRuns({run: decay}, result), run, seed)
 
@@ -106,7 +107,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     p_value = min(1.0, 2.0 * min(of_force["any"], of_size["any"]))
     p_values = [[of_aspect[on] for on in ON] for of_aspect in (of_force, of_size)]
     chi_square, columns, _ = gains["any"]
-    density = random_force.RandomForce.density_of(null.ratio * null.variance, w)
+    density = RandomForce.density_of(null.ratio * null.variance, w)
     deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
     of_density = scipy.stats.chi2.sf(max(0.0, deviances[0] - deviances[1]), 1)
     numbers = (p_value, chi_square, columns, density, of_density)

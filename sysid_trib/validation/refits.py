@@ -13,7 +13,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
-from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs, one_or_all
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale, variables
 
 # The noise that a fit of the motion may allow for.
@@ -147,7 +147,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
 def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
     """Every fit: what it is, and how it is made."""
     whole = list(runs)
-    for name, limits in RECORD_PARTS.items():
+    for name, limits in variables.PARTS_OF_RECORD.items():
         yield Refit("window", name, method, [run.isel(time=between(run, limits)) for run in runs])
     # Starts: so many periods of the record are left out before it.
     for periods in (1.0, 3.0):

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.errors import SimulationError
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import BY_START, MEASURED, first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory

@@ -1,41 +1,35 @@
 """Verdict on a record and the preferred method: noise of the identification, and its errors."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib import forces
-from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
-from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import effects, references, schema, signal_scale, variables
+from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import model_error
+from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 
-# Significance level of a residual that is not white noise.
-RESIDUAL_LEVEL = 1e-3
 # Families of methods that fit the motion, and so see a random force in it.
 DECIDING = ("direct", "trajectory")
-# Level at which a random force depends on something, and at which there is one at all.
-DEPENDENCE_LEVEL = 0.01
 # And at which the residual of a free motion depends on the amplitude, before a random force is looked for.
 AMPLITUDE_LEVEL = 1e-6
 # Noise of so many times that of the sensor is more than an error of its estimate.
 MARKED = 1.5
-VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
-# A model is approximate that leaves no more than this part of the motion (RMS).
-APPROXIMATE_PART = 0.05
 
 
 def widening(result: xr.Dataset, residual_over_noise: float) -> float:
@@ -50,17 +44,11 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
 
     Notes
     -----
-    Birge 1932: errors by the noise alone times the residual over the noise. What a method has widened
-    already, by the Birge ratio of its own equations, is not widened twice; nor is what it takes for a random
-    force, which its errors allow for.
+    Birge 1932: errors by the noise alone times the residual over the noise. Errors that a method has widened
+    by the Birge ratio of its equations are not widened twice. A random force is already in the errors.
     """
     stated = max(1.0, float(result.get("birge_ratio", 1.0)))
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
-
-
-def is_found(force: RandomForce) -> bool:
-    """Return true if a random force is significant or given."""
-    return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
 
 
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
@@ -89,35 +77,30 @@ def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr
     return tested.assign(variables.described("random_force", {"reason": reason}))
 
 
-def verdict_on_record(
-    explained: str, unexplained: float, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]
-) -> str:
-    """One of `VERDICTS`; a record that decides no coefficient explains nothing, whatever is left of it.
+def evidence_of_models(table: xr.Dataset, followed: Mapping[str, FollowedRuns]) -> dict[str, Evidence]:
+    """Return the evidence on each model of `judged`; that on the noise is of the last one.
 
     Parameters
     ----------
-    explained : {"yes", "partly", "no"}
-        Whether the residual, with a random force the innovations, is noise.
-    unexplained : float
-        RMS of record minus motion over that of the record, of the answer's model; nan without a motion.
-    followed : FollowedRuns
-        All runs of the identification.
-    groups : mapping of str to Dataset
-        Of `random_force_groups`.
+    table : Dataset
+        Of `judged`.
+    followed : mapping of str to FollowedRuns
+        All runs of each identification, by the name of its model.
     """
-    verdict = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
-    if "random_force" in groups:
-        if explained != "no" and p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL:
-            verdict = "explained with a random force"
-    elif explained == "yes" and not _noise_hides_a_force(followed):
-        verdict = "explained"
-    if effects.determines(followed.result):
-        return verdict
-    # No model of these forces could have been contradicted: its rows leave but the noise, although the motion
-    # of coefficients that are not known may diverge.
-    rows = float(followed.result.get("birge_ratio", np.inf))
-    quiet = rows <= MARKED and "random_force" not in groups
-    return "undetermined" if quiet or verdict.startswith("explained") else verdict
+    last = [*followed.values()][-1]
+    random = is_found(random_force_of(last.result))
+    white = bool(np.nanmax(table.p_value.values) >= RESIDUAL_LEVEL)
+    hides = white and not random and _noise_hides_a_force(last)
+    evidence = {}
+    for name, of in followed.items():
+        evidence[name] = evidence_of(
+            table.sel(model=name),
+            has_random_force=random,
+            noise_hides_a_force=hides,
+            determines=effects.determines(of.result),
+            rows_are_noise=float(of.result.get("birge_ratio", np.inf)) <= MARKED,
+        )
+    return evidence
 
 
 def is_random(followed: FollowedRuns) -> bool:
@@ -168,28 +151,22 @@ def p_value_of_dependence(tested: xr.Dataset) -> float:
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
 
 
-def checked_library(
-    function: str, library: LibraryLike | None, methods: Iterable[Any], decay: Decays
-) -> ForceLibrary:
-    """The library that is offered; what is no method is refused.
+def checked_library(function: str, library: LibraryLike | None, decay: Decays) -> ForceLibrary:
+    """Return the library that is offered.
 
     By default it is that of the contact forces, with the first force of each input of the records.
 
     Raises
     ------
     UsageError
-        Something else in the place of a library or method, or a class in that of an object.
+        Something else in the place of a library.
     """
     if library is None:
         runs = [decay] if isinstance(decay, xr.Dataset) else [*decay]
         of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
         names = [name for known in of_runs for name in known if name != inputs.INPUT]
         library = with_inputs_acting(load_library(), names)
-    offered = forces.as_library(library, function)
-    for method in methods:
-        if isinstance(method, type) or not hasattr(method, "identify"):
-            raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
-    return offered
+    return forces.as_library(library, function)
 
 
 @signal_scale.in_units_of_the_motion
@@ -307,7 +284,7 @@ def has_white_residual(followed: FollowedRuns) -> bool:
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
     whole = followed.once("residual", lambda: residuals({"": followed}, followed.result))
-    return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
+    return float(whole.p_value.item()), float(whole.tested_over_noise.item())
 
 
 def _stochastic(

@@ -1,4 +1,4 @@
-"""No text of a figure is small, cut, or over another, in a column and over a page."""
+"""Texts of figures: none is small, cut, or over another, in a column and over a page."""
 
 from functools import partial
 
@@ -14,7 +14,7 @@ from sysid_trib.plots.figure import figures_of, new_figure
 from sysid_trib.questions.difference import held_against
 from sysid_trib.questions.profiles import profile
 from sysid_trib.records.smoothing import swing_frequency
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.kinds import kind_of
 
 # mm, as journals have them.
 WIDTHS = (88.0, 180.0)
@@ -66,7 +66,7 @@ def of_the_paper():
 
 
 def wrong(figures):
-    """What is wrong with the texts of figures, by figure and width."""
+    """Return the faults of the texts of figures, by figure and width."""
     return [
         f"{name} at {width:g} mm: {fault}"
         for name, draw in figures.items()

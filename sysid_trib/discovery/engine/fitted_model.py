@@ -6,14 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery.engine.likelihood import Likelihood
 from sysid_trib.discovery.engine.paths import RecordPath, Terms
 from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.engine.trials import Settings, TrialEffect, reference_power
-from sysid_trib.forces.shape_parameters import slope_of_unit
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.records.decay import root_mean_square
 
 # Difference of a shape parameter for its column, in parts of its range.
 SHAPE_DIFFERENCE = 1e-4
@@ -197,7 +195,7 @@ class FittedModel:
         errors, by_name = np.sqrt(np.diag(self.likelihood.covariance)), dict[str, float]()
         for at, name, column in self.shape_columns:
             trial = self.trials[at]
-            slope = slope_of_unit(trial.force.shape[name], trial.value(name))
+            slope = trial.force.shape[name].slope(trial.value(name))
             by_name[f"{trial.force.symbol}.{name}"] = float(errors[column] * slope)
         return by_name
 
@@ -250,8 +248,8 @@ class FittedModel:
     def next_steps(self, reach: float) -> Array:
         """Steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
 
-        None changes an effect by more than its own size: a tangent does not hold so far. Of a frequency
-        that is a radian of its phase over the record.
+        No step changes an effect by more than its own size, beyond which its tangent is not valid. For a
+        frequency the limit is a phase of one radian over the record.
         """
         sizes = np.sqrt(np.sum([np.sum(table**2, axis=0) for table in self.tables], axis=0))
         steps = list[float]()

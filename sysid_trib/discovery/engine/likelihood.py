@@ -27,8 +27,8 @@ RIDGE = 1e-13
 def of_many_rows(rows: ArrayLike, columns: int) -> Array:
     """Return the factor that gives a gain of one column the tail of a chi-square.
 
-    That of Student's t with `rows` degrees of freedom (Wallace 1959), where the most likely variance takes
-    those of the `columns` for rows too: of few rows chance gains more.
+    The gain has the tail of Student's t with `rows` degrees of freedom (Wallace 1959), while the most likely
+    variance also counts the `columns` as rows. With few rows chance gains more.
     """
     dof = np.asarray(rows)
     return np.asarray(dof / (dof + columns) * ((8.0 * dof + 1.0) / (8.0 * dof + 3.0)) ** 2)
@@ -84,8 +84,8 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
 
     Notes
     -----
-    Of one run the coefficients are solved for each ratio. Of several this is done for one run after the
-    other, the ratios of the others held, until the deviance settles.
+    For one run the coefficients are solved at each ratio. For several runs this is done for one after the
+    other, with the other ratios held, until the deviance converges.
     """
     places = np.asarray(columns, dtype=int)
     squares = sum(np.einsum("gii->i", run.of(places)) for run in runs)
@@ -145,7 +145,7 @@ def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array
 def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike) -> Array:
     """The most likely variance of a run by the squares that are left of its rows and those of the target.
 
-    Of a target that is explained wholly, rounding is left.
+    The residual of a completely explained target is rounding.
     """
     least = np.finfo(float).eps * np.asarray(target)
     return np.asarray((np.maximum(squares, least) + run.level_rows * run.level**2) / run.degrees_of_freedom)

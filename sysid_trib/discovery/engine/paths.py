@@ -179,7 +179,7 @@ class RecordPath:
     def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
         """The operator of small deviations of a motion, (row, sample).
 
-        Of means about the samples of stiffness and damping at the points: they may jump between samples.
+        It uses means of stiffness and damping about each sample, because they may jump between samples.
         """
         points = len(tangent[0])
         parts = (points - 1) // (len(self.time) - 1)

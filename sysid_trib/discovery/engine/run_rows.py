@@ -33,7 +33,7 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
     and no sample enters two of them: noise stays white, and its level falls. The rounding of a sensor of
     coarse steps is white where the motion passes a step from one sample to the next: single samples that
-    far apart. attrs: `decimated`.
+    far apart. attrs: `decimated`, in words, and `decimation`, how many times fewer samples.
     """
     time, angle, halves = equilibrium.with_half_periods(decay)
     period = 2.0 * np.median(halves.duration) / np.median(np.diff(time))
@@ -50,7 +50,8 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))
     fewer = fewer.assign(angle=("time", angle[kept], decay.angle.attrs))
     how = "parabolas" if smoothed else "single samples"
-    return fewer.assign_attrs(decimated=f"{len(time)} samples to {fewer.sizes['time']}, by {how}")
+    said = f"{len(time)} samples to {fewer.sizes['time']}, by {how}"
+    return fewer.assign_attrs(decimated=said, decimation=len(time) / fewer.sizes["time"])
 
 
 def _apart_for_rounding(angle: Array, step: float) -> int:
@@ -174,9 +175,9 @@ class RunRows:
 
         Notes
         -----
-        Of all splines about the path the one with the least squares of the sensor's innovations and of the
-        random force together; without a random force its rows vanish, and it is a free motion of the model.
-        The multipliers of the rows in this saddle point are the random force over its covariance.
+        This is the spline about the path that minimises the squares of sensor innovations and random force
+        together. Without a random force its rows vanish, and it is a free motion of the model. The
+        multipliers of the rows in this saddle point are the random force over its covariance.
         """
         unexplained = self.path.angle - errors - self.path.at_samples[0]
         at_rest = residual + self.operator @ unexplained

@@ -143,9 +143,9 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
 
     Notes
     -----
-    Of a motion that is a little larger, or a little ahead of itself, each all along: the two changes of a
-    swing that are not forgotten. A state is not what it was at another angle, and so not a spring there.
-    What is linear may ring by itself, which is no answer to the motion: then of a period, in the mean.
+    They are taken from motions that are a little larger, or a little ahead, throughout: the two lasting
+    changes of a swing. A state depends on the history of the motion, and is no spring. A linear force may
+    oscillate by itself; then means over a period are taken.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
     linear, values = is_linear(force), values_along(motion, force, [shapes])

@@ -14,8 +14,6 @@ from sysid_trib.forces.force import Force
 from sysid_trib.forces.notation import reference_powers
 from sysid_trib.forces.shape_parameters import (
     TURN,
-    evened,
-    from_unit,
     is_frequency,
     is_frequency_parameter,
     is_phase,
@@ -115,9 +113,7 @@ class TrialEffect:
 
     def part(self, name: str) -> float:
         """Return the position of a shape parameter within its range."""
-        shape = self.force.shape[name]
-        low, high = evened(shape, shape.low), evened(shape, shape.high)
-        return (evened(shape, self.value(name)) - low) / (high - low)
+        return self.force.shape[name].position(self.value(name))
 
     def end(self, name: str) -> int:
         """-1 or 1 of a shape parameter at the low or the high end of its range, else 0."""
@@ -129,10 +125,10 @@ class TrialEffect:
         shape, part = self.force.shape[name], self.part(name) + step
         if is_phase(self.force, name):
             middle = 0.5 * (shape.low + shape.high)
-            angle = float(from_unit(shape, np.asarray(part))) - middle
+            angle = float(shape.at(part)) - middle
             value = middle + float(np.remainder(angle + 0.5 * TURN, TURN)) - 0.5 * TURN
         else:
-            value = float(from_unit(shape, np.clip(part, 0.0, 1.0)))
+            value = float(shape.at(np.clip(part, 0.0, 1.0)))
         return replace(self, shapes={**self.shapes, f"{self.force.symbol}.{name}": value})
 
     def referred(self, factor: float) -> "TrialEffect":
@@ -216,4 +212,4 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
     count = settings.shape_values if fast and len(force.shape) > 1 else (settings.shape_values + 1) // 2
     if any(is_resonance(force, other) for other in force.shape):
         count = (count + 3) // 4
-    return from_unit(shape, np.linspace(0.0, 1.0, count))
+    return shape.at(np.linspace(0.0, 1.0, count))
