@@ -96,7 +96,7 @@ def test_json_follows_the_schema(twin):
 
 
 def test_result_file(twin, tree):
-    curves = {"backbone", "lack_of_fit"}
+    curves = {"backbone", "lack_of_fit", "consequences"}
     assert set(tree.children) == {"record", "envelope", "averaging", "direct", "judged", "agreement"} | curves
     for method, found in twin[1]["methods"].items():
         for symbol, one in found["coefficients"].items():

@@ -161,8 +161,8 @@ def test_alpha_from_the_frequency_without_contact():
     ("record", "library", "methods", "reason"),
     [
         ([], FORCES, [Direct()], "No run is given"),
-        ("run.csv", FORCES, [Direct()], "A decay is a Dataset"),
-        (None, "contact_forces", [Direct()], "ForceLibrary"),
+        ("run.csv", FORCES, [Direct()], "not the name of a file; read it"),
+        (None, "contact_force", [Direct()], "Did you mean 'contact_forces'"),
         (None, FORCES, [Direct], "a method such as"),
         (None, FORCES, [], "at least one"),
     ],

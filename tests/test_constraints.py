@@ -181,14 +181,6 @@ def test_what_a_method_cannot_hold_is_refused(record, method, asked, said):
         method(reference_frequency=W, constraints=asked).identify(record, FORCES)
 
 
-def test_old_arguments_are_parts_of_the_one_with_a_warning():
-    old = {"fix": {"lambda": 0.0}, "bounds": {"zeta": (0.0, None)}, "tie": {"nu": "2*delta"}}
-    with pytest.warns(DeprecationWarning, match="one argument now") as caught:
-        method = Direct(**old)
-    assert caught[0].filename == __file__
-    assert method == Direct(constraints={"lambda": 0.0, "zeta": (0.0, None), "nu": "2*delta"})
-
-
 @pytest.mark.slow
 def test_a_method_that_takes_no_constraint_keeps_its_row():
     ending = run("compare", *QUICK, "--fix", "lambda=0", "--tie", "zeta=delta**2", "--json")

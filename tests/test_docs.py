@@ -92,6 +92,18 @@ def test_sentences_of_the_first_pages_are_short_and_no_command_is_hidden(name):
     assert "<!-- output" not in text
 
 
+TASKS_OF_PYTHON = 6
+
+
+def test_a_task_in_python_takes_eight_lines_at_most():
+    text = (DOCS / "python.md").read_text(encoding="utf-8").partition("\n## What there is\n")[0]
+    tasks = text.split("\n## ")[1:]
+    assert len(tasks) == TASKS_OF_PYTHON
+    for task in tasks:
+        (code,) = (code for kind, code in BLOCK.findall(task) if kind == "python")
+        assert len(code.splitlines()) <= 8
+
+
 # Pages whose code takes seconds; that of the others is slow.
 QUICK_PAGES = {"adding_a_method", "forces", "start"}
 
@@ -208,9 +220,8 @@ def _general(path, documented):
     for pattern, name in (
         (r"(?<=^methods\.)[^.]+", "METHOD"),
         (r"(?<=^coefficients\.)[^.]+", "FORCE"),
-        (r"(?<=^cross_check\.models\.)[^.]+", "METHOD"),
-        (r"(?<=^comparison\.models\.)[^.]+", "METHOD"),
-        (r"(?<=^cross_check\.differences\.)[^.]+", "QUANTITY"),
+        (r"(?<=^judged\.)[^.]+", "METHOD"),
+        (r"(?<=^cross_check\.quantity\.)[^.]+", "QUANTITY"),
         (r"(?<=^per_input\.)[^.]+", "QUANTITY"),
         (r"(?<=\.coefficients\.)[^.]+", "FORCE"),
     ):

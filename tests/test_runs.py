@@ -105,7 +105,7 @@ def test_difference_is_what_the_contact_adds():
 
 @pytest.mark.parametrize("nothing", [[], [LONG.decay(1).drop_vars("angle")], ["run.csv"]])
 def test_what_is_no_run_is_refused(nothing):
-    with pytest.raises(UsageError, match=r"No run is given|A decay is a Dataset"):
+    with pytest.raises(UsageError, match=r"No run is given|a Dataset with angle|read it"):
         identify(nothing, LIBRARY, Direct())
 
 

@@ -19,7 +19,7 @@ import xarray as xr
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.rows import LOST, Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
-from sysid_trib.campaigns.task import CampaignRecords, Task, empty_row, record_at, rows_of
+from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -39,7 +39,7 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 def campaign(
     records: CampaignRecords,
-    task: Task,
+    task: Task | Name = "identify",
     *,
     output: str | os.PathLike[str],
     workers: int | str = 2,
@@ -50,10 +50,11 @@ def campaign(
 
     Parameters
     ----------
-    records : sequence of path or Dataset
-        Files, or decays in memory. What else names a record is a text that `Task.read` makes decays of.
-    task : Task
-        What is done with each.
+    records : sequence of path or record
+        Files, or decays in memory, `(t, angle)` too. What else names a record is a text that `Task.read`
+        makes decays of.
+    task : Task or str
+        What is done with each: `identify`, `compare`, `discover` with what is usual, or a `Task`.
     output : path-like
         The store. One that is there is gone on with: what is done in it is not done again, unless a record's
         file has changed since; more records may come to it.
@@ -97,6 +98,9 @@ def campaign(
             'A script that starts processes needs if __name__ == "__main__": around its campaign; '
             "or take workers=0."
         )
+    task = Task(task) if isinstance(task, str) else task
+    if not isinstance(task, Task):
+        raise UsageError(f"campaign needs a Task, or one of {', '.join(TASKS)}; not {task!r}.")
     if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
         raise UsageError("A campaign needs a list of records, of one at least.")
     # A link to a store stays one when records come to it.

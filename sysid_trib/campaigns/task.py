@@ -12,13 +12,13 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib import forces
 from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError, readable
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.from_python import as_library
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
@@ -112,9 +112,9 @@ class Task:
     def __post_init__(self) -> None:
         if self.name not in TASKS:
             raise UsageError(f"task {self.name!r} is unknown: give {', '.join(TASKS)}.")
-        object.__setattr__(self, "library", as_library(self.library, "Task"))
+        object.__setattr__(self, "library", forces.as_library(self.library, "Task"))
         if self.candidates is not None:
-            object.__setattr__(self, "candidates", as_library(self.candidates, "Task, candidates=,"))
+            object.__setattr__(self, "candidates", forces.as_library(self.candidates, "Task, candidates=,"))
         if self.name == "discover" and self.candidates is None:
             object.__setattr__(self, "candidates", further_forces(load_library(), self.library))
         judged = not self.methods if self.judged is None else self.judged

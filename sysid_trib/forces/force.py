@@ -83,6 +83,11 @@ class Force:
     def __hash__(self) -> int:
         return hash((self.symbol, self.formula))
 
+    def acts_as(self, other: "Force") -> bool:
+        """Return true if two forces differ in the words of tables at most."""
+        words = {name: getattr(self, name) for name in ("name", "family", "meaning", "source")}
+        return replace(other, **words) == self
+
     def renamed(self, symbol: str) -> "Force":
         """Return the force with another symbol."""
         return replace(self, symbol=symbol, name=symbol if self.name == self.symbol else self.name)
@@ -225,21 +230,22 @@ class ForceLibrary:
         return force in (self.symbols if isinstance(force, str) else self.forces)
 
     def __add__(self, other: "ForceLibrary | Force") -> "ForceLibrary":
-        """Return the forces of both, each once."""
+        """Return the forces of both, each once, with the words of the first."""
         if not isinstance(other, ForceLibrary | Force):
             return NotImplemented
-        added = (
-            [other] if isinstance(other, Force) else [force for force in other if force not in self.forces]
-        )
-        for force in added:
-            if force.symbol in self.symbols and force != self[force.symbol]:
+        offered = [other] if isinstance(other, Force) else other.forces
+        for force in offered:
+            if force.symbol in self.symbols and not force.acts_as(self[force.symbol]):
                 formulas = f"{self[force.symbol].formula.text} and {force.formula.text}"
                 raise UsageError(
                     f"Two different forces have the symbol '{force.symbol}' ({formulas}); give one of them "
                     f"another symbol: st.library(other_{force.symbol}=force)."
                 )
+        added = [force for force in offered if force.symbol not in self.symbols]
+        if not added:
+            return self
         if isinstance(other, Force):
-            return self if other in self.forces else replace(self, forces=(*self.forces, other))
+            return replace(self, forces=(*self.forces, other))
         titles, sources = ([getattr(part, name) for part in (self, other)] for name in ("title", "source"))
         return ForceLibrary(
             " and ".join(dict.fromkeys(filter(None, titles))),

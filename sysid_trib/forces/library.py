@@ -156,8 +156,8 @@ def _of_package(entry: EntryPoint) -> ForceLibrary:
     if isinstance(given, str | Path) and Path(given).suffix == ".toml":
         return load_library(given)
     raise LibraryError(
-        f"The entry point '{entry.name}' of {plugins.LIBRARY_PLUGINS} is a {type(given).__name__}; it must "
-        "be a ForceLibrary, or the path of a TOML file."
+        f"The entry point '{entry.name}' of {plugins.LIBRARY_PLUGINS} has the type {type(given).__name__}; "
+        "it must be a ForceLibrary, or the path of a TOML file."
     )
 
 

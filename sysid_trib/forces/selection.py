@@ -63,11 +63,6 @@ def forces_to_identify(
     DecayError
         None remains, or there is a sensor term that the method does not know.
     """
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(
-            "A method's identify takes a ForceLibrary, st.load_library('contact_forces'); st.identify(decay, "
-            "library, method) takes a name too."
-        )
     if not sensors:
         refuse_sensors(library)
     stiffness = library.role("x")

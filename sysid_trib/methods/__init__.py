@@ -50,6 +50,40 @@ def every_kind() -> tuple[type[Any], ...]:
     return (*METHODS, *(_of_package(entry) for entry in plugins.installed(plugins.METHOD_PLUGINS).values()))
 
 
+def as_method(given: Any, function: str) -> Any:
+    """Return the method that is given, by itself or by its name: `direct`, or `Direct`.
+
+    Parameters
+    ----------
+    given : Method or str
+    function : str
+        The function that takes it, for the message.
+
+    Raises
+    ------
+    UsageError
+        No such method, or a class in the place of an object.
+    """
+    if isinstance(given, str):
+        kinds = {name: kind for kind in every_kind() for name in (kind.__name__.lower(), _label_of(kind))}
+        if given.lower() not in kinds:
+            known = ", ".join(kind.__name__ for kind in every_kind())
+            nearest = did_you_mean(given, kinds)
+            raise UsageError(f"{function}: there is no method '{given}'; there are {known}.{nearest}")
+        return kinds[given.lower()]()
+    if isinstance(given, type) and hasattr(given, "identify"):
+        raise UsageError(f"{function} needs a method such as methods.{given.__name__}(), not its class.")
+    if not hasattr(given, "identify"):
+        raise UsageError(f"{function} needs a method such as methods.Direct(), not {given!r}.")
+    return given
+
+
+def _label_of(kind: type[Any]) -> str:
+    """Return the name of a method in tables, in small letters."""
+    scope = kind().scope if hasattr(kind, "scope") else None
+    return scope.label.lower() if isinstance(scope, MethodScope) else kind.__name__.lower()
+
+
 def _of_package(entry: EntryPoint) -> type[Any]:
     """Return the method that another package declares.
 

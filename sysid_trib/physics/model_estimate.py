@@ -187,6 +187,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     UsageError
         Not an identification.
     """
+    variables.refuse_whole_result(result)
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
     if missing or "library" not in result.attrs:
         raise UsageError(

@@ -16,7 +16,6 @@ from sysid_trib.plots.over_time import RECORD_POINTS, curve
 from sysid_trib.plots.style import BLUE, GREY, INK, MODEL_LINES, ORANGE
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.judged import kept_results, preferred_of
-from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
 
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
@@ -160,7 +159,7 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     """
     record = tree[record_groups(tree)[run]].to_dataset()
     # For a discovery, take the last model.
-    answer = preferred_of(tree) if kind_of(tree) == "driven" else record.model.values[-1]
+    answer = preferred_of(tree) or record.model.values[-1]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
     figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
@@ -170,7 +169,8 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
         panel.set_ylabel(f"input {name}{f' ({style.unit_label(units)})' if units else ''}")
     motion, residual = panels[-2:]
     curve(motion, time, record.angle.values, RECORD_POINTS)
-    for name, colour in zip(record.model.values.tolist(), (ORANGE, BLUE), strict=False):
+    moving = record.dropna("model", how="all", subset=["simulated_angle"]).model.values.tolist()
+    for name, colour in zip(moving, (ORANGE, BLUE), strict=False):
         simulated = record.simulated_angle.sel(model=name).values
         if name == answer:
             curve(motion, time, simulated, {"color": colour, "linewidth": 0.8, "label": name})

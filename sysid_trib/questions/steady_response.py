@@ -15,6 +15,7 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.records.inputs import INPUT, PER_KIND, KnownInput
 from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results.judged import best
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
@@ -31,7 +32,7 @@ SIMULATED_CHECKS = ("check_frequency", "check_amplitude", "simulated_amplitude")
 
 
 def forced_response(
-    result: xr.Dataset,
+    result: xr.Dataset | xr.DataTree,
     drive: ArrayLike,
     frequencies: ArrayLike,
     *,
@@ -43,8 +44,8 @@ def forced_response(
 
     Parameters
     ----------
-    result : Dataset
-        An identification, of a decay or of a driven record.
+    result : Dataset or DataTree
+        An identification, of a decay or of a driven record; of a whole result its preferred one.
     drive : float or (frequency,) array of float
         Amplitude of the input, in its unit; of a model without one the deflection that it would have at rest,
         in the unit of the signal.
@@ -88,6 +89,7 @@ def forced_response(
     size = np.broadcast_to(np.asarray(drive, dtype=float), w.shape)
     if not np.all(np.isfinite(size) & (size > 0.0)):
         raise UsageError("A drive must be a positive amplitude: a number, or one for each frequency.")
+    result = best(result)
     forces = schema.library_of(result)
     if is_free_to_move(forces, dict(zip(forces.symbols, result.coefficient.values.tolist(), strict=True))):
         raise UsageError("A body without a restoring force has no resonance; its response is that of a mass.")

@@ -23,16 +23,18 @@ def as_record(given: Any) -> Any:
 
     Parameters
     ----------
-    given : Dataset, DataArray, pandas Series or DataFrame, (t, angle), or (sample, 2) array
-        Over time, or with a column of times; of a DataFrame the column `angle`, or the only one that is one
-        or is there; of an array, whose other dimension counts samples, times and angles. Names say units as
-        in files, `time (ms)`, `angle (deg)`. Anything else comes back as it is.
+    given : Dataset, DataArray, pandas Series or DataFrame, dict, (t, angle), or (sample, 2) array
+        Over time, or with a column of times; of a DataFrame or dict of columns the column `angle`, or the
+        only one that is one or is there; of an array, whose other dimension counts samples, times and angles.
+        Names say units as in files, `time (ms)`, `angle (deg)`. Anything else comes back as it is.
 
     Raises
     ------
     UsageError
         It is not clear what the signal is, there are no times, or their unit cannot be the right one.
     """
+    if isinstance(given, Mapping) and not isinstance(given, xr.Dataset | xr.DataTree):
+        given = pd.DataFrame(dict(given))
     if isinstance(given, pd.DataFrame):
         return _of_frame(given)
     if isinstance(given, pd.Series):

@@ -89,6 +89,10 @@ def read_record(
     RecordError
         A file without such a record: malformed, not finite, times out of order.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise UsageError(
+            "read_record reads a file; what is in memory is a record as it is: st.free_decay((t, angle))."
+        )
     given = time, angle, signal, units, sampling_rate, time_units, length
     how = reading.Reading(*given, inputs=inputs.named_inputs(input), between=between)
     records = read_records(path, how)

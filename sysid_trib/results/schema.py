@@ -15,7 +15,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.models import library_of as library_of, shape_values_of as shape_values_of
-from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, variable
+from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, refuse_whole_result, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
@@ -205,6 +205,7 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
     -------
     Model with the coefficients, frequency (rad/s) and shape parameters found, without their errors.
     """
+    refuse_whole_result(result)
     frequency = result.reference_frequency.item()
     kept = result.active.values & np.isclose(result.refers_to.values, frequency, rtol=1e-12)
     identified = zip(

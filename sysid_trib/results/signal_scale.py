@@ -15,13 +15,14 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces, records
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import notation
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
-from sysid_trib.results.variables import PER_FORCE_UNIT, scaling_of
+from sysid_trib.results.variables import PER_FORCE_UNIT, refuse_whole_result, scaling_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -47,14 +48,19 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
     UsageError
         The function does if a force is asked for that knows a radian, `sin(x)`, where no angle was measured.
     """
-    names = list(inspect.signature(function).parameters)
+    parameters = inspect.signature(function).parameters
+    names = list(parameters)
+    one_identification = "result" in parameters and parameters["result"].annotation is xr.Dataset
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         given: dict[str, Any] = dict(zip(names, args, strict=False)) | kwargs
+        given |= _usual_forms(function.__name__, given)
+        if one_identification:
+            refuse_whole_result(given.get("result"))
         scale = _scale_of(given)
         if scale is None:
-            return function(*args, **kwargs)
+            return function(**given)  # type: ignore[call-arg]
         if isinstance(candidates := given.get("candidates"), ForceLibrary):
             # Offer possible candidates where they apply; raise an error for forces that were named.
             kept = tuple(force for force in candidates if scalable(force))
@@ -65,6 +71,18 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
         return cast(R, scale.outwards(function(**inside)))  # type: ignore[call-arg]
 
     return run
+
+
+def _usual_forms(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record and the library of a call as Datasets and a `ForceLibrary`, where they are not."""
+    changed: dict[str, Any] = {}
+    decay, library_given = given.get("decay"), given.get("library")
+    runs = decay if isinstance(decay, list | tuple) else [decay]
+    if decay is not None and not all(isinstance(run, xr.Dataset) for run in runs):
+        changed["decay"] = records.as_decays(decay, name)
+    if library_given is not None and not isinstance(library_given, ForceLibrary):
+        changed["library"] = forces.as_library(library_given, name)
+    return changed
 
 
 def counts_angles(decay: xr.Dataset) -> bool:

@@ -15,6 +15,7 @@ from sysid_trib.arrays import (
     variable as variable,
     with_error as with_error,
 )
+from sysid_trib.errors import UsageError
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
 FORMAT_VERSION = 6
@@ -77,6 +78,21 @@ def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any
         else:
             variables[name] = variable(tuple(dims.split()), value, meaning, units)
     return variables
+
+
+def refuse_whole_result(result: Any) -> None:
+    """Refuse a whole result where one identification is wanted.
+
+    Raises
+    ------
+    UsageError
+        With how to take one of its identifications.
+    """
+    if isinstance(result, xr.DataTree) and result.children:
+        raise UsageError(
+            "This takes one identification; give the preferred one of this result, st.best(result), or that "
+            "of a method, result['direct'].to_dataset()."
+        )
 
 
 def start_variables(

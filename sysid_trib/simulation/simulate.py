@@ -60,9 +60,14 @@ def simulate(
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
     UsageError
-        The density is negative or not finite, an input that is not one finite number for each time, or one
-        that no force holds.
+        It is no model, the density is negative or not finite, an input that is not one finite number for each
+        time, or one that no force holds.
     """
+    if not isinstance(model, Model):
+        raise UsageError(
+            "simulate takes a Model: that of a result is st.physics.model_of(st.best(result)), and "
+            "st.predict(result, record) is its motion from the start of a record."
+        )
     time = np.asarray(time, dtype=float)
     if not (np.isfinite(random_force) and random_force >= 0.0):
         raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")

@@ -13,7 +13,7 @@ from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, sile
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
-from sysid_trib.methods import every_kind
+from sysid_trib.methods import as_method, every_kind
 from sysid_trib.methods.scope import (
     Method,
     by_unique_label,
@@ -34,7 +34,7 @@ from sysid_trib.validation.holdout import Trial, in_all_runs
 RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
 # What the group `judged` has of each method, and so the table of methods has not.
 JUDGED_VARIABLES = ["residual_rms", "residual_over_noise", "failure"]
-Methods = Sequence[Method] | Mapping[str, Method]
+Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 
 
 def every_method(
@@ -84,7 +84,7 @@ def compare(
         takes them. With inputs Direct and Trajectory alone identify it.
     library : ForceLibrary, str, or what `library` takes, optional
         The forces offered to every method, or the name of their library; by default `contact_forces`.
-    methods : sequence of methods, or Mapping of str to method, optional
+    methods : sequence of methods or their names, or Mapping of str to method, optional
         Labelled by their scope and options; or by label. By default every method of the field with its
         variants.
     contactless : (float, float), rad/s
@@ -130,8 +130,10 @@ def compare(
     """
     runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
-    pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    offered = verdict.checked_library("compare", library, [method for _, method in pairs], runs)
+    listed = [given] if isinstance(given, str) or hasattr(given, "identify") else given
+    named_kinds = listed.items() if isinstance(listed, Mapping) else [("", method) for method in listed]
+    pairs = [(name, as_method(kind, "compare")) for name, kind in named_kinds]
+    offered = verdict.checked_library("compare", library, runs)
     if not pairs:
         raise UsageError("compare needs at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
@@ -177,12 +179,20 @@ def _compared(
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
     of_best = trials[best].motions
-    motions: Sequence[xr.Dataset | None] = of_best.get("residual") or [None] * len(runs)
-    for name, (run, _, rest, _), motion in zip(of_records, parts, motions, strict=True):
+    for at, (name, (run, _, rest, _)) in enumerate(zip(of_records, parts, strict=True)):
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
-        shown = [] if motion is None else [run.angle.values - motion.residual.values]
-        simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
-        groups[name] = residuals.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
+        # A model without a motion has nan.
+        nothing = np.full(run.sizes["time"], np.nan)
+        residuals_of = {
+            label: trial.motions["residual"][at].residual.values if trial.motions.get("residual") else nothing
+            for label, trial in trials.items()
+        }
+        simulated = run.angle.values - np.array(list(residuals_of.values()))
+        # For a driven record the noise is at most the residual of the best model.
+        of_best_alone = run.angle.values - residuals_of[best][None]
+        of_noise = residuals.with_noise_and_models(run, [best], of_best_alone)
+        kept = residuals.with_noise_and_models(run, list(trials), simulated).assign(noise=of_noise.noise)
+        groups[name] = kept.assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
         of_runs = [motion.residual.values for motion in of_best.get("residual", [])]

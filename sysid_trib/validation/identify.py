@@ -14,7 +14,7 @@ from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
-from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
+from sysid_trib.methods import Averaging, Direct, Trajectory, as_method, method_of
 from sysid_trib.methods.scope import Method, constrained, with_stated
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
@@ -30,7 +30,7 @@ from sysid_trib.validation.cross_check import agreement_of, identified_and_check
 def identify(
     decay: RecordsLike,
     library: LibraryLike | None,
-    method: Method,
+    method: Method | str,
     *,
     constraints: ConstraintTable = ...,
     contactless: tuple[float, float] | None = ...,
@@ -42,7 +42,7 @@ def identify(
 def identify(
     decay: RecordsLike,
     library: LibraryLike | None = ...,
-    method: Sequence[Method] | None = ...,
+    method: list[Method | str] | list[Method] | tuple[Method | str, ...] | None = ...,
     *,
     constraints: ConstraintTable = ...,
     contactless: tuple[float, float] | None = ...,
@@ -53,7 +53,7 @@ def identify(
 def identify(
     decay: RecordsLike,
     library: LibraryLike | None = None,
-    method: Method | Sequence[Method] | None = None,
+    method: Method | str | Sequence[Method | str] | None = None,
     *,
     constraints: ConstraintTable = NO_CONSTRAINTS,
     contactless: tuple[float, float] | None = None,
@@ -71,9 +71,9 @@ def identify(
         The forces offered, or the name of their library; by default those of `contact_forces`, and the first
         force of each input (`gain`).
     method : method, or two methods, optional
-        One, such as `methods.Direct()`; or two that are held against each other, by default those of the
-        command `identify` (`usual_methods`). Whether there is a random force is decided where a method's
-        `random_force` is `auto`, the default (see `identifications`).
+        One, such as `methods.Direct()` or its name, `direct`; or two that are held against each other, by
+        default those of the command `identify` (`usual_methods`). Whether there is a random force is decided
+        where a method's `random_force` is `auto`, the default (see `identifications`).
     constraints : mapping of str to float, (float, float) or str
         What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`. A coefficient
         that a library of one's own states is held if nothing else is asked: `(None, None)` frees it.
@@ -100,9 +100,10 @@ def identify(
         Not a library, or not a method.
     """
     runs = records.as_decays(decay, "identify")
-    single = method is not None and not isinstance(method, Sequence)
-    asked: Sequence[Any] = [method] if single else method or []  # type: ignore[assignment]
-    offered = verdict.checked_library("identify", library, asked, runs)
+    single = method is not None and not isinstance(method, list | tuple)
+    named: Sequence[Any] = method if isinstance(method, list | tuple) else [method] if single else []
+    asked = [as_method(kind, "identify") for kind in named]
+    offered = verdict.checked_library("identify", library, runs)
     chosen = [
         constrained(kind, with_stated(constraints, offered, kind))
         for kind in asked or usual_methods(runs, offered)

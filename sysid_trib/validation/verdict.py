@@ -1,14 +1,13 @@
 """Verdict on a record and the preferred method: noise of the identification, and its errors."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib import forces
-from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
@@ -152,28 +151,22 @@ def p_value_of_dependence(tested: xr.Dataset) -> float:
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
 
 
-def checked_library(
-    function: str, library: LibraryLike | None, methods: Iterable[Any], decay: Decays
-) -> ForceLibrary:
-    """The library that is offered; what is no method is refused.
+def checked_library(function: str, library: LibraryLike | None, decay: Decays) -> ForceLibrary:
+    """Return the library that is offered.
 
     By default it is that of the contact forces, with the first force of each input of the records.
 
     Raises
     ------
     UsageError
-        Something else in the place of a library or method, or a class in that of an object.
+        Something else in the place of a library.
     """
     if library is None:
         runs = [decay] if isinstance(decay, xr.Dataset) else [*decay]
         of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
         names = [name for known in of_runs for name in known if name != inputs.INPUT]
         library = with_inputs_acting(load_library(), names)
-    offered = forces.as_library(library, function)
-    for method in methods:
-        if isinstance(method, type) or not hasattr(method, "identify"):
-            raise UsageError(f"{function} needs a method such as methods.Direct(), not {method!r}.")
-    return offered
+    return forces.as_library(library, function)
 
 
 @signal_scale.in_units_of_the_motion
