@@ -144,11 +144,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     Notes
     -----
     They are taken from motions that are a little larger, or a little ahead, throughout: the two lasting
-<<<<<<< HEAD
-    changes of a swing. A state depends on the earlier motion, and does not act as a spring. A linear force may
-=======
     changes of a swing. A state depends on the history of the motion, and is no spring. A linear force may
->>>>>>> main
     oscillate by itself; then means over a period are taken.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
