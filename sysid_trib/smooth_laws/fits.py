@@ -75,7 +75,7 @@ class LawFit:
 
     @property
     def method_of_parts(self) -> Method:
-        """The method for parts of the record, which begins at this fit; with passivity where it is asked for."""
+        """The method for parts of the record: it begins at this fit, with passivity if that is asked for."""
         method = self.method_from_here(REFINEMENTS_OF_PART)
         return method if self.largest is None else Passive(method, self.largest)
 
