@@ -18,6 +18,7 @@ from sysid_trib.methods import Averaging, Direct, LogarithmicDecrement
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results.judged import column_power, comparison_of
+from sysid_trib.smooth_laws.method import law_methods
 from sysid_trib.validation.compare import every_method
 from sysid_trib.validation.holdout import split
 
@@ -184,7 +185,7 @@ def test_command_json():
 
     ending = run("compare", "--json", "--window", ":9", "--forces", "zeta,delta,nu,epsilon")
     found = json.loads(ending.out, parse_constant=refused)
-    assert set(found["methods"]) == set(every_method())
+    assert set(found["methods"]) == {*every_method(), *law_methods()}
     direct, linear = found["methods"]["direct"], found["methods"]["linear decrement"]
     assert set(direct["coefficients"]) == {"zeta", "delta", "nu", "epsilon"}
     assert direct["coefficients"]["zeta"]["value"] == pytest.approx(FIVE["zeta"], rel=0.05)

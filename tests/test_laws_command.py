@@ -116,7 +116,8 @@ def test_a_table_shows_speeds_up_to_the_range_and_one_beyond(folder):
     assert ending.status == 0
     assert ending.out.startswith("The laws explain the record: the residual is noise.\n")
     assert ending.out.count("visited     ") == 14
-    assert ending.out.count("extrapolated") == 2
+    rows = [line for line in ending.out.splitlines() if line.endswith("extrapolated")]
+    assert len(rows) == 2
     assert "The methods agree" in ending.out
     assert "To see whether another record of the rig follows these laws: sysid-trib laws" in ending.out
 

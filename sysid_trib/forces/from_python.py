@@ -68,6 +68,10 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
     function : str
         The function that takes it, for the message.
 
+    Returns
+    -------
+    ForceLibrary
+
     Raises
     ------
     UsageError

@@ -93,7 +93,9 @@ class Declared:
                 raise UsageError(self._refusal(tree))
             whole = "run" in inspect.signature(self.draw).parameters
             return self.draw(given, *args, **options) if whole else drawings[0](*args, **options)
-        if kind not in self.kinds and (kind or set(self.kinds) <= set(RESULTS)):
+        # A dataset that is no result may be the group that is shown.
+        part = not kind and (self.groups or not set(self.kinds) <= set(RESULTS))
+        if kind not in self.kinds and not part:
             raise UsageError(self._refusal(tree))
         try:
             return self.draw(tree if kind and not self.groups else given, *args, **options)

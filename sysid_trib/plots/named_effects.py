@@ -36,7 +36,7 @@ MODEL_ROW, LINE = 0.28, 0.26
 CHARACTERS = 16
 
 
-@shows("discover", block="Where model and record disagree")
+@shows("discover", block="Residual of the start model")
 def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """The record and the motion of each model, its start and the sensor's zero fitted.
 

@@ -109,6 +109,10 @@ def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
     function : str
         The function that takes it, for the message.
 
+    Returns
+    -------
+    Dataset or list of Dataset
+
     Raises
     ------
     UsageError
@@ -122,7 +126,18 @@ def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
 
 
 def one_record(given: Any, function: str) -> xr.Dataset:
-    """Return the one record that is given, as `as_decays`.
+    """Return the one record that is given, as `as_decays` does.
+
+    Parameters
+    ----------
+    given : RecordsLike
+        A record as `as_record` takes it.
+    function : str
+        The function that takes it, for the message.
+
+    Returns
+    -------
+    Dataset
 
     Raises
     ------

@@ -1,7 +1,7 @@
 """A model with polynomials in the place of its curves: its motion is near, and quick to differentiate."""
 
 from dataclasses import replace
-from functools import cache
+from functools import lru_cache
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.under_way import STATE_PART
 
 # Powers of the speed and of the displacement that stand for curves, and places at which they are fitted.
-POWERS, PLACES = (1, 3, 5, 7), 60
+FITTED_POWERS, FITTED_PLACES = (1, 3, 5, 7), 60
 # What a step of a motion along curves may leave of its series: thousands of them are far below any noise.
 CURVE_PART = 1e-10
 
@@ -42,19 +42,19 @@ def without_curves(model: Model, largest: float) -> Model:
     """
     kept = [force for force in model.library if not force.curve]
     coefficients = {symbol: c for symbol, c in model.coefficients.items() if not model.library[symbol].curve}
-    places = largest * (np.arange(PLACES) + 0.5) / PLACES
+    places = largest * (np.arange(FITTED_PLACES) + 0.5) / FITTED_PLACES
     for of in ("x", "v"):
         parts = [force for force in model.forces if force.curve and of in force.formula.names]
-        law = np.zeros(PLACES)
+        law = np.zeros(FITTED_PLACES)
         for part in parts:
             x, v = (places, 0.0 * places) if of == "x" else (0.0 * places, places)
             odd = part.value(x, v, shapes=model.shapes) - part.value(-x, -v, shapes=model.shapes)
             law += 0.5 * model.coefficients[part.symbol] * odd
         if not law.any():
             continue
-        powers = np.stack([(places / largest) ** power for power in POWERS], axis=1)
+        powers = np.stack([(places / largest) ** power for power in FITTED_POWERS], axis=1)
         fitted = np.linalg.lstsq(powers, law, rcond=None)[0]
-        for force, power, value in zip(_powers(of), POWERS, fitted.tolist(), strict=True):
+        for force, power, value in zip(_powers(of), FITTED_POWERS, fitted.tolist(), strict=True):
             kept.append(force)
             coefficients[force.symbol] = value / largest**power
     shapes = {name: v for name, v in model.shapes.items() if not model.library[name.split(".")[0]].curve}
@@ -62,7 +62,7 @@ def without_curves(model: Model, largest: float) -> Model:
     return replace(model, library=library, coefficients=coefficients, shapes=shapes)
 
 
-@cache
+@lru_cache(maxsize=8)
 def _powers(of: str) -> tuple[Force, ...]:
-    rows = [{"symbol": f"power_of_{of}_{power}", "formula": f"{of}**{power}"} for power in POWERS]
+    rows = [{"symbol": f"power_of_{of}_{power}", "formula": f"{of}**{power}"} for power in FITTED_POWERS]
     return parse_library({"force": rows}, "powers").forces

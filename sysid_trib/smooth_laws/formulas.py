@@ -139,7 +139,7 @@ class LawFormula:
 
 
 class _Distance(NamedTuple):
-    """How far a sum of forces is from a law.
+    """Distance of a sum of forces from a law.
 
     Attributes
     ----------
@@ -189,8 +189,8 @@ class _LawProblem:
                 for forces in itertools.combinations(offered, count)
                 if sum(bool(force.shape) for force in forces) <= 1
             ]
-            found = [self.inside(forces) for forces in chosen]
-            inside += [formula for formula in found if formula is not None]
+            formulas = [self.inside(forces) for forces in chosen]
+            inside += [formula for formula in formulas if formula is not None]
             if enough:
                 # Longer ones hold these.
                 break

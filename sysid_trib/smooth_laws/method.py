@@ -91,7 +91,13 @@ class LawMethod(Constrained):
 
 
 def law_methods() -> dict[str, Method]:
-    """Return the laws by each method, by their labels, for `compare`."""
+    """Return the laws by each method, for `compare`.
+
+    Returns
+    -------
+    dict of str to method
+        By their labels.
+    """
     method = LawMethod()
     label = method.scope.label
     methods: dict[str, Method] = {label: method}
