@@ -157,7 +157,7 @@ def plain(folder):
 def test_nothing_is_missing(plain):
     ending = plain[0]
     assert "No missing effect was found" in ending.out
-    assert "What is missing" not in ending.out
+    assert "Missing effects" not in ending.out
     assert "the coefficient of five standard errors" in ending.out
     # No command that was there before: one would go round in circles.
     assert "\nNext: sysid-trib plan " in ending.out

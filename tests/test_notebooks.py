@@ -18,7 +18,7 @@ FOLDER = Path(__file__).parents[1] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
 NAMESPACES = ("campaigns", "control", "forces", "methods", "physics", "plots", "records", "validation")
 OFFERED = {
-    "st": {*sysid_trib.__all__, *NAMESPACES},
+    "st": {*dir(sysid_trib), *NAMESPACES},
     **{f"st.{name}": set(import_module(f"sysid_trib.{name}").__all__) for name in NAMESPACES},
 }
 

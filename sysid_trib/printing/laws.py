@@ -370,7 +370,7 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             sizes = [_residual_text(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
             texts = [f"{text} ({size})" for text, size in zip(texts, sizes, strict=True)]
             of_laws = _residual_text(listed.held_out_rms_of_laws.item(), unit)
-            said = f" (in parentheses the residual on the last third, which was held out; of the laws: {of_laws})"
+            said = f" (in parentheses the residual on the held-out last third; that of the laws is {of_laws})"
         yield f"Formulas within the band of {words}, over w^2{said}: {'; or '.join(texts)}."
 
 

@@ -27,8 +27,8 @@ KINDS = ("identify", "cross_check", "runs", "compare", "discover")
 HEADINGS = {
     "identify": ["Coefficients"],
     "cross_check": ["At a glance", "Coefficients"],
-    "compare": ["At a glance", "Coefficients by method", "Prediction of what was held out"],
-    "discover": ["At a glance", "Where model and record disagree", "What is missing"],
+    "compare": ["At a glance", "Coefficients by method", "Prediction of the held-out part"],
+    "discover": ["At a glance", "Residual of the start model", "Missing effects"],
 }
 SVG = re.compile(r"<svg.*?</svg>", re.DOTALL)
 
