@@ -1,6 +1,7 @@
 """Frequency and damping ratio against amplitude, from a free decay and without a model, with bands."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -13,6 +14,7 @@ from sysid_trib.arrays import Array, Variables, variable, with_error
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
+from sysid_trib.records.one_mode import NOISE_IS_WHITE_IN
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
@@ -136,8 +138,13 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
-    """The `backbone` of a decay, and how its periods weigh in it."""
-    measured = half_sines.envelope(decay)
+    """The `backbone` of a decay, and how its periods weigh in it.
+
+    Of a signal that was integrated from one whose noise is white (`one_mode`) the curves are those of what was
+    measured: integration would colour its noise. Its amplitudes become those of the displacement by the frequency.
+    """
+    integrations = int(decay.attrs["integrations"]) if decay.attrs.get(NOISE_IS_WHITE_IN) else 0
+    measured = half_sines.envelope(_as_measured(decay) if integrations else decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
         raise DecayError(
@@ -157,15 +164,62 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
         bends = {name: curve.bends for name, curve in curves.items()}
         walks = WALKS if turn == ROUNDS else WALKS[::2]
         curves = {n: smooth_curve(rows[n], position, points, bends.get(n), walks) for n in CURVES}
-    unit, amplitude = signal.unit_of_signal(decay), np.exp(log_amplitude)
-    data = _over_amplitude(curves, amplitude, unit)
-    data |= _over_time(measured, curves["damping_ratio"].noise, unit)
-    data["period_amplitude"] = variable("period", np.exp(u), "amplitude of a period", unit)
+    unit = signal.unit_of_signal(decay)
+    weights = {name: curve.weights for name, curve in curves.items()}
+    integrated = _Integrated(log_amplitude, curves["frequency"].mean, integrations)
+    data = _over_time(measured, curves["damping_ratio"].noise, unit, integrated)
+    if integrations:
+        of_measured = str(decay["measured"].attrs.get("units", ""))
+        text = f"amplitude of the {decay.attrs.get('signal', 'signal')} as measured"
+        data["measured_amplitude"] = variable("amplitude", np.exp(log_amplitude), text, of_measured)
+        curves["damping_ratio"] = integrated.damping(curves["damping_ratio"])
+    amplitude = integrated.amplitude(log_amplitude)
+    data |= _over_amplitude(curves, amplitude, unit)
+    data["period_amplitude"] = variable("period", integrated.amplitude(u), "amplitude of a period", unit)
     for name, (long_name, units) in CURVES.items():
-        data[f"period_{name}"] = variable("period", rows[name][0], f"{long_name} of a period", units)
+        value = rows[name][0] * (integrated.factor_at(u) if name == "damping_ratio" else 1.0)
+        data[f"period_{name}"] = variable("period", value, f"{long_name} of a period", units)
     coords = {"amplitude": variable("amplitude", amplitude, "amplitude", unit)}
-    backbone = xr.Dataset(data, coords, dict(decay.attrs))
-    return backbone, {name: curve.weights for name, curve in curves.items()}
+    return xr.Dataset(data, coords, dict(decay.attrs)), weights
+
+
+def _as_measured(decay: xr.Dataset) -> xr.Dataset:
+    """The decay of what was measured, in its own unit."""
+    measured = decay["measured"]
+    angle = ("time", measured.values, dict(measured.attrs))
+    return xr.Dataset({"angle": angle}, {"time": ("time", measured.measured_time.values)}, {"source": "decay"})
+
+
+@dataclass(frozen=True)
+class _Integrated:
+    """How amplitudes of a rate or acceleration become those of the displacement, by the frequency at each.
+
+    Attributes
+    ----------
+    log_amplitude, frequency : (amplitude,) array of float
+        Of what was measured, and in rad/s.
+    integrations : int
+        0 leaves everything as it is.
+    """
+
+    log_amplitude: Array
+    frequency: Array
+    integrations: int
+
+    def amplitude(self, log_amplitude: Array) -> Array:
+        """Amplitudes of the displacement at log amplitudes of what was measured."""
+        frequency = np.interp(log_amplitude, self.log_amplitude, self.frequency)
+        return np.asarray(np.exp(log_amplitude) / frequency**self.integrations)
+
+    def factor_at(self, log_amplitude: Array) -> Array:
+        """Fall of the displacement over that of what was measured, which falls with the frequency too."""
+        slope = np.gradient(np.log(self.frequency), self.log_amplitude)
+        return 1.0 - self.integrations * np.interp(log_amplitude, self.log_amplitude, slope)
+
+    def damping(self, curve: SmoothCurve) -> SmoothCurve:
+        """The damping ratio of the displacement by that of what was measured."""
+        factor = self.factor_at(self.log_amplitude)
+        return replace(curve, mean=factor * curve.mean, standard_error=factor * curve.standard_error)
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
@@ -214,12 +268,12 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
     return variables | {"smallest_amplitude_frequency": at}
 
 
-def _over_time(measured: xr.Dataset, noise: float, unit: str) -> Variables:
+def _over_time(measured: xr.Dataset, noise: float, unit: str, integrated: _Integrated) -> Variables:
     """The amplitude at the extrema but two at either end; noise in units of that of their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise
-    amplitude = np.exp(np.convolve(log_b, LEVEL_WEIGHTS, "valid"))
+    amplitude = integrated.amplitude(np.convolve(log_b, LEVEL_WEIGHTS, "valid"))
     error = amplitude * np.sqrt(np.convolve(relative**2, LEVEL_WEIGHTS**2, "valid"))
     half = -ndtri(0.5 * (1.0 - BAND_PROBABILITY ** (1.0 / len(amplitude)))) * error
     time = variable("time", measured.extremum_time.values[2:-2], "time", "s")
