@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import ifft, next_fast_len, rfft
-from scipy.interpolate import BSpline, CubicSpline, make_smoothing_spline
+from scipy.interpolate import CubicSpline, make_smoothing_spline
 
 from sysid_trib.arrays import Array
 
@@ -36,6 +36,8 @@ SPLINE_POWERS = (
 )
 # Beside the largest diagonal element of the normal equations: what is smaller does not count.
 RIDGE = 1e-11
+# Weight of the bends of the curves from which phase and level of a component start, for times from 0 to 1.
+CARRIER_PENALTY = 1e-5
 # Points of an envelope between its knots, by which phase and level are corrected.
 POINTS_A_KNOT = 3
 
@@ -238,13 +240,7 @@ def carrier(
 
 def _smooth(x: Array, y: Array, weight: Array, where: Array) -> Array:
     """A smooth curve through points, continued as a line."""
-    if x.size > 400:
-        every = -(-x.size // 400)
-        x, y, weight = x[::every], y[::every], weight[::every]
-    spline = make_smoothing_spline(x, y, w=weight / weight.max()) if x.size >= 6 else None
-    if spline is None:
-        return np.polyval(np.polyfit(x, y, 1), where)
-    low, high = x[0], x[-1]
-    inside = np.clip(where, low, high)
-    slope = np.where(where < low, spline(low, 1), spline(high, 1))
+    spline = make_smoothing_spline(x, y, w=weight, lam=CARRIER_PENALTY * float(weight.sum()))
+    inside = np.clip(where, x[0], x[-1])
+    slope = np.where(where < x[0], spline(x[0], 1), spline(x[-1], 1))
     return np.asarray(spline(inside) + slope * (where - inside))
