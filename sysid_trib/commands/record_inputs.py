@@ -18,9 +18,11 @@ from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.one_mode import one_mode
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.records.sensors import read_sensors
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import load
 from sysid_trib.simulation.initial_conditions import MEASURED
@@ -174,7 +176,7 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
     if record is None:
-        if idle := given.changed([*READING, "input_"]):
+        if idle := given.changed([*READING, "input_", "mode", "band"]):
             raise UsageError(f"{idle[0]} is for a RECORD, and none is given.")
         example = paper_twin()
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
@@ -182,7 +184,10 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
     try:
         system = load_system(given.system)
         how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
-        runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
+        if band_or_mode(given):
+            runs = [_mode_of(given, record, Reading(**how))]
+        else:
+            runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -190,9 +195,27 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
     attrs = runs[0].attrs
     column = " and ".join(dict.fromkeys(str(run.attrs["angle_column"]) for run in runs))
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
-    facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
+    facts += [attrs[name] for name in ("reading", "separation", "integration") if attrs.get(name)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
     return record, [_multiplied(run, factor) for run in runs], f"Record: {record}, {'; '.join(facts)}."
+
+
+def band_or_mode(given: Asked) -> bool:
+    """True if one mode of a record is asked for, by its number or by a band."""
+    if given.mode is not None and given.band is not None:
+        raise UsageError("--mode and --band each name a mode: give one.")
+    wanted = given.mode is not None or given.band is not None
+    if wanted and given.input_ is not None:
+        raise UsageError("--mode and --band are of free decays; leave --input out.")
+    return wanted
+
+
+def _mode_of(given: Asked, record: Path, how: Reading) -> xr.Dataset:
+    """The record of the mode that is asked for."""
+    sensors = read_sensors(record, how, window=parse_window(given.window, "--window"))
+    if given.band is None:
+        return one_mode(sensors, given.mode)
+    return one_mode(sensors, band=parse_window(given.band, "--band", "LOW:HIGH in Hz, such as 70:90"))
 
 
 def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:

@@ -27,6 +27,9 @@ SHAPE_TIMES, SHAPE_ERRORS, LEAST_CHANGE = 9, 6.0, 0.01
 FEWEST_PERIODS, FEWEST_BEATS = 10.0, 3.0
 # What all modes leave at a sensor is said if it is so many times its white noise.
 LARGE_RESIDUAL = 1.5
+# The end of a decay is left out where its amplitude is below so many times the noise of a sample that is kept, if so
+# many periods remain: half-sines bias the frequency there by more than its band.
+LEAST_OVER_NOISE, PERIODS_KEPT = 15.0, 40.0
 # Attributes of a record that holds one mode.
 MODE, NOISE_IS_WHITE_IN = "mode", "white_noise_in"
 
@@ -204,6 +207,9 @@ def _combined(
     real = shape.real
     weights = real / noise**2 / np.sum(real**2 / noise**2)
     combined = weights @ rest
+    of_combined = float(np.sqrt(np.sum((weights * noise) ** 2)))
+    stop = _above_noise(own, points, np.abs(values[:, reference]) / of_combined, combined.size)
+    rest, combined = rest[:, :stop], combined[:stop]
     residual = rest - real[:, None] * combined
     size = float(np.sqrt(np.mean((real[:, None] * combined) ** 2)))
     sensors = len(noise)
@@ -218,6 +224,16 @@ def _combined(
         expected=expected,
         neighbours=neighbours,
     )
+
+
+def _above_noise(own: Component, points: Array, ratio: Array, count: int) -> int:
+    """Number of samples in which the amplitude of a mode is well above the noise, by their ratio at points."""
+    above = np.flatnonzero(ratio > LEAST_OVER_NOISE)
+    if above.size == 0 or above[-1] == points.size - 1:
+        return count
+    stop = int(points[above[-1]])
+    periods = abs(own.phase[stop] - own.phase[0]) / (2.0 * np.pi)
+    return stop if periods > PERIODS_KEPT else count
 
 
 def _resampled(one: Component, first: int, every: int, count: int) -> Component | None:
@@ -336,11 +352,14 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
     if separate.neighbours:
         said[-1] += f", {separate.neighbours} of them fitted together with it"
     if separate.every > 1:
+        a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
         lost = 1e3 * separate.first * interval
         said.append(
-            f"1 of {separate.every} samples kept, {1.0 / (central_frequency(own, interval) * interval * separate.every):.3g} "
-            f"a period, behind a filter of zero phase that leaves {lost:.3g} ms out at both ends"
+            f"1 of {separate.every} samples kept, {a_period:.3g} a period, behind a filter of zero phase that leaves {lost:.3g} ms out at both ends"
         )
+    after = own.stop * interval - (separate.first + separate.signal.size * separate.every) * interval
+    if after > 2.0 * separate.first * interval + 1e-9:
+        said.append(f"the last {after:.3g} s left out, in which it is less than {LEAST_OVER_NOISE:g} times the noise")
     said.append(f"free from {1e3 * (ringing.start - ringing.onset) * interval:.2g} ms after the blow on")
     if len(names) > 1:
         shape = ", ".join(f"{name} {value:.3f}" for name, value in zip(names, separate.shape.real, strict=True))
