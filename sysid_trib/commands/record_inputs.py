@@ -185,7 +185,7 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
         system = load_system(given.system)
         how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
         if band_or_mode(given):
-            runs = [_mode_of(given, record, Reading(**how))]
+            runs = [_mode_of(given, record)]
         else:
             runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
     except SysidTribError:
@@ -210,9 +210,15 @@ def band_or_mode(given: Asked) -> bool:
     return wanted
 
 
-def _mode_of(given: Asked, record: Path, how: Reading) -> xr.Dataset:
+def sensors_of(given: Asked, record: Path) -> xr.Dataset:
+    """The sensors of a file, as it is to be read."""
+    how = Reading(**{name: getattr(given, name) for name in READING})
+    return read_sensors(record, how, window=parse_window(given.window, "--window"))
+
+
+def _mode_of(given: Asked, record: Path) -> xr.Dataset:
     """The record of the mode that is asked for."""
-    sensors = read_sensors(record, how, window=parse_window(given.window, "--window"))
+    sensors = sensors_of(given, record)
     if given.band is None:
         return one_mode(sensors, given.mode)
     return one_mode(sensors, band=parse_window(given.band, "--band", "LOW:HIGH in Hz, such as 70:90"))
