@@ -21,8 +21,8 @@ from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.one_mode import one_mode
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
-from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.records.sensors import read_sensors
+from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import load
 from sysid_trib.simulation.initial_conditions import MEASURED

@@ -76,7 +76,7 @@ def look(tell: Tell, given: Asked) -> Callable[[], None]:
 
 
 def _listed_modes(given: Asked) -> xr.Dataset | None:
-    """Return the modes of a record of accelerometers in which several ring at once; None of any other file."""
+    """Return the modes that ring at once in a record of accelerometers; None of any other file."""
     if len(given.records) != 1 or band_or_mode(given) or given.decay is not None:
         return None
     try:
@@ -99,8 +99,7 @@ def _look_at_modes(tell: Tell, given: Asked, listed: xr.Dataset) -> Callable[[],
     attrs = listed.attrs
     facts_of = [f"{attrs['quantity']} in {attrs['angle_unit_in_file']} from {names}", str(attrs["reading"])]
     sentence = f"Record: {given.records[0]}, {'; '.join(filter(None, facts_of))}."
-    largest = listed.first_amplitude.max("sensor")
-    number = int(largest.mode.values[int(largest.argmax())])
+    number = 1 + int(np.argmax(listed.first_amplitude.max("sensor").values))
     command = command_after("backbone", {"mode": str(number)}, given)
     says = partial(modes_blocks, listed, [sentence], command), partial(modes_json, listed, command)
     return deliver(given, tell, says, xr.DataTree(listed), kind="modes")

@@ -140,8 +140,9 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     """The `backbone` of a decay, and how its periods weigh in it.
 
-    Of a signal that was integrated from one whose noise is white (`one_mode`) the curves are those of what was
-    measured: integration would colour its noise. Its amplitudes become those of the displacement by the frequency.
+    Of a signal that was integrated from one whose noise is white (`one_mode`) the curves are those of what
+    was measured: integration would colour its noise. Its amplitudes become those of the displacement by the
+    frequency.
     """
     integrations = int(decay.attrs["integrations"]) if decay.attrs.get(NOISE_IS_WHITE_IN) else 0
     measured = half_sines.envelope(_as_measured(decay) if integrations else decay)
@@ -187,7 +188,9 @@ def _as_measured(decay: xr.Dataset) -> xr.Dataset:
     """The decay of what was measured, in its own unit."""
     measured = decay["measured"]
     angle = ("time", measured.values, dict(measured.attrs))
-    return xr.Dataset({"angle": angle}, {"time": ("time", measured.measured_time.values)}, {"source": "decay"})
+    return xr.Dataset(
+        {"angle": angle}, {"time": ("time", measured.measured_time.values)}, {"source": "decay"}
+    )
 
 
 @dataclass(frozen=True)

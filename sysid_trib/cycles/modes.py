@@ -14,19 +14,17 @@ from sysid_trib.records.sensors import as_sensors
 
 # Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
 LAST_FALL, FEWEST_POINTS = 3.0, 8
-# Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of another mode
-# has to beat.
+# Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of
+# another mode has to beat.
 OWN_POWERS, OTHER_POWERS = (0, 1, 2, 3), (0.5, 4)
 # An influence counts if it lowers chi-square by so much, and to such a part.
 LEAST_LOWERED, LARGEST_PART = 40.0, 0.4
 # An amplitude rises again if it does so by this part, and by so many standard errors.
 RISE, RISE_ERRORS = 0.05, 8.0
-# A sensor shows a mode if its amplitude there is this part of the largest.
-SHOWN_AT = 0.05
 
 
 @dataclass(frozen=True)
-class Course:
+class History:
     """A mode along its decay, at points about as independent as its splines.
 
     Attributes
@@ -71,13 +69,17 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         raise DecayError(f"{source}: no mode rings and decays in it; check columns and window.")
     units = str(sensors.signal.attrs["units"])
     names = [str(name) for name in sensors.sensor.values]
-    courses = [_course(one, ringing) for one in ringing.modes]
-    limits = [_at_small_amplitude(course) for course in courses]
-    ends = [amplitude_at(one, np.array([0.0, one.stop - 1.0])) for one in ringing.modes]
+    histories = [_history(component, ringing) for component in ringing.modes]
+    limits = [_at_small_amplitude(history) for history in histories]
+    ends = [amplitude_at(component, np.array([0.0, component.stop - 1.0])) for component in ringing.modes]
     data: Variables = {
-        "frequency": variable("mode", [w / (2.0 * np.pi) for w, _ in limits], "frequency at small amplitude", "Hz"),
+        "frequency": variable(
+            "mode", [w / (2.0 * np.pi) for w, _ in limits], "frequency at small amplitude", "Hz"
+        ),
         "damping_ratio": variable("mode", [z for _, z in limits], "damping ratio at small amplitude", "1"),
-        "duration": variable("mode", [one.stop * ringing.interval for one in ringing.modes], "seen for", "s"),
+        "duration": variable(
+            "mode", [component.stop * ringing.interval for component in ringing.modes], "seen for", "s"
+        ),
         "first_amplitude": variable(("mode", "sensor"), [end[0] for end in ends], "first amplitude", units),
         "last_amplitude": variable(("mode", "sensor"), [end[1] for end in ends], "last amplitude", units),
         "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
@@ -88,10 +90,10 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "start": start,
         "lines": _listed(ringing, "line"),
         "harmonics": _listed(ringing, "harmonic"),
-        "influences": list(_influences(courses, ringing.modes, units)),
+        "influences": list(_influences(histories, ringing.modes, units)),
         "second_blow": "" if ringing.second_blow is None else _second_blow(sensors, ringing),
     }
-    return xr.Dataset(data, {"mode": np.arange(1, len(courses) + 1), "sensor": names}, attrs)
+    return xr.Dataset(data, {"mode": np.arange(1, len(histories) + 1), "sensor": names}, attrs)
 
 
 def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
@@ -101,41 +103,44 @@ def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
 
 def _listed(ringing: Ringing, kind: str) -> str:
     """Frequencies (Hz) of the components of a kind."""
-    values = (central_frequency(one, ringing.interval) for one in ringing.of_kind(kind))
+    values = (central_frequency(component, ringing.interval) for component in ringing.of_kind(kind))
     return ", ".join(f"{value:.4g}" for value in values)
 
 
-def _course(one: Component, ringing: Ringing) -> Course:
+def _history(component: Component, ringing: Ringing) -> History:
     """A mode along its decay, by all sensors together."""
-    points = np.linspace(0.0, one.stop - 1.0, max(FEWEST_POINTS, one.splines))
-    envelope = one.envelope_at(points)
+    points = np.linspace(0.0, component.stop - 1.0, max(FEWEST_POINTS, component.splines))
+    envelope = component.envelope_at(points)
     shape = common_shape(envelope / ringing.noise)
     common = envelope / ringing.noise @ shape.conj()
-    level, phase = (np.interp(points, np.arange(one.phase.size), part) for part in (one.level, one.phase))
+    level, phase = (
+        np.interp(points, np.arange(component.phase.size), part)
+        for part in (component.level, component.phase)
+    )
     size = np.abs(common) * np.exp(level)
     largest = float(np.max(np.abs(shape) * ringing.noise))
-    return Course(
+    return History(
         time=points * ringing.interval,
         phase=phase + np.unwrap(np.angle(common)),
         amplitude=size * largest,
-        error=one.error_at(points) / np.abs(common),
+        error=component.error_at(points) / np.abs(common),
     )
 
 
-def _at_small_amplitude(course: Course) -> tuple[float, float]:
-    """Frequency (rad/s) and damping ratio to which a mode tends; both linear in the amplitude near their end."""
-    level = np.log(course.amplitude)
+def _at_small_amplitude(history: History) -> tuple[float, float]:
+    """Frequency (rad/s) and damping ratio at small amplitude; near the end both are linear in it."""
+    level = np.log(history.amplitude)
     low = level < level[-1] + LAST_FALL
     low[-FEWEST_POINTS:] = True
     first = int(np.flatnonzero(~low)[-1]) + 1 if not low.all() else 0
-    time, weight = course.time[first:], 1.0 / course.error[first:]
-    columns = [np.ones_like(time), time - time[0], _integrated(time, course.amplitude[first:])]
+    time, weight = history.time[first:], 1.0 / history.error[first:]
+    columns = [np.ones_like(time), time - time[0], _integrated(time, history.amplitude[first:])]
     table = np.stack(columns, axis=1) * weight[:, None]
     scale = np.linalg.norm(table, axis=0)
     scale[scale == 0.0] = 1.0
     values = [
         np.linalg.lstsq(table / scale, part[first:] * weight, rcond=None)[0] / scale
-        for part in (course.phase, level)
+        for part in (history.phase, level)
     ]
     frequency, rate = float(values[0][1]), -float(values[1][1])
     return frequency, rate / float(np.hypot(frequency, rate))
@@ -147,85 +152,83 @@ def _integrated(time: Array, values: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
-def _influences(courses: Sequence[Course], modes: Sequence[Component], units: str) -> Iterator[str]:
+def _influences(histories: Sequence[History], modes: Sequence[Component], units: str) -> Iterator[str]:
     """Sentences on modes whose amplitude rises again, and on frequencies that follow another mode."""
-    for number, course in enumerate(courses, 1):
-        if (rise := _rise(course)) is not None:
+    for number, history in enumerate(histories, 1):
+        if (rise := _rise(history)) is not None:
             low, high, at = rise
-            others = _fallen_most(courses, number, at)
+            others = _fallen_most(histories, number, at)
             yield (
-                f"the amplitude of mode {number} rises again from {low:.3g} to {high:.3g} {units} until {at:.3g} s "
-                f"after the blow{others}: modes exchange energy, or another mode is too near to be told apart"
+                f"the amplitude of mode {number} rises again from {low:.3g} to {high:.3g} {units} until "
+                f"{at:.3g} s after the blow{others}: modes exchange energy, or another mode is too near "
+                "to be separated"
             )
-        yield from _frequency_follows(courses, number)
+        yield from _frequency_follows(histories, number)
 
 
-def _rise(course: Course) -> tuple[float, float, float] | None:
+def _rise(history: History) -> tuple[float, float, float] | None:
     """Amplitudes between which a mode rises again, and when; None if it does not."""
-    level = np.log(course.amplitude)
+    level = np.log(history.amplitude)
     lowest = np.minimum.accumulate(level)
     rise = level - lowest
-    error = np.hypot(course.error, course.error[[int(np.argmin(level[: at + 1])) for at in range(level.size)]])
+    error = np.hypot(
+        history.error, history.error[[int(np.argmin(level[: at + 1])) for at in range(level.size)]]
+    )
     # The ends of splines are uncertain.
     rise[:2] = rise[-2:] = 0.0
     top = int(np.argmax(rise / (RISE + RISE_ERRORS * error)))
     if not rise[top] > RISE + RISE_ERRORS * error[top]:
         return None
-    return float(np.exp(lowest[top])), float(course.amplitude[top]), float(course.time[top])
+    return float(np.exp(lowest[top])), float(history.amplitude[top]), float(history.time[top])
 
 
-def _fallen_most(courses: Sequence[Course], number: int, at: float) -> str:
+def _fallen_most(histories: Sequence[History], number: int, at: float) -> str:
     """Words on the mode that loses most meanwhile."""
-    others = [other for other in range(1, len(courses) + 1) if other != number]
+    others = [other for other in range(1, len(histories) + 1) if other != number]
     if not others:
         return ""
     falls = []
     for other in others:
-        course = courses[other - 1]
-        before, then = np.interp([0.5 * at, at], course.time, course.amplitude**2)
+        history = histories[other - 1]
+        before, then = np.interp([0.5 * at, at], history.time, history.amplitude**2)
         falls.append(float(before - then))
     return f", while mode {others[int(np.argmax(falls))]} falls"
 
 
-def _frequency_follows(courses: Sequence[Course], number: int) -> Iterator[str]:
+def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[str]:
     """Say which other mode's amplitude the frequency of a mode depends on, beyond its own."""
-    course = courses[number - 1]
-    own = [_integrated(course.time, course.amplitude**power) for power in OWN_POWERS]
-    base = [np.ones_like(course.time), *own]
-    without = _chi_square(base, course)
-    further = [_integrated(course.time, course.amplitude**power) for power in OTHER_POWERS]
-    beaten = min([without, *(_chi_square([*base, column], course) for column in further)])
-    chances = []
-    for other, of_other in enumerate(courses, 1):
-        if other == number:
-            continue
-        squares = np.interp(course.time, of_other.time, of_other.amplitude**2, right=0.0)
-        column = _integrated(course.time, squares)
-        chances.append((_chi_square([*base, column], course), other, column, float(squares.max())))
-    if not chances:
+    history = histories[number - 1]
+    base = [_integrated(history.time, history.amplitude**power) for power in OWN_POWERS]
+    base.append(np.ones_like(history.time))
+    rivals = [_integrated(history.time, history.amplitude**power) for power in OTHER_POWERS]
+    beaten = min([_fit(base, history)[1], *(_fit([*base, column], history)[1] for column in rivals)])
+    fits = [
+        (*_influence(base, history, of_other), other)
+        for other, of_other in enumerate(histories, 1)
+        if other != number
+    ]
+    if not fits:
         return
-    least, other, column, squares = min(chances, key=lambda chance: chance[0])
+    least, change, other = min(fits)
     if least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
-        change = _coefficient([*base, column], course) * squares / (2.0 * np.pi)
         yield (
-            f"the frequency of mode {number} depends on the amplitude of mode {other}: by {change:+.2g} Hz at the "
-            f"largest, beyond what it does by its own amplitude"
+            f"the frequency of mode {number} depends on the amplitude of mode {other}: by {change:+.2g} Hz "
+            "at the largest, beyond what it does by its own amplitude"
         )
 
 
-def _fit(columns: Sequence[Array], course: Course) -> tuple[Array, float]:
+def _influence(base: Sequence[Array], history: History, of_other: History) -> tuple[float, float]:
+    """Chi-square of a phase with the square of another mode's amplitude, and the largest change (Hz)."""
+    squares = np.interp(history.time, of_other.time, of_other.amplitude**2, right=0.0)
+    values, chi_square = _fit([*base, _integrated(history.time, squares)], history)
+    return chi_square, float(values[-1] * squares.max() / (2.0 * np.pi))
+
+
+def _fit(columns: Sequence[Array], history: History) -> tuple[Array, float]:
     """Coefficients of columns in the phase of a mode, and chi-square."""
-    weight = 1.0 / course.error
+    weight = 1.0 / history.error
     table = np.stack(columns, axis=1) * weight[:, None]
     scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
-    values = np.linalg.lstsq(table / scale, course.phase * weight, rcond=1e-12)[0]
-    residual = course.phase * weight - table / scale @ values
+    values = np.linalg.lstsq(table / scale, history.phase * weight, rcond=1e-12)[0]
+    residual = history.phase * weight - table / scale @ values
     return values / scale, float(residual @ residual)
-
-
-def _chi_square(columns: Sequence[Array], course: Course) -> float:
-    return _fit(columns, course)[1]
-
-
-def _coefficient(columns: Sequence[Array], course: Course) -> float:
-    return float(_fit(columns, course)[0][-1])

@@ -306,7 +306,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
     modal = (
         f"Several modes: {several}. What is said is of the one of {1.0 / value['period']:.3g} Hz, to which "
-        "the others are noise: filter the signal to a band about it."
+        "the others are noise: --mode takes one of them."
     )
     return [
         *([modal] if several else []),

@@ -46,8 +46,8 @@ def _sentences(modes: xr.Dataset) -> Iterator[str]:
     count = modes.sizes["mode"]
     noise = ", ".join(f"{value:.2g}" for value in modes.noise.values)
     yield (
-        f"{count} mode{'s' * (count > 1)} ring{'s' * (count == 1)} from {modes.attrs['start']:.4g} s on; the white noise "
-        f"of the sensors is {noise} {modes.noise.attrs['units']}."
+        f"{count} mode{'s' * (count > 1)} ring{'s' * (count == 1)} from {modes.attrs['start']:.4g} s on; the "
+        f"white noise of the sensors is {noise} {modes.noise.attrs['units']}."
     )
     said = []
     if modes.attrs["harmonics"]:
@@ -97,13 +97,15 @@ def mode_response_blocks(response: xr.Dataset, sources: Sequence[str]) -> Iterat
     if rows:
         yield Block(table=layout.text_table(rows, ("sweep",)))
     drive = f"{response.drive.item():.4g} {response.drive.attrs['units']}"
-    mass = "" if response.drive.attrs["units"] == "N" else " (force over modal mass; --modal-mass takes it in N)"
+    mass = (
+        "" if response.drive.attrs["units"] == "N" else " (force over modal mass; --modal-mass takes it in N)"
+    )
     largest = f"{response.attrs['largest_amplitude']:.3g} {response.amplitude.attrs['units']}"
     yield Block(
         [
             f"Drive of {drive}{mass}. Motions larger than {largest} are beyond the decay, and are left out.",
-            "The bands hold those of the backbone, and that the damping of a steady motion differs from that of a "
-            "decay where the stiffness changes with the amplitude.",
+            "The bands hold those of the backbone, and that the damping of a steady motion differs from that "
+            "of a decay where the stiffness changes with the amplitude.",
         ]
     )
 

@@ -20,6 +20,8 @@ from sysid_trib.records.tables import LISTED, FileTable
 Chosen: TypeAlias = tuple[Column | None, Column, str]
 
 
+# What to do where several modes swing at once.
+ONE_MODE = "take one of them, of all sensors together (--mode 1, or one_mode in Python), or record one alone."
 # Columns that could be the signal: how each swings, or why it does not.
 Swings: TypeAlias = dict[Column, tuple[equilibrium.Swing | None, str]]
 
@@ -255,13 +257,17 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         )
         raise RecordError(
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
-            f"{'record one mode alone.' if beat else driven}"
+            f"{ONE_MODE if beat else driven}"
         )
     swing, _ = swings[largest]
     several = modes.modes(swing.time, swing.signal) if swing else []
-    modal = f" (several modes swing in {largest.name}: {modes.listed(several)})" if len(several) > 1 else ""
+    if len(several) > 1:
+        raise UsageError(
+            f"{source}: {_listed(pool, swings)} could each be the signal, and several modes swing in "
+            f"{largest.name}: {modes.listed(several)}; {ONE_MODE}"
+        )
     raise UsageError(
-        f"{source}: {_listed(pool, swings)} could each be the signal{modal}; name one, such as "
+        f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
 

@@ -10,8 +10,8 @@ from scipy.ndimage import maximum_filter1d, median_filter
 from sysid_trib.arrays import Array
 from sysid_trib.records.ringing import Component, carrier, fit_envelopes, with_common_part
 
-# A blow is where the signals reach this part of their largest value first; the ringing is free so many samples, or
-# such a part of the record, later.
+# A blow is where the signals reach this part of their largest value first; the ringing is free so many
+# samples, or such a part of the record, later.
 ONSET, BLOW_SAMPLES, BLOW_PART = 0.1, 3, 5e-4
 # Parts of a record in which a second blow is looked for, and how much larger it makes the signals at once.
 BLOW_BLOCKS, SECOND_BLOW = 200, 3.0
@@ -29,15 +29,16 @@ NEAR_LINE, LEAST_HEIGHT = 0.2, 0.02
 BEATS_A_KNOT, KNOTS_A_FALL, LEAST_KNOTS, MOST_KNOTS = 2.0, 4.0, 4, 60
 # A carrier is taken from a band of this part of the distance to the next line, or of the frequency.
 BAND_OF_DISTANCE, BAND_OF_FREQUENCY = 0.4, 0.08
-# Standard errors of an envelope below which it is lost in the noise, and samples that a component has at least.
-LOST, FEWEST_RINGING = 3.0, 50
+# Standard errors of an envelope below which it is lost in the noise, and samples that a component has at
+# least.
+LOST_IN_NOISE, FEWEST_RINGING = 3.0, 50
 # Smallest first amplitude of a mode, beside the largest, at the sensor where it is strongest.
 LEAST_AMPLITUDE = 0.003
 # A line this near to a multiple of a stronger one, of this part of its amplitude at most, is its harmonic.
 MULTIPLE_TOLERANCE, LARGEST_HARMONIC, MOST_MULTIPLE = 4e-3, 0.1, 9
 # A line is steady if it keeps more than this part of its amplitude from the first third to the last.
 STEADY = 0.7
-# Noise of a signal, beside its range, below which nothing is told apart.
+# Noise of a signal, beside its range, below which modes are not separated.
 LEAST_NOISE = 1e-7
 
 
@@ -81,7 +82,9 @@ class Ringing:
 
     def of_kind(self, wanted: str) -> list[Component]:
         """The components of a kind."""
-        return [one for one, kind in zip(self.components, self.kinds, strict=True) if kind == wanted]
+        return [
+            component for component, kind in zip(self.components, self.kinds, strict=True) if kind == wanted
+        ]
 
 
 def find_ringing(signals: Array, interval: float) -> Ringing:
@@ -97,7 +100,7 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
     noise = np.maximum(_white_noise(signals[:, start:second]), LEAST_NOISE * np.ptp(signals, axis=1))
     signals = signals[:, start:second] - _offset(signals[:, start:second])[:, None]
     components = _components(signals, interval, noise)
-    rest = signals - sum((one.signal() for one in components), np.zeros_like(signals))
+    rest = signals - sum((component.signal() for component in components), np.zeros_like(signals))
     return Ringing(
         onset=onset,
         start=start,
@@ -125,14 +128,20 @@ def _components(signals: Array, interval: float, noise: Array) -> list[Component
         lines |= new
         if not any(started):
             break
-        components += [one for one in started if one is not None]
-        components = [_with_knots(one, components, interval) for one in components]
+        components += [component for component in started if component is not None]
+        components = [_with_knots(component, components, interval) for component in components]
         for _ in range(REFINEMENTS):
-            components = [with_common_part(one, noise) for one in fit_envelopes(signals, components)]
+            components = [
+                with_common_part(component, noise) for component in fit_envelopes(signals, components)
+            ]
         components = fit_envelopes(signals, components)
-        rest = signals - sum(one.signal() for one in components)
-    seen = [one for one in (_until_lost(one, noise) for one in components) if one is not None]
-    return sorted(seen, key=lambda one: central_frequency(one, interval))
+        rest = signals - sum(component.signal() for component in components)
+    seen = [
+        component
+        for component in (_until_lost(component, noise) for component in components)
+        if component is not None
+    ]
+    return sorted(seen, key=lambda component: central_frequency(component, interval))
 
 
 def _free_part(signals: Array) -> tuple[int, int, int | None]:
@@ -215,40 +224,44 @@ def _started(
     return Component(phase, level - level[0], stop, float(stop), np.zeros((0, 0), complex), np.zeros(0))
 
 
-def _with_knots(one: Component, components: Sequence[Component], interval: float) -> Component:
-    """The component with knots as wide as the next line is near, and as narrow as its amplitude falls fast."""
-    own = central_frequency(one, interval)
-    others = (central_frequency(other, interval) for other in components if other is not one)
+def _with_knots(component: Component, components: Sequence[Component], interval: float) -> Component:
+    """The component with knots by the distance of the next line, and by how fast its amplitude falls."""
+    own = central_frequency(component, interval)
+    others = (central_frequency(other, interval) for other in components if other is not component)
     distance = min((abs(other - own) for other in others), default=own)
-    fall = max(float(one.level[0] - one.level[one.stop - 1]), 0.0)
+    fall = max(float(component.level[0] - component.level[component.stop - 1]), 0.0)
     count = float(np.clip(KNOTS_A_FALL * fall, LEAST_KNOTS, MOST_KNOTS))
-    spacing = max(one.stop / count, BEATS_A_KNOT / max(distance, 1e-9) / interval, 2.0 / own / interval)
-    return replace(one, spacing=min(spacing, float(one.stop)))
+    spacing = max(component.stop / count, BEATS_A_KNOT / max(distance, 1e-9) / interval, 2.0 / own / interval)
+    return replace(component, spacing=min(spacing, float(component.stop)))
 
 
-def _until_lost(one: Component, noise: Array) -> Component | None:
+def _until_lost(component: Component, noise: Array) -> Component | None:
     """The component up to where it is lost in the noise; None if it is so from the start."""
-    points = np.linspace(0.0, one.stop - 1.0, 4 * one.splines)
-    size = np.sqrt(np.mean(np.abs(one.envelope_at(points) / noise) ** 2, axis=1))
-    seen = np.flatnonzero(size > LOST * one.error_at(points))
+    points = np.linspace(0.0, component.stop - 1.0, 4 * component.splines)
+    size = np.sqrt(np.mean(np.abs(component.envelope_at(points) / noise) ** 2, axis=1))
+    seen = np.flatnonzero(size > LOST_IN_NOISE * component.error_at(points))
     if not seen.size:
         return None
     if seen[-1] >= points.size - 2:
-        return one
+        return component
     stop = int(points[seen[-1]]) + 1
-    return replace(one, stop=stop) if stop > FEWEST_RINGING else None
+    return replace(component, stop=stop) if stop > FEWEST_RINGING else None
 
 
-def central_frequency(one: Component, interval: float) -> float:
+def central_frequency(component: Component, interval: float) -> float:
     """Mean frequency (Hz) of a component, by its energy."""
-    level = one.level[: one.stop]
-    return float(np.average(one.frequency(interval)[: one.stop], weights=np.exp(2.0 * (level - level.max()))))
+    level = component.level[: component.stop]
+    return float(
+        np.average(
+            component.frequency(interval)[: component.stop], weights=np.exp(2.0 * (level - level.max()))
+        )
+    )
 
 
-def amplitude_at(one: Component, samples: Array) -> Array:
+def amplitude_at(component: Component, samples: Array) -> Array:
     """Amplitude at every sensor, (point, sensor)."""
-    level = np.interp(samples, np.arange(one.phase.size), one.level)
-    return np.asarray(np.abs(one.envelope_at(samples)) * np.exp(level)[:, None])
+    level = np.interp(samples, np.arange(component.phase.size), component.level)
+    return np.asarray(np.abs(component.envelope_at(samples)) * np.exp(level)[:, None])
 
 
 def is_multiple(ratio: float) -> bool:
@@ -259,14 +272,14 @@ def is_multiple(ratio: float) -> bool:
 
 def _kinds(components: Sequence[Component], interval: float) -> list[str]:
     """What each component is: a mode, a harmonic of one, a steady line, or nothing of weight."""
-    frequency = [central_frequency(one, interval) for one in components]
-    first = [float(amplitude_at(one, np.zeros(1)).max()) for one in components]
+    frequency = [central_frequency(component, interval) for component in components]
+    first = [float(amplitude_at(component, np.zeros(1)).max()) for component in components]
     kinds = []
-    for own, size, one in zip(frequency, first, components, strict=True):
-        third = one.stop / 3.0
+    for own, size, component in zip(frequency, first, components, strict=True):
+        third = component.stop / 3.0
         early, late = (
-            float(np.mean(amplitude_at(one, np.linspace(low, low + third, 20)).max(axis=1)))
-            for low in (0.0, one.stop - 1.0 - third)
+            float(np.mean(amplitude_at(component, np.linspace(low, low + third, 20)).max(axis=1)))
+            for low in (0.0, component.stop - 1.0 - third)
         )
         stronger = [f for f, other in zip(frequency, first, strict=True) if size < LARGEST_HARMONIC * other]
         if late > STEADY * early:

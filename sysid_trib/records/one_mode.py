@@ -1,4 +1,4 @@
-"""One mode of a decay alone: the others subtracted, the sensors combined by its shape, samples kept as it needs."""
+"""One mode of a decay alone: the others subtracted, the sensors combined by its shape, decimated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,16 +19,16 @@ from sysid_trib.records.smooth_rates import with_smooth_rates
 # Samples of a period that are kept, and the filter before: its roll-off, and its half length in kept samples.
 KEPT_A_PERIOD, ROLL_OFF, HALF_LENGTH = 32, 0.3, 10
 # Modes whose frequencies are within this factor are fitted together anew, with smooth rates.
-NEIGHBOURS = 1.6
-# Times at which the shape is compared with its mean: its change counts from so many standard errors, and if it is
-# more than this part.
+NEIGHBOURING_MODES = 1.6
+# Times at which the shape is compared with its mean: its change counts from so many standard errors, and if
+# it is more than this part.
 SHAPE_TIMES, SHAPE_ERRORS, LEAST_CHANGE = 9, 6.0, 0.01
 # A mode that is seen in fewer periods is none, and two modes are resolved if they beat so often.
 FEWEST_PERIODS, FEWEST_BEATS = 10.0, 3.0
 # What all modes leave at a sensor is said if it is so many times its white noise.
 LARGE_RESIDUAL = 1.5
-# The end of a decay is left out where its amplitude is below so many times the noise of a sample that is kept, if so
-# many periods remain: half-sines bias the frequency there by more than its band.
+# The end of a decay is left out where its amplitude is below so many times the noise of a sample that is
+# kept, if so many periods remain: half-sines bias the frequency there by more than its band.
 LEAST_OVER_NOISE, PERIODS_KEPT = 15.0, 40.0
 # Attributes of a record that holds one mode.
 MODE, NOISE_IS_WHITE_IN = "mode", "white_noise_in"
@@ -82,8 +82,8 @@ def one_mode(
     -------
     Dataset
         A record as `read_record` returns it, at the sensor where the mode is largest: what was measured,
-        and ``angle(time)``, from which `free_decay`, `backbone`, `laws` and `identify` go on. ``shape(sensor)``
-        and ``shape_imaginary(sensor)``; attrs say what was done.
+        and ``angle(time)``, from which `free_decay`, `backbone`, `laws` and `identify` go on.
+        ``shape(sensor)`` and ``shape_imaginary(sensor)``; attrs say what was done.
 
     Raises
     ------
@@ -94,9 +94,9 @@ def one_mode(
 
     Notes
     -----
-    The other modes are subtracted as decaying oscillations whose frequency and rate of decay change slowly; the
-    sensors are combined by least squares with their noises. A root-raised-cosine filter before samples are left
-    out keeps white noise white: the noise of the record is that of the sensors, of known colour.
+    The other modes are subtracted as decaying oscillations whose frequency and rate of decay change slowly;
+    the sensors are combined by least squares with their noises. A root-raised-cosine filter before samples
+    are left out keeps white noise white: the noise of the record is that of the sensors, of known colour.
     """
     sensors = as_sensors(sensors)
     source = str(sensors.attrs.get("source", "record"))
@@ -123,7 +123,7 @@ def _place(
     modes = ringing.modes
     if not modes:
         raise DecayError(f"{source}: no mode rings and decays in it; check columns and window.")
-    frequencies = [central_frequency(one, ringing.interval) for one in modes]
+    frequencies = [central_frequency(component, ringing.interval) for component in modes]
     listed = ", ".join(f"{number}: {value:.4g} Hz" for number, value in enumerate(frequencies, 1))
     if mode is not None:
         if not 1 <= mode <= len(modes):
@@ -134,10 +134,13 @@ def _place(
     low, high = 0.0 if band[0] is None else band[0], np.inf if band[1] is None else band[1]
     if not 0.0 <= low < high:
         raise UsageError(f"--band {low:g}:{high:g} must be LOW:HIGH in Hz, the lower one first.")
-    inside = [one for one, value in zip(modes, frequencies, strict=True) if low <= value <= high]
+    inside = [component for component, value in zip(modes, frequencies, strict=True) if low <= value <= high]
     if not inside:
         raise UsageError(f"{source}: no mode is in --band {low:g}:{high:g} Hz; it holds {listed}.")
-    strongest = max(inside, key=lambda one: float(np.max(np.abs(one.envelope_at(np.zeros(1)))) + one.level[0]))
+    strongest = max(
+        inside,
+        key=lambda component: float(np.max(np.abs(component.envelope_at(np.zeros(1)))) + component.level[0]),
+    )
     return ringing.components.index(strongest)
 
 
@@ -148,17 +151,18 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
     frequency, duration = central_frequency(own, interval), own.stop * interval
     if duration * frequency < FEWEST_PERIODS:
         raise DecayError(
-            f"{source}: the mode of {frequency:.4g} Hz stands out of the noise for {duration * frequency:.2g} "
-            f"periods, fewer than {FEWEST_PERIODS:g}; strike harder, or where it moves more."
+            f"{source}: the mode of {frequency:.4g} Hz stands out of the noise for "
+            f"{duration * frequency:.2g} periods, fewer than {FEWEST_PERIODS:g}; strike harder, or where it "
+            "moves more."
         )
     for other, kind in zip(ringing.components, ringing.kinds, strict=True):
         apart = abs(central_frequency(other, interval) - frequency)
         both = min(other.stop, own.stop) * interval
         if other is not own and kind == "mode" and apart * both < FEWEST_BEATS:
             raise DecayError(
-                f"{source}: modes of {frequency:.5g} and {central_frequency(other, interval):.5g} Hz ring together "
-                f"for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the record does not "
-                "tell them apart; strike, or measure, where one of them does not move."
+                f"{source}: modes of {frequency:.5g} and {central_frequency(other, interval):.5g} Hz ring "
+                f"together for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the "
+                "record does not separate them; strike, or measure, where one of them does not move."
             )
 
 
@@ -178,13 +182,17 @@ def separated(ringing: Ringing, place: int) -> SeparateMode:
         ratio = central_frequency(other, interval) / frequency
         if other is own or (kind == "harmonic" and is_multiple(ratio)):
             continue
-        if 1.0 / NEIGHBOURS < ratio < NEIGHBOURS and kind != "weak":
+        if 1.0 / NEIGHBOURING_MODES < ratio < NEIGHBOURING_MODES and kind != "weak":
             near.append(other)
         else:
             rest -= other.signal()
     every = max(1, int(1.0 / (KEPT_A_PERIOD * frequency * interval)))
     rest, first = decimated(rest, every, frequency * interval)
-    near = [thinned for one in near if (thinned := _resampled(one, first, every, rest.shape[1])) is not None]
+    near = [
+        kept_part
+        for component in near
+        if (kept_part := _resampled(component, first, every, rest.shape[1])) is not None
+    ]
     noise = ringing.noise / np.sqrt(every)
     if len(near) > 1:
         near = with_smooth_rates(rest, near, interval * every, noise)
@@ -227,7 +235,7 @@ def _combined(
 
 
 def _above_noise(own: Component, points: Array, ratio: Array, count: int) -> int:
-    """Number of samples in which the amplitude of a mode is well above the noise, by their ratio at points."""
+    """Number of samples in which a mode is well above the noise, by their ratio at some points."""
     above = np.flatnonzero(ratio > LEAST_OVER_NOISE)
     if above.size == 0 or above[-1] == points.size - 1:
         return count
@@ -236,24 +244,26 @@ def _above_noise(own: Component, points: Array, ratio: Array, count: int) -> int
     return stop if periods > PERIODS_KEPT else count
 
 
-def _resampled(one: Component, first: int, every: int, count: int) -> Component | None:
+def _resampled(component: Component, first: int, every: int, count: int) -> Component | None:
     """A component at the samples that are kept; None where it has ended before."""
-    stop = min(count, (one.stop - 1 - first) // every + 1)
+    stop = min(count, (component.stop - 1 - first) // every + 1)
     if stop < 2:
         return None
-    spacing = one.spacing / every
-    kept = replace(one, stop=stop, spacing=spacing)
+    spacing = component.spacing / every
+    kept = replace(component, stop=stop, spacing=spacing)
     samples = np.linspace(0.0, stop - 1.0, 4 * kept.splines)
     table = np.zeros((samples.size, kept.splines))
     starts, values = kept.splines_at(samples)
     for k, row in enumerate(values):
         table[np.arange(samples.size), starts + k] = row
-    envelope = np.linalg.lstsq(table, one.envelope_at(first + every * samples), rcond=1e-9)[0]
+    envelope = np.linalg.lstsq(
+        table.astype(complex), component.envelope_at(first + every * samples), rcond=1e-9
+    )[0]
     return replace(
         kept,
-        phase=one.phase[first::every][:count],
-        level=one.level[first::every][:count],
-        envelope=envelope,
+        phase=component.phase[first::every][:count],
+        level=component.level[first::every][:count],
+        envelope=np.asarray(envelope, dtype=np.complex128),
         error=np.zeros(kept.splines),
     )
 
@@ -261,8 +271,8 @@ def _resampled(one: Component, first: int, every: int, count: int) -> Component 
 def decimated(signals: Array, every: int, line: float) -> tuple[Array, int]:
     """Every so many samples of signals, filtered so that white noise stays white, and the place of the first.
 
-    A root-raised-cosine filter of zero phase: below half of the new sampling rate it takes away of the noise what
-    it folds back from above. The samples at both ends that it knows in part alone are left out.
+    A root-raised-cosine filter of zero phase: below half of the new sampling rate it takes away of the noise
+    what it folds back from above. The samples at both ends that it knows in part alone are left out.
 
     Parameters
     ----------
@@ -325,7 +335,12 @@ def _as_record(
     values = separate.signal
     times = int(sensors.attrs["integrations"])
     if times:
-        made = {"measured": quantity, "integrations": times, f"{quantity}_bias": 0.0, NOISE_IS_WHITE_IN: "measured"}
+        made = {
+            "measured": quantity,
+            "integrations": times,
+            f"{quantity}_bias": 0.0,
+            NOISE_IS_WHITE_IN: "measured",
+        }
         said = f"integrated {'once' if times == 1 else 'twice'}, without drift"
         record.attrs |= made | {"integration": said}
         record[quantity] = ("time", values, {"units": units, "long_name": f"{quantity} of the mode"})
@@ -337,7 +352,9 @@ def _as_record(
         ("shape_imaginary", separate.shape.imag, "a quarter of a period ahead"),
     ):
         text = f"shape of the mode, {word}"
-        record[part] = xr.DataArray(of_shape, {"sensor": names}, "sensor", attrs={"units": "1", "long_name": text})
+        record[part] = xr.DataArray(
+            of_shape, {"sensor": names}, "sensor", attrs={"units": "1", "long_name": text}
+        )
     return record
 
 
@@ -345,7 +362,9 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
     """What was done to separate a mode, and what it leaves."""
     names = [str(name) for name in sensors.sensor.values]
     own, interval = ringing.components[place], ringing.interval
-    others = sum(kind in ("mode", "line") for kind in ringing.kinds) - (ringing.kinds[place] in ("mode", "line"))
+    others = sum(kind in ("mode", "line") for kind in ringing.kinds) - (
+        ringing.kinds[place] in ("mode", "line")
+    )
     said = []
     if others:
         said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
@@ -353,19 +372,24 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         said[-1] += f", {separate.neighbours} of them fitted together with it"
     if separate.every > 1:
         a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
-        lost = 1e3 * separate.first * interval
+        left_out = 1e3 * separate.first * interval
         said.append(
-            f"1 of {separate.every} samples kept, {a_period:.3g} a period, behind a filter of zero phase that leaves {lost:.3g} ms out at both ends"
+            f"1 of {separate.every} samples kept, {a_period:.3g} a period, behind a filter of zero phase "
+            f"that leaves {left_out:.3g} ms out at both ends"
         )
     after = own.stop * interval - (separate.first + separate.signal.size * separate.every) * interval
     if after > 2.0 * separate.first * interval + 1e-9:
-        said.append(f"the last {after:.3g} s left out, in which it is less than {LEAST_OVER_NOISE:g} times the noise")
+        said.append(
+            f"the last {after:.3g} s left out, in which it is less than {LEAST_OVER_NOISE:g} times the noise"
+        )
     said.append(f"free from {1e3 * (ringing.start - ringing.onset) * interval:.2g} ms after the blow on")
     if len(names) > 1:
-        shape = ", ".join(f"{name} {value:.3f}" for name, value in zip(names, separate.shape.real, strict=True))
+        shape = ", ".join(
+            f"{name} {value:.3f}" for name, value in zip(names, separate.shape.real, strict=True)
+        )
         said.append(
-            f"{len(names)} sensors combined by the shape {shape}, which leaves {100 * separate.residual:.2g} % "
-            f"(their noise alone {100 * separate.expected:.2g} %)"
+            f"{len(names)} sensors combined by the shape {shape}, which leaves "
+            f"{100 * separate.residual:.2g} % (their noise alone {100 * separate.expected:.2g} %)"
         )
         behind = float(np.max(np.abs(separate.shape.imag)))
         if behind > 0.05:
@@ -377,13 +401,13 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         if ratio > LARGE_RESIDUAL
     ]
     if large:
-        said.append(f"all modes together leave more than the white noise of the sensors (times {', '.join(large)})")
+        said.append(
+            f"all modes together leave more than the white noise of the sensors (times {', '.join(large)})"
+        )
     return said
 
 
-def _change_of_shape(
-    ringing: Ringing, place: int, separate: SeparateMode, names: Sequence[str]
-) -> list[str]:
+def _change_of_shape(ringing: Ringing, place: int, separate: SeparateMode, names: Sequence[str]) -> list[str]:
     """A sentence if the shape of a mode changes along its decay by more than its errors."""
     own = ringing.components[place]
     times = np.linspace(0.0, own.stop - 1.0, SHAPE_TIMES + 2)[1:-1]

@@ -1,7 +1,7 @@
 """Decaying oscillations of slowly varying amplitude and frequency, fitted to all sensors at once.
 
-Each is exp(level(t)) Re(envelope(t) exp(i phase(t))). `phase` and `level` are the same at every sensor, and the
-envelope, splines in time, is each sensor's own. A fit is linear in the envelopes. What they have in
+Each is exp(level(t)) Re(envelope(t) exp(i phase(t))). `phase` and `level` are the same at every sensor, and
+the envelope, splines in time, is each sensor's own. A fit is linear in the envelopes. What they have in
 common then goes into phase and level, so that the envelopes of the next fit are nearly constant: the shape.
 """
 
@@ -19,7 +19,7 @@ from sysid_trib.arrays import Array
 Complex: TypeAlias = NDArray[np.complex128]
 
 # Splines that are not zero at a point; samples that are taken at once.
-ORDER, CHUNK = 6, 1024
+SPLINE_ORDER, SAMPLES_AT_ONCE = 6, 1024
 # Coefficients of the powers 0 to 5 of each uniform B-spline of degree five within an interval.
 SPLINE_POWERS = (
     np.array(
@@ -35,7 +35,7 @@ SPLINE_POWERS = (
     / 120.0
 )
 # Beside the largest diagonal element of the normal equations: what is smaller does not count.
-RIDGE = 1e-11
+NORMAL_RIDGE = 1e-11
 # Weight of the bends of the curves from which phase and level of a component start, for times from 0 to 1.
 CARRIER_PENALTY = 1e-5
 # Points of an envelope between its knots, by which phase and level are corrected.
@@ -70,7 +70,7 @@ class Component:
     @property
     def splines(self) -> int:
         """Number of splines of the envelope."""
-        return int(np.ceil((self.stop - 1) / self.spacing + 1e-9)) + ORDER - 1
+        return int(np.ceil((self.stop - 1) / self.spacing + 1e-9)) + SPLINE_ORDER - 1
 
     def splines_at(self, samples: Array) -> tuple[NDArray[np.intp], Array]:
         """First spline of samples, (point,), and the values of it and the next ones, (order, point)."""
@@ -78,23 +78,23 @@ class Component:
 
     def weights(self) -> tuple[NDArray[np.intp], Array]:
         """First spline of each sample, (sample,), and the values of it and the next ones, (4, sample)."""
-        return self.splines_at(np.arange(self.stop))
+        return self.splines_at(np.arange(self.stop, dtype=float))
 
     def envelope_at(self, samples: Array) -> Complex:
         """The envelope of every sensor at some samples, (point, sensor)."""
         first, values = self.splines_at(samples)
-        return np.asarray(sum(values[k][:, None] * self.envelope[first + k] for k in range(ORDER)))
+        return np.asarray(sum(values[k][:, None] * self.envelope[first + k] for k in range(SPLINE_ORDER)))
 
     def error_at(self, samples: Array) -> Array:
         """Standard error of either part of the envelope for noise of unit size, (point,), roughly."""
         first, values = self.splines_at(samples)
-        return np.sqrt(sum((values[k] * self.error[first + k]) ** 2 for k in range(ORDER)))
+        return np.sqrt(sum((values[k] * self.error[first + k]) ** 2 for k in range(SPLINE_ORDER)))
 
     def signal(self, sensors: slice | int = slice(None)) -> Array:
         """The oscillation at sensors, (sensor, sample), zero after its stop."""
         first, values = self.weights()
         coefficients = self.envelope[:, sensors]
-        made = sum(values[k] * coefficients[first + k].T for k in range(ORDER))
+        made = sum(values[k] * coefficients[first + k].T for k in range(SPLINE_ORDER))
         wave = np.exp(self.level[: self.stop] + 1j * self.phase[: self.stop])
         out = np.zeros((*made.shape[:-1], self.phase.size))
         out[..., : self.stop] = (made * wave).real
@@ -107,8 +107,8 @@ class Component:
 
 def _splines_at(position: Array, count: int) -> tuple[NDArray[np.intp], Array]:
     """Uniform B-splines of degree five at positions in units of their knots."""
-    first = np.clip(np.floor(position).astype(np.intp), 0, count - ORDER)
-    return first, SPLINE_POWERS @ np.vander(position - first, ORDER, increasing=True).T
+    first = np.clip(np.floor(position).astype(np.intp), 0, count - SPLINE_ORDER)
+    return first, SPLINE_POWERS @ np.vander(position - first, SPLINE_ORDER, increasing=True).T
 
 
 def fit_envelopes(signals: Array, components: Sequence[Component]) -> list[Component]:
@@ -120,63 +120,67 @@ def fit_envelopes(signals: Array, components: Sequence[Component]) -> list[Compo
     components : sequence of Component
         Phases, levels and knots.
     """
-    offsets = np.concatenate([[0], np.cumsum([2 * one.splines for one in components])])
+    offsets = np.concatenate([[0], np.cumsum([2 * component.splines for component in components])])
     size = int(offsets[-1])
     normal, right = np.zeros((size, size)), np.zeros((size, signals.shape[0]))
     parts = []
-    for one in components:
-        first, values = one.weights()
-        wave = np.exp(one.level[: one.stop] + 1j * one.phase[: one.stop])
+    for component in components:
+        first, values = component.weights()
+        wave = np.exp(component.level[: component.stop] + 1j * component.phase[: component.stop])
         parts.append((first, values * wave.real, values * -wave.imag))
-    longest = max((one.stop for one in components), default=0)
-    for low in range(0, longest, CHUNK):
+    longest = max((component.stop for component in components), default=0)
+    for low in range(0, longest, SAMPLES_AT_ONCE):
         blocks, places = [], []
-        for one, offset, (first, cosine, sine) in zip(components, offsets, parts, strict=False):
-            high = min(low + CHUNK, one.stop)
+        for component, offset, (first, cosine, sine) in zip(components, offsets, parts, strict=False):
+            high = min(low + SAMPLES_AT_ONCE, component.stop)
             if high <= low:
                 continue
             of = first[low:high]
-            lowest, width = int(of[0]), int(of[-1] - of[0]) + ORDER
-            rows, block = np.arange(high - low), np.zeros((2, CHUNK, width))
-            for k in range(ORDER):
+            lowest, width = int(of[0]), int(of[-1] - of[0]) + SPLINE_ORDER
+            rows, block = np.arange(high - low), np.zeros((2, SAMPLES_AT_ONCE, width))
+            for k in range(SPLINE_ORDER):
                 block[0, rows, of - lowest + k] = cosine[k, low:high]
                 block[1, rows, of - lowest + k] = sine[k, low:high]
             blocks += [block[0], block[1]]
             at = offset + lowest + np.arange(width)
-            places += [at, at + one.splines]
+            places += [at, at + component.splines]
         columns, where = np.hstack(blocks), np.concatenate(places)
-        measured = signals[:, low : low + CHUNK]
+        measured = signals[:, low : low + SAMPLES_AT_ONCE]
         columns = columns[: measured.shape[1]]
         normal[np.ix_(where, where)] += columns.T @ columns
         right[where] += columns.T @ measured.T
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    inverse = np.linalg.inv(scale[:, None] * normal * scale + RIDGE * np.eye(size))
+    inverse = np.linalg.inv(scale[:, None] * normal * scale + NORMAL_RIDGE * np.eye(size))
     solution = scale[:, None] * (inverse @ (scale[:, None] * right))
     error = scale * np.sqrt(np.diag(inverse))
     fitted = []
-    for one, offset in zip(components, offsets, strict=False):
-        middle, end = offset + one.splines, offset + 2 * one.splines
+    for component, offset in zip(components, offsets, strict=False):
+        middle, end = offset + component.splines, offset + 2 * component.splines
         envelope = solution[offset:middle] + 1j * solution[middle:end]
-        fitted.append(replace(one, envelope=envelope, error=np.hypot(error[offset:middle], error[middle:end]) / 2**0.5))
+        fitted.append(
+            replace(
+                component, envelope=envelope, error=np.hypot(error[offset:middle], error[middle:end]) / 2**0.5
+            )
+        )
     return fitted
 
 
-def with_common_part(one: Component, noise: Array) -> Component:
+def with_common_part(component: Component, noise: Array) -> Component:
     """Move what the envelopes of all sensors have in common to phase and level; the envelope stays as it was.
 
     `noise` : (sensor,) standard deviations, by which sensors count.
     """
-    points = np.linspace(0.0, one.stop - 1.0, POINTS_A_KNOT * one.splines)
-    envelope = one.envelope_at(points)
+    points = np.linspace(0.0, component.stop - 1.0, POINTS_A_KNOT * component.splines)
+    envelope = component.envelope_at(points)
     shape = common_shape(envelope / noise)
     common = envelope / noise @ shape.conj()
     angle, size = np.unwrap(np.angle(common)), np.log(np.maximum(np.abs(common), 1e-300))
     # What is added for good begins at zero: the shape keeps the amplitude.
     size = size - size[0]
-    samples = np.arange(one.phase.size, dtype=float)
-    inside = np.minimum(samples, one.stop - 1.0)
-    phase = one.phase + CubicSpline(points, angle)(inside)
-    return replace(one, phase=phase, level=one.level + CubicSpline(points, size)(inside))
+    samples = np.arange(component.phase.size, dtype=float)
+    inside = np.minimum(samples, component.stop - 1.0)
+    phase = component.phase + CubicSpline(points, angle)(inside)
+    return replace(component, phase=phase, level=component.level + CubicSpline(points, size)(inside))
 
 
 def common_shape(values: Complex) -> Complex:
@@ -188,7 +192,7 @@ def common_shape(values: Complex) -> Complex:
 def carrier(
     signals: Array, interval: float, frequency: float, half_band: float, noise: Array
 ) -> tuple[Array, Array, int] | None:
-    """Phase, level and stop of the oscillation in a band, as a start; None where nothing stands out of the noise.
+    """Phase, level and stop of the oscillation in a band, as a start; None where it is lost in the noise.
 
     Parameters
     ----------
@@ -215,11 +219,11 @@ def carrier(
     rise = 0.5 / half_band / interval
     inside = (at < count - rise) & (at > min(rise, 0.1 * count))
     floor = 2.0 * np.sqrt(np.sum(window**2) / size)
-    strength = np.abs(envelope)
+    size_of_envelope = np.abs(envelope)
     if not inside.any():
         return None
     # It ends where it stays below the noise of its band.
-    seen = np.flatnonzero(inside & (strength > 3.0 * floor))
+    seen = np.flatnonzero(inside & (size_of_envelope > 3.0 * floor))
     if seen.size < 6:
         return None
     gaps = np.flatnonzero(np.diff(seen) > max(8, 0.05 * coarse.size))
@@ -228,8 +232,8 @@ def carrier(
     if used.size < 6:
         return None
     x, values = at[used], envelope[used]
-    weight = np.minimum(strength[used] / floor, 100.0) ** 2
-    phase, level = np.unwrap(np.angle(values)), np.log(strength[used])
+    weight = np.minimum(size_of_envelope[used] / floor, 100.0) ** 2
+    phase, level = np.unwrap(np.angle(values)), np.log(size_of_envelope[used])
     samples = np.arange(count, dtype=float)
     carried = 2.0 * np.pi * middle * line * interval * samples
     scaled, where = x / count, samples / count

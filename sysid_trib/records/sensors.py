@@ -17,7 +17,7 @@ from sysid_trib.records.in_memory import as_record
 from sysid_trib.records.row_times import row_times
 from sysid_trib.records.signal import uniform_pieces, unit_of_signal
 
-# Samples of a record in which modes are told apart.
+# Samples of a record that separate modes at least.
 FEWEST_SAMPLES_OF_SENSORS = 500
 # A sensor is clipped where it is at one end of its range in so many runs, of so many samples in all.
 CLIPPED_RUNS, CLIPPED_SAMPLES = 2, 4
@@ -40,16 +40,16 @@ def read_sensors(
     path : str or path
         As `read_record` takes it.
     how : Reading, optional
-        How it is to be read; `angle` names the columns, with commas between them. If it does not, they are those
-        of one quantity: accelerations, else rates, else displacements.
+        How it is to be read; `angle` names the columns, with commas between them. If it does not, they are
+        those of one quantity: accelerations, else rates, else displacements.
     window : (float or None, float or None), s
         Times between which it is read.
 
     Returns
     -------
     Dataset
-        ``signal(sensor, time)`` on a uniform clock, in m/s^2, m/s or m (rad/s^2, rad/s, rad); attrs `quantity`,
-        `position` (the unit after integration), `integrations`, `reading`, `source`.
+        ``signal(sensor, time)`` on a uniform clock, in m/s^2, m/s or m (rad/s^2, rad/s, rad); attrs
+        `quantity`, `position` (the unit after integration), `integrations`, `reading`, `source`.
 
     Raises
     ------
@@ -72,12 +72,14 @@ def read_sensors(
     kept = (time >= start) & (time <= stop) & np.isfinite(table_of).all(axis=0)
     if np.count_nonzero(kept) < FEWEST_SAMPLES_OF_SENSORS:
         raise DecayError(
-            f"{table.source}: {np.count_nonzero(kept)} samples are too few to tell modes apart; at least "
+            f"{table.source}: {np.count_nonzero(kept)} samples are too few to separate modes; at least "
             f"{FEWEST_SAMPLES_OF_SENSORS} are needed: record longer, or widen the window."
         )
     time, table_of = time[kept], table_of[:, kept]
     one_by_one = replace(how, angle=None)
-    units = [assumed_units.unit_of(table, c, one_by_one, time, v) for c, v in zip(columns, table_of, strict=True)]
+    units = [
+        assumed_units.unit_of(table, c, one_by_one, time, v) for c, v in zip(columns, table_of, strict=True)
+    ]
     time, table_of, said = _on_one_clock(time, table_of)
     values = table_of * np.array([unit.factor for unit, _ in units])[:, None]
     record = _dataset(time, values, [column.name for column in columns], units[0][0])
@@ -103,7 +105,9 @@ def as_sensors(given: xr.Dataset) -> xr.Dataset:
         return _without_clipped(_with_quantity(given.transpose("sensor", "time")))
     record = as_record(given)
     if not isinstance(record, xr.Dataset) or "angle" not in record:
-        raise UsageError("Sensors are a Dataset with signal(sensor, time) or angle(time): read_sensors(path).")
+        raise UsageError(
+            "Sensors are a Dataset with signal(sensor, time) or angle(time): read_sensors(path)."
+        )
     name = str(record.attrs.get("measured", "angle"))
     unit = lab.signal_unit(str(record[name].attrs.get("units", unit_of_signal(record))))
     unit = unit or lab.SignalUnit("rad", "angle", "rad", 1.0)
@@ -132,7 +136,10 @@ def _dataset(time: Array, values: Array, names: list[str], unit: lab.SignalUnit)
     times = lab.INTEGRATIONS[unit.quantity]
     units = unit.position + ("", "/s", "/s^2")[times]
     attrs: dict[str, Any] = {"quantity": unit.quantity, "position": unit.position, "integrations": times}
-    coordinates: dict[str, Any] = {"sensor": names, "time": ("time", time, {"units": "s", "long_name": "time"})}
+    coordinates: dict[str, Any] = {
+        "sensor": names,
+        "time": ("time", time, {"units": "s", "long_name": "time"}),
+    }
     signal = (("sensor", "time"), values, {"units": units, "long_name": f"{unit.quantity} at each sensor"})
     return xr.Dataset({"signal": signal}, coordinates, attrs)
 
@@ -202,7 +209,9 @@ def _without_clipped(sensors: xr.Dataset) -> xr.Dataset:
             f"{source}: {said}; use what comes after it (--window {after:.4g}:), or record with a lower gain."
         )
     kept = sensors.drop_sel(sensor=clipped)
-    return kept.assign_attrs(reading="; ".join(filter(None, [kept.attrs.get("reading"), f"{said}, left out"])))
+    return kept.assign_attrs(
+        reading="; ".join(filter(None, [kept.attrs.get("reading"), f"{said}, left out"]))
+    )
 
 
 def _clipped(values: Array) -> int | None:

@@ -1,7 +1,7 @@
 """Modes whose frequency and rate of decay are smooth curves, fitted to all sensors at once.
 
-The envelopes of `ringing` are free enough to take part of a neighbouring mode near the ends of a record. Here each
-mode has few numbers: rates of phase and level that are splines of a few intervals, and a constant shape.
+The envelopes of `ringing` are free enough to take part of a neighbouring mode near the ends of a record. Here
+each mode has few numbers: rates of phase and level that are splines of a few intervals, and a constant shape.
 """
 
 from collections.abc import Sequence
@@ -12,17 +12,18 @@ from scipy.interpolate import BSpline
 
 from sysid_trib.arrays import Array
 from sysid_trib.records.ringing import (
-    CHUNK,
+    NORMAL_RIDGE,
     POINTS_A_KNOT,
-    RIDGE,
+    SAMPLES_AT_ONCE,
     Complex,
     Component,
     fit_envelopes,
     with_common_part,
 )
 
-# Intervals of the splines that are the rates of phase and level, over a fall of the amplitude by e and in all;
-# their degree, and the part of the duration by which their knots lie in time rather than in the amplitude.
+# Intervals of the splines that are the rates of phase and level, over a fall of the amplitude by e and in
+# all; their degree, and the part of the duration by which their knots lie in time rather than in the
+# amplitude.
 RATES_A_FALL, FEWEST_RATES, MOST_RATES, RATE_DEGREE, IN_TIME = 2.0, 3, 10, 3, 0.3
 POLISHING_ROUNDS, LEAST_GAIN = 12, 1.0
 # Of Levenberg and Marquardt's steps, beside the diagonal of the normal equations.
@@ -34,8 +35,8 @@ def with_smooth_rates(
 ) -> list[Component]:
     """Fit components whose frequency and rate of decay are smooth curves, and whose shapes are constant.
 
-    Few numbers give each oscillation, so that those whose frequencies are near each other are told apart at the
-    ends of a record too (Gauss and Newton's steps from the envelopes before).
+    Few numbers give each oscillation, so that neighbouring modes are separated at
+    the ends of a record too (Gauss and Newton's steps from the envelopes before).
 
     Parameters
     ----------
@@ -45,10 +46,10 @@ def with_smooth_rates(
     interval : float, s
     noise : (sensor,) array of float
     """
-    smoothed = [_smoothed(with_common_part(one, noise), interval) for one in components]
-    integrals = [_integrated_rates(one, interval) for one in smoothed]
+    smoothed = [_smoothed(with_common_part(component, noise), interval) for component in components]
+    integrals = [_integrated_rates(component, interval) for component in smoothed]
     fitted = fit_envelopes(signals, smoothed)
-    shapes = [_mean_shape(one) for one in fitted]
+    shapes = [_mean_shape(component) for component in fitted]
     damping, rounds = LEAST_DAMPING, 0
     rest, columns = _what_is_left(signals, fitted, shapes, integrals)
     squares = float(np.sum((rest / noise[:, None]) ** 2))
@@ -56,24 +57,24 @@ def with_smooth_rates(
     while rounds < POLISHING_ROUNDS and damping < MOST_DAMPING:
         rounds += 1
         steps = _newton_step(gram, right, shapes, [len(integral) for integral in integrals], noise, damping)
-        moved = [
-            _moved(one, of_level @ integral, of_phase @ integral)
-            for one, (_, of_level, of_phase), integral in zip(fitted, steps, integrals, strict=True)
+        stepped = [
+            _stepped(component, of_level @ integral, of_phase @ integral)
+            for component, (_, of_level, of_phase), integral in zip(fitted, steps, integrals, strict=True)
         ]
         new_shapes = [shape + of_shape for shape, (of_shape, _, _) in zip(shapes, steps, strict=True)]
-        rest, columns = _what_is_left(signals, moved, new_shapes, integrals)
+        rest, columns = _what_is_left(signals, stepped, new_shapes, integrals)
         now = float(np.sum((rest / noise[:, None]) ** 2))
         # Levenberg and Marquardt: a step that does not help is made shorter.
         if not now < squares:
             damping *= 30.0
             continue
-        fitted, shapes, gain, squares, damping = moved, new_shapes, squares - now, now, damping / 10.0
+        fitted, shapes, gain, squares, damping = stepped, new_shapes, squares - now, now, damping / 10.0
         if gain < LEAST_GAIN:
             break
         gram, right = _products(columns, rest)
     return [
-        replace(one, envelope=np.tile(shape, (one.splines, 1)), error=np.zeros(one.splines))
-        for one, shape in zip(fitted, shapes, strict=True)
+        replace(component, envelope=np.tile(shape, (component.splines, 1)), error=np.zeros(component.splines))
+        for component, shape in zip(fitted, shapes, strict=True)
     ]
 
 
@@ -82,47 +83,51 @@ def _what_is_left(
 ) -> tuple[Array, list[Complex]]:
     """What components leave of signals, and the columns of the next step."""
     rest, columns = signals.copy(), []
-    for one, shape, integral in zip(fitted, shapes, integrals, strict=True):
-        level = np.minimum(one.level[: one.stop], LARGEST_LEVEL)
-        wave = np.exp(level + 1j * one.phase[: one.stop])
-        rest[:, : one.stop] -= (shape[:, None] * wave).real
+    for component, shape, integral in zip(fitted, shapes, integrals, strict=True):
+        level = np.minimum(component.level[: component.stop], LARGEST_LEVEL)
+        wave = np.exp(level + 1j * component.phase[: component.stop])
+        rest[:, : component.stop] -= (shape[:, None] * wave).real
         columns += [wave[None], wave * integral]
     return rest, columns
 
 
-def _smoothed(one: Component, interval: float) -> Component:
+def _smoothed(component: Component, interval: float) -> Component:
     """The oscillation with its phase and level replaced by those of smooth rates that are nearest."""
-    every = max(1, one.stop // 1000)
+    every = max(1, component.stop // 1000)
     for _ in range(2):
-        integrals = _integrated_rates(one, interval)
-        table = np.vstack([np.ones(one.stop), integrals])
-        weight = np.exp(np.maximum(one.level[: one.stop] - one.level[: one.stop].max(), -6.0))[::every]
+        integrals = _integrated_rates(component, interval)
+        table = np.vstack([np.ones(component.stop), integrals])
+        weight = np.exp(
+            np.maximum(component.level[: component.stop] - component.level[: component.stop].max(), -6.0)
+        )[::every]
         thin = (table[:, ::every] * weight).T
         made = []
-        for part in (one.level, one.phase):
-            values = part[: one.stop]
+        for part in (component.level, component.phase):
+            values = part[: component.stop]
             fit = np.linalg.lstsq(thin, values[::every] * weight, rcond=1e-10)[0]
             made.append(fit @ table - values)
-        one = _moved(one, *made)
-    return one
+        component = _stepped(component, *made)
+    return component
 
 
-def _mean_shape(one: Component) -> Complex:
+def _mean_shape(component: Component) -> Complex:
     """The shape that fits the envelopes of all sensors best, by their squares."""
-    points = np.linspace(0.0, one.stop - 1.0, POINTS_A_KNOT * one.splines)
-    weight = np.exp(2.0 * np.interp(points, np.arange(one.level.size), one.level))
-    return np.asarray(weight @ one.envelope_at(points) / weight.sum())
+    points = np.linspace(0.0, component.stop - 1.0, POINTS_A_KNOT * component.splines)
+    weight = np.exp(2.0 * np.interp(points, np.arange(component.level.size), component.level))
+    return np.asarray(weight @ component.envelope_at(points) / weight.sum())
 
 
-def _integrated_rates(one: Component, interval: float) -> Array:
+def _integrated_rates(component: Component, interval: float) -> Array:
     """Integrals over time of the splines that rates are sums of, (spline, sample)."""
-    time = np.linspace(0.0, 1.0, one.stop)
-    fall = np.maximum(-np.gradient(one.level[: one.stop]), 0.0)
+    time = np.linspace(0.0, 1.0, component.stop)
+    fall = np.maximum(-np.gradient(component.level[: component.stop]), 0.0)
     fallen = np.cumsum(fall)
     along = IN_TIME * time + (1.0 - IN_TIME) * fallen / fallen[-1] if fallen[-1] > 0.0 else time
     along = along / along[-1]
     intervals = int(np.clip(round(RATES_A_FALL * fallen[-1]), FEWEST_RATES, MOST_RATES))
-    knots = np.concatenate([np.zeros(RATE_DEGREE), np.linspace(0.0, 1.0, intervals + 1), np.ones(RATE_DEGREE)])
+    knots = np.concatenate(
+        [np.zeros(RATE_DEGREE), np.linspace(0.0, 1.0, intervals + 1), np.ones(RATE_DEGREE)]
+    )
     splines = BSpline.design_matrix(np.clip(along, 0.0, 1.0), knots, RATE_DEGREE).toarray().T
     summed = np.cumsum(splines, axis=1)
     return (summed - 0.5 * (splines + splines[:, :1])) * interval
@@ -133,8 +138,8 @@ def _products(columns: Sequence[Complex], rest: Array) -> tuple[Array, Array]:
     sizes = [2 * len(part) for part in columns]
     size, stop = sum(sizes), max(part.shape[1] for part in columns)
     gram, right = np.zeros((size, size)), np.zeros((size, rest.shape[0]))
-    for low in range(0, stop, 4 * CHUNK):
-        high = min(low + 4 * CHUNK, stop)
+    for low in range(0, stop, 4 * SAMPLES_AT_ONCE):
+        high = min(low + 4 * SAMPLES_AT_ONCE, stop)
         table = np.zeros((size, high - low))
         row = 0
         for part in columns:
@@ -170,20 +175,20 @@ def _newton_step(
         normal += mapped.T @ gram @ mapped / noise[sensor] ** 2
         target += mapped.T @ right[:, sensor] / noise[sensor] ** 2
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    scaled = scale[:, None] * normal * scale + (RIDGE + damping) * np.eye(total)
-    step = scale * np.linalg.solve(scaled, scale * target)
-    steps, place = [], 0
+    scaled = scale[:, None] * normal * scale + (NORMAL_RIDGE + damping) * np.eye(total)
+    solution = scale * np.linalg.solve(scaled, scale * target)
+    steps: list[tuple[Complex, Array, Array]] = []
+    place = 0
     for count in counts:
-        own = step[place : place + 2 * (sensors + count)]
+        own = solution[place : place + 2 * (sensors + count)]
         of_shape = own[:sensors] + 1j * own[sensors : 2 * sensors]
-        rates = own[2 * sensors :]
-        steps.append((of_shape, rates[:count], rates[count:]))
+        steps.append((of_shape, own[2 * sensors : 2 * sensors + count], own[2 * sensors + count :]))
         place += 2 * (sensors + count)
     return steps
 
 
-def _moved(one: Component, level: Array, phase: Array) -> Component:
+def _stepped(component: Component, level: Array, phase: Array) -> Component:
     """The oscillation with its level and phase moved, beyond its stop by as much as there."""
-    beyond = one.phase.size - one.stop
-    level, phase = (np.concatenate([part, np.full(beyond, part[-1])]) for part in (level, phase))
-    return replace(one, level=one.level + level, phase=one.phase + phase)
+    after = component.phase.size - component.stop
+    level, phase = (np.concatenate([part, np.full(after, part[-1])]) for part in (level, phase))
+    return replace(component, level=component.level + level, phase=component.phase + phase)

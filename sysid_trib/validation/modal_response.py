@@ -13,7 +13,8 @@ from sysid_trib.validation.steady_response import SWEEPS, sweeps
 
 # Amplitudes at which the balance is drawn, and how far below the smallest of the record they begin.
 BALANCE_POINTS, BELOW_RECORD = 3000, 1e-3
-# Of a joint that slips by Masing's rule: how the drop of the stiffness goes with the damping ratio that it adds.
+# Of a joint that slips by Masing's rule: how the drop of the stiffness goes with the damping ratio that it
+# adds.
 SLIP_PER_DAMPING = 1.5 * np.pi
 
 
@@ -50,10 +51,11 @@ def response_of_mode(
 
     Notes
     -----
-    Harmonic balance: a ((w^2 - W^2)^2 + (2 zeta w W)^2)^(1/2) = force over modal mass, with w(a) and zeta(a) of the
-    backbone. A decay's damping ratio is the energy lost over the work of the restoring force at the reversal, that of
-    a steady motion over w^2 a^2; they differ by the change of the stiffness, which for a joint that slips (Masing)
-    follows from the damping that it adds. The bands hold this as well as those of the backbone, by their corners.
+    Harmonic balance: a ((w^2 - W^2)^2 + (2 zeta w W)^2)^(1/2) = force over modal mass, with w(a) and zeta(a)
+    of the backbone. A decay's damping ratio is the energy lost over the work of the restoring force at the
+    reversal, that of a steady motion over w^2 a^2; they differ by the change of the stiffness, which for a
+    joint that slips (Masing) follows from the damping that it adds. The bands hold this as well as those of
+    the backbone, by their corners.
     """
     w = np.asarray(frequencies, dtype=float)
     if w.ndim != 1 or not w.size or not np.all(np.isfinite(w)) or w[0] <= 0.0 or np.any(np.diff(w) <= 0.0):
@@ -72,7 +74,9 @@ def response_of_mode(
     scale = w ** int(backbone.attrs.get("integrations", 0))
     # Where no corner has a motion there is no band.
     others = np.where(np.isnan(others), amplitude, others)
-    low, high = (np.where(np.isnan(amplitude), np.nan, part) for part in (others.min(axis=0), others.max(axis=0)))
+    low, high = (
+        np.where(np.isnan(amplitude), np.nan, part) for part in (others.min(axis=0), others.max(axis=0))
+    )
     measured = backbone.measured_amplitude if "measured_amplitude" in backbone else backbone.amplitude
     unit = str(measured.attrs["units"])
     unit_of_drive = "N" if modal_mass else f"{backbone.amplitude.attrs['units']}/s^2"
@@ -84,7 +88,10 @@ def response_of_mode(
         "phase": variable(dims, phase, "phase ahead of the force", "rad"),
         "drive": variable((), drive, "amplitude of the force", unit_of_drive),
         "frequency_ratio": variable(
-            "frequency", w / backbone.smallest_amplitude_frequency.item(), "over that at small amplitudes", "1"
+            "frequency",
+            w / backbone.smallest_amplitude_frequency.item(),
+            "over that at small amplitudes",
+            "1",
         ),
     }
     largest = float(measured.values[-1])
@@ -138,7 +145,9 @@ def _response(
             rows.append(at)
             amplitudes.append(value)
             stable.append(order % 2 == 0)
-    chosen = sweeps(len(frequencies), np.array(rows, dtype=int), np.array(amplitudes), np.array(stable, dtype=bool))
+    chosen = sweeps(
+        len(frequencies), np.array(rows, dtype=int), np.array(amplitudes), np.array(stable, dtype=bool)
+    )
     made = np.append(np.array(amplitudes, dtype=float), np.nan)[chosen]
     own = np.interp(np.log(np.nan_to_num(made, nan=1.0)), np.log(amplitude), w)
     damping = np.interp(np.log(np.nan_to_num(made, nan=1.0)), np.log(amplitude), zeta)
