@@ -3,7 +3,7 @@
 python -m benchmarks modes [--seeds N] [--only look|beam|close|kinds]
 
 look   the modes of a record of 65,536 samples and three sensors: errors of the frequencies, processor time
-beam   how often the simultaneous 95 % bands of mode 1 hold the truth from 0.1 s after the blow on, over noise seeds
+beam   how often the simultaneous 95 % bands of mode 1 hold the truth from 0.1 s after the blow on
 close  the same of two modes whose frequencies are 10 % apart, of three sensors and of one
 kinds  the same of the first mode of other beams: frequencies, shapes, a trigger, an offset, mains hum
 
@@ -117,9 +117,7 @@ class Beam:
 
     def record(self, seed: int) -> xr.Dataset:
         random = np.random.default_rng([seed, 7])
-        return sensors(
-            self.time, self.clean + self.noise[:, None] * random.standard_normal(self.clean.shape)
-        )
+        return sensors(self.time, self.clean + self.noise[:, None] * random.standard_normal(self.clean.shape))
 
 
 def beam(
@@ -173,7 +171,10 @@ def tried(source: Beam, number: int) -> Callable[[int], dict]:
             return st.backbone(st.free_decay(st.one_mode(source.record(seed), number)))
 
         curves, seconds = timed(made, time.process_time)
-        widths = {f"half_{name}": float(np.median(half_width(curves, name))) for name in ("frequency", "damping_ratio")}
+        widths = {
+            f"half_{name}": float(np.median(half_width(curves, name)))
+            for name in ("frequency", "damping_ratio")
+        }
         return holds(curves, source.laws[number], source.blow) | widths | {"seconds": seconds}
 
     return one
@@ -186,7 +187,9 @@ KINDS = {
     "trigger 0.5 s before the blow": {"blow": 0.5},
     "offset of 3, -1.5, 5 m/s^2": {"offset": 500.0},
     "mains hum of 0.3 m/s^2": {"hum": 0.3},
-    "other shapes": {"shapes": np.array([[0.9, 0.3, 0.7, -0.2], [0.5, 0.8, -0.3, 0.9], [-0.2, 0.6, 1.0, 0.4]])},
+    "other shapes": {
+        "shapes": np.array([[0.9, 0.3, 0.7, -0.2], [0.5, 0.8, -0.3, 0.9], [-0.2, 0.6, 1.0, 0.4]])
+    },
 }
 
 
@@ -197,8 +200,13 @@ def modes(asked: Namespace) -> None:
     def add(name: str, source: Beam, seeds: int | None = None) -> None:
         for number in source.laws:
             rows = over_seeds(asked, tried(source, number), seeds=seeds, case=f"{name}, {number}")
-            held = [f"{100 * np.mean([row[key] for row in rows]):.0f}" for key in ("frequency", "damping_ratio")]
-            widths = [f"{np.mean([row[f'half_{key}'] for row in rows]):.1e}" for key in ("frequency", "damping_ratio")]
+            held = [
+                f"{100 * np.mean([row[key] for row in rows]):.0f}" for key in ("frequency", "damping_ratio")
+            ]
+            widths = [
+                f"{np.mean([row[f'half_{key}'] for row in rows]):.1e}"
+                for key in ("frequency", "damping_ratio")
+            ]
             seconds = f"{np.mean([row['seconds'] for row in rows]):.2f}"
             table.append([name, str(number), *held, *widths, seconds])
 
@@ -224,4 +232,9 @@ def look() -> None:
         [f"{true:.2f}", f"{value:.4f}", f"{100 * (value / true - 1.0):+.4f}"]
         for true, value in zip(truth, listed.frequency.values, strict=True)
     ]
-    shown(f"modes of 65,536 samples x 3 sensors: {seconds:.2f} s of processor", ("Hz", "listed", "error %"), rows, 60)
+    shown(
+        f"modes of 65,536 samples x 3 sensors: {seconds:.2f} s of processor",
+        ("Hz", "listed", "error %"),
+        rows,
+        60,
+    )

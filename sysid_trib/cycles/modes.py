@@ -9,11 +9,14 @@ import xarray as xr
 from sysid_trib.arrays import Array, Variables, variable
 from sysid_trib.errors import DecayError
 from sysid_trib.records.mode_search import Ringing, amplitude_at, central_frequency, find_ringing
+from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component, common_shape
 from sysid_trib.records.sensors import as_sensors
 
 # Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
 LAST_FALL, FEWEST_POINTS = 3.0, 8
+# Points of a history within each spline of its envelope, between which integrals are trapezia.
+FINE = 8
 # Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of
 # another mode has to beat.
 OWN_POWERS, OTHER_POWERS = (0, 1, 2, 3), (0.5, 4)
@@ -25,14 +28,14 @@ RISE, RISE_ERRORS = 0.05, 8.0
 
 @dataclass(frozen=True)
 class History:
-    """A mode along its decay, at points about as independent as its splines.
+    """A mode along its decay.
 
     Attributes
     ----------
     time, phase, amplitude : (point,) array of float
         s, rad, and in the unit of the sensor where it is largest.
     error : (point,) array of float
-        Standard error of the phase, and of the amplitude as a part of it.
+        Standard error of the phase, and of the amplitude as a part of it, as if points were independent.
     """
 
     time: Array
@@ -66,7 +69,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
     ringing = find_ringing(sensors.signal.values, float(np.mean(np.diff(sensors.time.values))))
     if not ringing.modes:
         source = sensors.attrs.get("source", "record")
-        raise DecayError(f"{source}: no mode rings and decays in it; check columns and window.")
+        raise DecayError(nothing_decays(ringing, str(source)))
     units = str(sensors.signal.attrs["units"])
     names = [str(name) for name in sensors.sensor.values]
     histories = [_history(component, ringing) for component in ringing.modes]
@@ -109,7 +112,8 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 def _history(component: Component, ringing: Ringing) -> History:
     """A mode along its decay, by all sensors together."""
-    points = np.linspace(0.0, component.stop - 1.0, max(FEWEST_POINTS, component.splines))
+    count = FINE * max(FEWEST_POINTS, component.splines)
+    points = np.linspace(0.0, component.stop - 1.0, count)
     envelope = component.envelope_at(points)
     shape = common_shape(envelope / ringing.noise)
     common = envelope / ringing.noise @ shape.conj()
@@ -123,7 +127,8 @@ def _history(component: Component, ringing: Ringing) -> History:
         time=points * ringing.interval,
         phase=phase + np.unwrap(np.angle(common)),
         amplitude=size * largest,
-        error=component.error_at(points) / np.abs(common),
+        # Points within one spline are no further knowledge.
+        error=np.sqrt(FINE) * component.error_at(points) / np.abs(common),
     )
 
 
@@ -131,7 +136,7 @@ def _at_small_amplitude(history: History) -> tuple[float, float]:
     """Frequency (rad/s) and damping ratio at small amplitude; near the end both are linear in it."""
     level = np.log(history.amplitude)
     low = level < level[-1] + LAST_FALL
-    low[-FEWEST_POINTS:] = True
+    low[-FINE * FEWEST_POINTS :] = True
     first = int(np.flatnonzero(~low)[-1]) + 1 if not low.all() else 0
     time, weight = history.time[first:], 1.0 / history.error[first:]
     columns = [np.ones_like(time), time - time[0], _integrated(time, history.amplitude[first:])]
@@ -175,7 +180,7 @@ def _rise(history: History) -> tuple[float, float, float] | None:
         history.error, history.error[[int(np.argmin(level[: at + 1])) for at in range(level.size)]]
     )
     # The ends of splines are uncertain.
-    rise[:2] = rise[-2:] = 0.0
+    rise[: 2 * FINE] = rise[-2 * FINE :] = 0.0
     top = int(np.argmax(rise / (RISE + RISE_ERRORS * error)))
     if not rise[top] > RISE + RISE_ERRORS * error[top]:
         return None

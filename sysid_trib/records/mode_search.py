@@ -198,6 +198,9 @@ def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dic
     lines = largest >= maximum_filter1d(largest, 2 * LARGEST_OF_BINS + 1)
     lines &= largest > ABOVE_MEDIAN * median_filter(largest, 2 * MEDIAN_BINS + 1, mode="nearest")
     lines &= largest > np.sqrt(signals.shape[0] + 2.0 * np.log(spectrum.size) + CERTAIN_LINE)
+    if not (known or lines.any()) and largest.max() > ABOVE_MEDIAN * np.median(spectrum):
+        # Of a short record the median holds the skirts of its one line.
+        lines[int(np.argmax(largest))] = True
     made = []
     for at in np.flatnonzero(lines):
         stop = first[at + 1] if at + 1 < first.size else spectrum.size

@@ -122,7 +122,7 @@ def _place(
         raise UsageError("Give the number of a mode, or a band in Hz.")
     modes = ringing.modes
     if not modes:
-        raise DecayError(f"{source}: no mode rings and decays in it; check columns and window.")
+        raise DecayError(nothing_decays(ringing, source))
     frequencies = [central_frequency(component, ringing.interval) for component in modes]
     listed = ", ".join(f"{number}: {value:.4g} Hz" for number, value in enumerate(frequencies, 1))
     if mode is not None:
@@ -142,6 +142,19 @@ def _place(
         key=lambda component: float(np.max(np.abs(component.envelope_at(np.zeros(1)))) + component.level[0]),
     )
     return ringing.components.index(strongest)
+
+
+def nothing_decays(ringing: Ringing, source: str) -> str:
+    """The refusal of signals in which no mode decays."""
+    lines = ", ".join(
+        f"{central_frequency(one_line, ringing.interval):.4g}" for one_line in ringing.of_kind("line")
+    )
+    if lines:
+        return (
+            f"{source}: what oscillates in it, at {lines} Hz, keeps its amplitude to the end: it is driven, "
+            "or the record is too short for its damping, or two modes beat more slowly; record longer."
+        )
+    return f"{source}: no mode rings and decays in it; check columns and window."
 
 
 def _check_resolved(ringing: Ringing, place: int, source: str) -> None:

@@ -36,6 +36,8 @@ SPLINE_POWERS = (
 )
 # Beside the largest diagonal element of the normal equations: what is smaller does not count.
 NORMAL_RIDGE = 1e-11
+# Lines of a spectrum on either side of a component, from which it starts.
+FEWEST_LINES_OF_BAND = 12
 # Weight of the bends of the curves from which phase and level of a component start, for times from 0 to 1.
 CARRIER_PENALTY = 1e-5
 # Points of an envelope between its knots, by which phase and level are corrected.
@@ -206,7 +208,7 @@ def carrier(
     size = next_fast_len(2 * count, real=True)
     spectra = rfft(signals / noise[:, None], size)
     line = 1.0 / (size * interval)
-    middle, half = round(frequency / line), max(4, round(half_band / line))
+    middle, half = round(frequency / line), max(FEWEST_LINES_OF_BAND, round(half_band / line))
     half = min(half, middle - 1, spectra.shape[1] - middle - 1)
     band = spectra[:, middle - half : middle + half + 1]
     window = np.cos(0.5 * np.pi * np.arange(-half, half + 1) / (half + 1)) ** 2

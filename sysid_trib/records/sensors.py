@@ -1,6 +1,7 @@
 """Several sensors of one motion: the columns of a file that record it, on one clock."""
 
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -82,7 +83,7 @@ def read_sensors(
     ]
     time, table_of, said = _on_one_clock(time, table_of)
     values = table_of * np.array([unit.factor for unit, _ in units])[:, None]
-    record = _dataset(time, values, [column.name for column in columns], units[0][0])
+    record = _dataset(time, values, _names(columns), units[0][0])
     record.attrs |= {
         "source": table.source,
         "record_checksum": table.checksum,
@@ -163,6 +164,12 @@ def _columns(table: tables.FileTable, how: reading.Reading) -> list[Column]:
     kinds = {column: _quantity(table, column, how) for column in numeric}
     chosen = next((kind for kind in SENSOR_QUANTITIES if kind in kinds.values()), "")
     return [column for column, kind in kinds.items() if kind == chosen]
+
+
+def _names(columns: list[Column]) -> list[str]:
+    """Names of sensors: those of their columns, without units where they are then different."""
+    bare = [re.sub(r"\s*[(\[][^()\[\]]*[)\]]$", "", column.name) for column in columns]
+    return bare if all(bare) and len({*bare}) == len(bare) else [column.name for column in columns]
 
 
 def _quantity(table: tables.FileTable, column: Column, how: reading.Reading) -> str:

@@ -70,7 +70,7 @@ def response_of_mode(
         _response(*curve, force, w) for curve in [_curves(backbone, 0.0, 0.0), *_corners(backbone)]
     )
     amplitude, phase = middle
-    others = np.array([of_corner for of_corner, _ in corners])
+    others = np.array([amplitude, *(of_corner for of_corner, _ in corners)])
     scale = w ** int(backbone.attrs.get("integrations", 0))
     # Where no corner has a motion there is no band.
     others = np.where(np.isnan(others), amplitude, others)
@@ -132,9 +132,12 @@ def _response(
     """Amplitude and phase of each sweep, (sweep, frequency)."""
     under = w**4 * (1.0 - 2.0 * zeta**2) ** 2 - w**4 + (force / amplitude) ** 2
     root = np.sqrt(np.maximum(under, 0.0))
+    # Where both branches meet there is no crossing between two amplitudes.
+    top = np.flatnonzero((under[:-1] >= 0.0) & (under[1:] < 0.0))
+    middle, reach = w[top] ** 2 * (1.0 - 2.0 * zeta[top] ** 2), root[top]
     rows, amplitudes, stable = [], [], []
     for at, frequency in enumerate(frequencies):
-        crossing = []
+        crossing = amplitude[top[np.abs(frequency**2 - middle) < reach]].tolist()
         for sign in (-1.0, 1.0):
             square = w**2 * (1.0 - 2.0 * zeta**2) + sign * root
             excess = np.where(under >= 0.0, square - frequency**2, np.nan)
