@@ -25,6 +25,9 @@ NEIGHBOURING_MODES = 1.6
 SHAPE_TIMES, SHAPE_ERRORS, LEAST_CHANGE = 9, 6.0, 0.01
 # A mode that is seen in fewer periods is none, and two modes are resolved if they beat so often.
 FEWEST_PERIODS, FEWEST_BEATS = 10.0, 3.0
+# Parts of a mode that its shape, and all modes together, may leave; the second only beyond so many times the
+# noise.
+MOST_OUT_OF_SHAPE, MOST_UNEXPLAINED, UNEXPLAINED_NOISE = 0.25, 0.3, 5.0
 # What all modes leave at a sensor is said if it is so many times its white noise.
 LARGE_RESIDUAL = 1.5
 # The end of a decay is left out where its amplitude is below so many times the noise of a sample that is
@@ -106,6 +109,7 @@ def one_mode(
     number = ringing.modes.index(own) + 1 if own in ringing.modes else 0
     _check_resolved(ringing, place, source)
     separate = separated(ringing, place)
+    _check_one_shape(ringing, place, separate, source)
     return _as_record(sensors, ringing, place, separate, number)
 
 
@@ -177,6 +181,20 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
                 f"together for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the "
                 "record does not separate them; strike, or measure, where one of them does not move."
             )
+
+
+def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, source: str) -> None:
+    """Refuse what is no single mode: sensors do not move in one shape, or ringing is not explained."""
+    own, reference = ringing.components[place], separate.reference
+    size = float(np.sqrt(np.mean(own.signal(slice(reference, reference + 1)) ** 2)))
+    unexplained = float(ringing.residual[reference]) / max(size, 1e-300)
+    above = float(ringing.residual[reference]) > UNEXPLAINED_NOISE * float(ringing.noise[reference])
+    if separate.residual > MOST_OUT_OF_SHAPE or (above and unexplained > MOST_UNEXPLAINED):
+        raise DecayError(
+            f"{source}: about {central_frequency(own, ringing.interval):.4g} Hz more than one mode rings, "
+            "too near to each other for this record: it does not separate them; record longer, or strike, or "
+            "measure, where one of them does not move."
+        )
 
 
 def separated(ringing: Ringing, place: int) -> SeparateMode:
