@@ -16,7 +16,7 @@ from sysid_trib.records.sensors import as_sensors
 # Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
 LAST_FALL, FEWEST_POINTS = 3.0, 8
 # Points of a history within each spline of its envelope, between which integrals are trapezia.
-FINE = 8
+POINTS_A_SPLINE = 8
 # Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of
 # another mode has to beat.
 OWN_POWERS, OTHER_POWERS = (0, 1, 2, 3), (0.5, 4)
@@ -112,7 +112,7 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 def _history(component: Component, ringing: Ringing) -> History:
     """A mode along its decay, by all sensors together."""
-    count = FINE * max(FEWEST_POINTS, component.splines)
+    count = POINTS_A_SPLINE * max(FEWEST_POINTS, component.splines)
     points = np.linspace(0.0, component.stop - 1.0, count)
     envelope = component.envelope_at(points)
     shape = common_shape(envelope / ringing.noise)
@@ -128,7 +128,7 @@ def _history(component: Component, ringing: Ringing) -> History:
         phase=phase + np.unwrap(np.angle(common)),
         amplitude=size * largest,
         # Points within one spline are no further knowledge.
-        error=np.sqrt(FINE) * component.error_at(points) / np.abs(common),
+        error=np.sqrt(POINTS_A_SPLINE) * component.error_at(points) / np.abs(common),
     )
 
 
@@ -136,7 +136,7 @@ def _at_small_amplitude(history: History) -> tuple[float, float]:
     """Frequency (rad/s) and damping ratio at small amplitude; near the end both are linear in it."""
     level = np.log(history.amplitude)
     low = level < level[-1] + LAST_FALL
-    low[-FINE * FEWEST_POINTS :] = True
+    low[-POINTS_A_SPLINE * FEWEST_POINTS :] = True
     first = int(np.flatnonzero(~low)[-1]) + 1 if not low.all() else 0
     time, weight = history.time[first:], 1.0 / history.error[first:]
     columns = [np.ones_like(time), time - time[0], _integrated(time, history.amplitude[first:])]
@@ -180,7 +180,7 @@ def _rise(history: History) -> tuple[float, float, float] | None:
         history.error, history.error[[int(np.argmin(level[: at + 1])) for at in range(level.size)]]
     )
     # The ends of splines are uncertain.
-    rise[: 2 * FINE] = rise[-2 * FINE :] = 0.0
+    rise[: 2 * POINTS_A_SPLINE] = rise[-2 * POINTS_A_SPLINE :] = 0.0
     top = int(np.argmax(rise / (RISE + RISE_ERRORS * error)))
     if not rise[top] > RISE + RISE_ERRORS * error[top]:
         return None
