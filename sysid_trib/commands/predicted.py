@@ -1,28 +1,31 @@
-"""What `sysid-trib plan` and `response` do: runs that were not made, as models predict them."""
+"""Commands `plan` and `response`: predictions of runs."""
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, numbers_by_name, options_of, parse_window
+from sysid_trib.commands.app import numbers_by_name, parse_window
 from sysid_trib.commands.asked import asked_model, model_of_file
+from sysid_trib.commands.options import ModeOptions, PlanOptions, RecordOptions, ResponseOptions
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.cycles.backbone import backbone
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.printing import driven, layout
 from sysid_trib.printing.modes import mode_response_blocks
-from sysid_trib.results.files import kind_of, load
+from sysid_trib.questions.modal_response import response_of_mode, usual_frequencies
+from sysid_trib.questions.next_run import plan as best_run
+from sysid_trib.questions.steady_response import forced_response
+from sysid_trib.results.files import load
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.validation.identify import identify
-from sysid_trib.validation.modal_response import response_of_mode, usual_frequencies
-from sysid_trib.validation.next_run import plan as best_run
-from sysid_trib.validation.steady_response import forced_response
 
 
-def plan(tell: Tell, given: Asked) -> Callable[[], None]:
+def plan(tell: Tell, given: PlanOptions) -> Callable[[], None]:
     """Say which run tells most, of a result or of records."""
     limits = {
         "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
@@ -42,7 +45,7 @@ def plan(tell: Tell, given: Asked) -> Callable[[], None]:
     return deliver(given, tell, says, xr.DataTree(data), kind="plan")
 
 
-def response(tell: Tell, given: Asked) -> Callable[[], None]:
+def response(tell: Tell, given: ResponseOptions) -> Callable[[], None]:
     """Sweep the frequency of a drive."""
     low, high = parse_window(given.frequencies, "--frequencies")
     if low is None or high is None or not 0.0 < low < high:
@@ -59,12 +62,11 @@ def response(tell: Tell, given: Asked) -> Callable[[], None]:
     return deliver(given, tell, says, xr.DataTree(data), texts, kind="response")
 
 
-def _response_of_mode(tell: Tell, given: Asked, limits: tuple[float, float]) -> Callable[[], None]:
+def _response_of_mode(tell: Tell, given: ResponseOptions, limits: tuple[float, float]) -> Callable[[], None]:
     """Sweep the frequency of a force on one mode of a decay."""
-    known = options_of("records")
-    values = {name: value for name, value in vars(given).items() if name in known}
+    reading = {option.name: getattr(given, option.name) for option in fields(ModeOptions)}
     tell("reading")
-    decays, sources = read_decays(Asked(known, **values, records=[given.result]))
+    decays, sources = read_decays(RecordOptions(records=[given.result], **reading))
     if len(decays) > 1:
         raise UsageError(f"{given.result} holds {len(decays)} decays of this mode; choose one by --window.")
     tell("frequency and damping against amplitude")

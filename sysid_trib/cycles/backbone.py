@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -10,11 +10,13 @@ import xarray as xr
 from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
+from sysid_trib import records
 from sysid_trib.arrays import Array, Variables, variable, with_error
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
 from sysid_trib.records.one_mode import NOISE_IS_WHITE_IN
+from sysid_trib.records.runs import RecordLike
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
@@ -26,14 +28,17 @@ LEAST_RELATIVE_NOISE = 1e-10
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
-# A backbone, and weights of its periods in each curve, (amplitude, period).
-Smoothed: TypeAlias = tuple[xr.Dataset, dict[str, Array]]
+class Smoothed(NamedTuple):
+    """A backbone, and the weights of its periods in each curve, (amplitude, period)."""
+
+    curves: xr.Dataset
+    weights: dict[str, Array]
 
 
 def period_rows(
     measured: xr.Dataset, slopes: dict[str, Array] | None = None
 ) -> tuple[Array, dict[str, CurveRows]]:
-    """Rows of an envelope, a half period apart, without what differs between the two sides.
+    """Return rows of an envelope, a half period apart, without the differences between the two sides.
 
     Parameters
     ----------
@@ -65,7 +70,7 @@ def period_rows(
     late = _errors(measured, "extremum_time", "scatter_of_times")
     lasting, passing = half_sines.half_period_responses(measured)
     per_turn, per_time = np.full(len(damping), 1.0 / WHOLE_TURN), frequency**2 / WHOLE_TURN
-    rows = {}
+    rows = dict[str, CurveRows]()
     for name, value, scale, by, error, part in (
         ("damping_ratio", damping, per_turn, 1.0 / b, relative * b, slice(0, len(b))),
         ("frequency", frequency, per_time, np.ones_like(b), late, slice(len(b), 2 * len(b))),
@@ -75,7 +80,7 @@ def period_rows(
         second = sp.diags(SECOND_ORDER[name] * damping**2 * value)
         noises = [of_rows + along, second] if name == "damping_ratio" else [of_rows, along, second]
         walk = sp.diags(scale) @ (fall @ sp.diags(by) @ passing[part] + later @ sp.diags(by) @ lasting[part])
-        rows[name] = value, sp.hstack(noises, format="csr"), walk
+        rows[name] = CurveRows(value, sp.hstack(noises, format="csr"), walk)
     return middle @ np.log(b), rows
 
 
@@ -102,13 +107,13 @@ QUANTILES, FINE = 17, 801
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 
-def backbone(decay: xr.Dataset) -> xr.Dataset:
+def backbone(decay: RecordLike) -> xr.Dataset:
     """Frequency and damping ratio of a free decay against its amplitude, without a model.
 
     Parameters
     ----------
-    decay : Dataset
-        ``angle(time)`` about its equilibrium, as `free_decay` returns it.
+    decay : record
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it, or ``(t, angle)``.
 
     Returns
     -------
@@ -127,22 +132,22 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Of the period about each half period, from extremum to extremum of half-sines (see `envelope`): the
+    For the period about each half period, between extrema of half-sines (see `envelope`), the values are the
     logarithmic decrement over 2 pi and 2 pi over the duration, at the geometric mean of both extrema. Even
-    forces, the sensor's zero and its harmonics leave them alone to first order. The noise is that of the
+    forces, the sensor's zero and its harmonics do not change them to first order. The noise is that of the
     sensor and a random walk of amplitude and phase, as a white random force makes it, each of a size that
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
     """
-    return smoothed_backbone(decay)[0]
+    return smoothed_backbone(records.one_record(decay, "backbone")).curves
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
-    """The `backbone` of a decay, and how its periods weigh in it.
+    """Return the `backbone` of a decay, and the weights of its periods in it.
 
-    Of a signal that was integrated from one whose noise is white (`one_mode`) the curves are those of what
-    was measured: integration would colour its noise. Its amplitudes become those of the displacement by the
-    frequency.
+    For a signal integrated from one with white noise (`one_mode`), fit the curves to the measured signal,
+    because integration colours the noise. The frequency then converts its amplitudes to those of the
+    displacement.
     """
     integrations = int(decay.attrs["integrations"]) if decay.attrs.get(NOISE_IS_WHITE_IN) else 0
     measured = half_sines.envelope(_as_measured(decay) if integrations else decay)
@@ -178,14 +183,14 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     data |= _over_amplitude(curves, amplitude, unit)
     data["period_amplitude"] = variable("period", integrated.amplitude(u), "amplitude of a period", unit)
     for name, (long_name, units) in CURVES.items():
-        value = rows[name][0] * (integrated.factor_at(u) if name == "damping_ratio" else 1.0)
+        value = rows[name].target * (integrated.factor_at(u) if name == "damping_ratio" else 1.0)
         data[f"period_{name}"] = variable("period", value, f"{long_name} of a period", units)
     coords = {"amplitude": variable("amplitude", amplitude, "amplitude", unit)}
-    return xr.Dataset(data, coords, dict(decay.attrs)), weights
+    return Smoothed(xr.Dataset(data, coords, dict(decay.attrs)), weights)
 
 
 def _as_measured(decay: xr.Dataset) -> xr.Dataset:
-    """The decay of what was measured, in its own unit."""
+    """Return the decay of the measured signal, in its own unit."""
     measured = decay["measured"]
     angle = ("time", measured.values, dict(measured.attrs))
     return xr.Dataset(
@@ -195,12 +200,12 @@ def _as_measured(decay: xr.Dataset) -> xr.Dataset:
 
 @dataclass(frozen=True)
 class _Integrated:
-    """How amplitudes of a rate or acceleration become those of the displacement, by the frequency at each.
+    """Conversion of amplitudes of a rate or acceleration to those of the displacement, by the frequency.
 
     Attributes
     ----------
     log_amplitude, frequency : (amplitude,) array of float
-        Of what was measured, and in rad/s.
+        Of the measured signal, and in rad/s.
     integrations : int
         0 leaves everything as it is.
     """
@@ -210,23 +215,23 @@ class _Integrated:
     integrations: int
 
     def amplitude(self, log_amplitude: Array) -> Array:
-        """Amplitudes of the displacement at log amplitudes of what was measured."""
+        """Return amplitudes of the displacement at log amplitudes of the measured signal."""
         frequency = np.interp(log_amplitude, self.log_amplitude, self.frequency)
         return np.asarray(np.exp(log_amplitude) / frequency**self.integrations)
 
     def factor_at(self, log_amplitude: Array) -> Array:
-        """Fall of the displacement over that of what was measured, which falls with the frequency too."""
+        """Return the decrement of the displacement over that of the measured signal, at log amplitudes."""
         slope = np.gradient(np.log(self.frequency), self.log_amplitude)
         return 1.0 - self.integrations * np.interp(log_amplitude, self.log_amplitude, slope)
 
     def damping(self, curve: SmoothCurve) -> SmoothCurve:
-        """The damping ratio of the displacement by that of what was measured."""
+        """Return the damping ratio of the displacement from that of the measured signal."""
         factor = self.factor_at(self.log_amplitude)
         return replace(curve, mean=factor * curve.mean, standard_error=factor * curve.standard_error)
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
-    """What averaging leaves open of a curve to second order in damping."""
+    """Return the second-order error of averaging of a curve, from the damping."""
     return np.asarray(SECOND_ORDER[name] * np.abs(damping_ratio) ** 2 * np.abs(value))
 
 
@@ -272,7 +277,7 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
 
 
 def _over_time(measured: xr.Dataset, noise: float, unit: str, integrated: _Integrated) -> Variables:
-    """The amplitude at the extrema but two at either end; noise in units of that of their errors."""
+    """Return the amplitude at the extrema without two at either end; noise relative to their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array, Variables, variable
 from sysid_trib.cycles.backbone import half_width
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.validation.steady_response import SWEEPS, sweeps
+from sysid_trib.questions.steady_response import SWEEPS, sweeps
 
 # Amplitudes at which the balance is drawn, and how far below the smallest of the record they begin.
 BALANCE_POINTS, BELOW_RECORD = 3000, 1e-3
