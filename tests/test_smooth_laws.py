@@ -10,6 +10,11 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.likelihood.smoothness import smooth_least_squares
+from sysid_trib.smooth_laws import bands
+from sysid_trib.smooth_laws.fits import fit_of
+from sysid_trib.smooth_laws.interaction import readings
+from sysid_trib.smooth_laws.laws import _movement
+from sysid_trib.smooth_laws.model import LawModel
 
 W, NOISE = 9.0, 3e-4
 # Friction and restoring force beyond the straight line, over w^2.
@@ -114,6 +119,13 @@ def test_a_result_without_laws_is_refused():
         st.physics.law_formulas(result)
 
 
+def test_formulas_of_a_law_without_an_error_are_refused():
+    result = st.best(identified("paper"))
+    held = result.assign(friction_standard_error=0.0 * result.friction_standard_error)
+    with pytest.raises(DecayError, match="has no error"):
+        st.physics.law_formulas(held)
+
+
 def test_the_smoothness_of_a_curve_follows_from_the_rows():
     draw = np.random.default_rng(3)
     x = np.linspace(0.0, 1.0, 300)
@@ -126,3 +138,45 @@ def test_the_smoothness_of_a_curve_follows_from_the_rows():
         z = (columns @ fit.coefficients - shape) / error
         assert np.mean(np.abs(z) < 2.0) > 0.85
         assert fit.noise == pytest.approx(0.05, rel=0.15)
+
+
+@cache
+def direct_of(noise):
+    library = parse_library({"force": [{"symbol": "f", "formula": "0.3*x**2*v + 0.01*v"}]}, "one")
+    motion = st.simulate(st.Model(library, {"f": 1.0}, W), np.arange(0.0, 12.0, 0.03), angle=0.4)[["angle"]]
+    motion["angle"] += noise * np.random.default_rng(0).standard_normal(motion.sizes["time"])
+    model = LawModel(st.load_library().select(["lambda", "zeta", "delta"]), {})
+    return fit_of([st.free_decay(motion)], st.methods.Direct(random_force="off", refine=False), model)
+
+
+def test_a_record_with_little_noise_tells_position_from_speed():
+    both = readings(direct_of(2e-5), 0.2)
+    assert both.separated.item()
+    assert both.standard_error.item() < both.error_of_law.item()
+
+
+def test_a_noisy_record_determines_only_what_position_and_speed_make_together():
+    both = readings(direct_of(3e-3), 0.2)
+    assert not both.separated.item()
+    # Of 0.3 x^2 v and 0.01 v over a cycle of 0.2 rad.
+    truth = 0.3 * 0.2**2 / 8.0 + 0.005
+    assert abs(both["sum"].item() - truth) < 3.0 * both.standard_error.item()
+    assert both.error_of_law.item() > 5.0 * both.standard_error.item()
+
+
+def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds():
+    """Only the first swings reach the largest speeds: parts agree there because they are the same samples."""
+    places = np.linspace(0.1, 1.0, 10)
+    everywhere = np.ones(10, dtype=bool)
+    noise = 0.01 * np.ones(10)
+
+    def law(values):
+        return bands.Law("friction", "speed", places, everywhere, values, np.diag(noise**2))
+
+    whole = law(places)
+    # What the second part does not reach it does not change.
+    parts = [law(places + 0.1 * (places < 0.65)), law(places - 0.1 * (places < 0.65))]
+    errors = bands.standard_errors(_movement(whole, parts, 0.65))
+    assert np.all(errors[:6] > 5.0 * noise[:6])
+    np.testing.assert_allclose(errors[6:], errors[0], rtol=1e-6)
+    assert np.all(bands.standard_errors(_movement(whole, parts, 1.0))[6:] == 0.0)

@@ -55,7 +55,7 @@ def law_formulas(
     UsageError
         Not a law, or no candidate of its variable.
     DecayError
-        The identification holds no law.
+        The identification holds no law, or one without an error.
 
     Notes
     -----
@@ -72,6 +72,8 @@ def law_formulas(
     places = part[variable].values
     w = result.reference_frequency.item()
     at = np.flatnonzero(result[f"{variable}_visited"].values)
+    if not np.any(part[f"{law}_standard_error"].values > 0.0):
+        raise DecayError(f"The {law} law of this identification has no error: it is held, or there is none.")
     problem = _LawProblem(
         places=places,
         of=of,
