@@ -189,6 +189,16 @@ def test_the_response_of_a_mode_is_that_of_its_truth(separate):
     assert np.all((up.amplitude_low <= up.amplitude) & (up.amplitude <= up.amplitude_high))
 
 
+def test_close_modes_at_one_sensor_are_a_warning():
+    close = two_modes(second=(84.0, 0.002, 40.0))
+    alone = close.isel(sensor=[1])
+    assert st.modes(close).attrs["close_modes"] == []
+    assert "differ by 5" in st.modes(alone).attrs["close_modes"][0]
+    assert "one sensor does not separate such close modes" in st.one_mode(alone, 1).attrs["separation"]
+    assert "one sensor" not in st.one_mode(close, 1).attrs["separation"]
+    assert st.modes(two_modes().isel(sensor=[1])).attrs["close_modes"] == []
+
+
 def test_a_record_with_one_signal_is_that_of_one_sensor(record):
     acceleration = record.signal.sel(sensor="acc2", drop=True)
     one = xr.Dataset({"angle": acceleration.assign_attrs(units="m")}, attrs={"source": "test"})

@@ -15,7 +15,6 @@ from sysid_trib.arrays import Array, Variables, variable, with_error
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
-from sysid_trib.records.one_mode import NOISE_IS_WHITE_IN
 from sysid_trib.records.runs import RecordLike
 
 WHOLE_TURN = 2.0 * np.pi
@@ -149,7 +148,7 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     because integration colours the noise. The frequency then converts its amplitudes to those of the
     displacement.
     """
-    integrations = int(decay.attrs["integrations"]) if decay.attrs.get(NOISE_IS_WHITE_IN) else 0
+    integrations = int(decay.attrs["integrations"]) if decay.attrs.get(signal.NOISE_IS_WHITE_IN) else 0
     measured = half_sines.envelope(_as_measured(decay) if integrations else decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]

@@ -2,13 +2,20 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Variables, variable
 from sysid_trib.errors import DecayError
-from sysid_trib.records.mode_search import Ringing, amplitude_at, central_frequency, find_ringing
+from sysid_trib.records.mode_search import (
+    Ringing,
+    amplitude_at,
+    are_close,
+    central_frequency,
+    find_ringing,
+)
 from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component, common_shape
 from sysid_trib.records.sensors import as_sensors
@@ -28,7 +35,7 @@ RISE, RISE_ERRORS = 0.05, 8.0
 
 @dataclass(frozen=True)
 class History:
-    """A mode along its decay.
+    """History of a mode along its decay.
 
     Attributes
     ----------
@@ -58,7 +65,8 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         Over ``mode`` (1, 2, ... by rising frequency): ``frequency`` (Hz) and ``damping_ratio``, both at small
         amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of the
         signals, ``duration`` (s) in which the mode stands out of the noise; ``noise(sensor)``. attrs `lines`
-        (steady, Hz), `harmonics`, and `influences`: sentences on modes that act on each other.
+        (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that one sensor does not separate
+        reliably, `influences` on modes that act on each other.
 
     Raises
     ------
@@ -93,6 +101,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "start": start,
         "lines": _listed(ringing, "line"),
         "harmonics": _listed(ringing, "harmonic"),
+        "close_modes": list(_close_modes(ringing)),
         "influences": list(_influences(histories, ringing.modes, units)),
         "second_blow": "" if ringing.second_blow is None else _second_blow(sensors, ringing),
     }
@@ -105,13 +114,24 @@ def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
 
 
 def _listed(ringing: Ringing, kind: str) -> str:
-    """Frequencies (Hz) of the components of a kind."""
+    """List the frequencies (Hz) of the components of a kind."""
     values = (central_frequency(component, ringing.interval) for component in ringing.of_kind(kind))
     return ", ".join(f"{value:.4g}" for value in values)
 
 
+def _close_modes(ringing: Ringing) -> Iterator[str]:
+    """Warn of neighbouring modes that one sensor does not separate reliably."""
+    frequencies = [central_frequency(component, ringing.interval) for component in ringing.modes]
+    for number, (low, high) in enumerate(pairwise(frequencies), 1):
+        if are_close(low, high, ringing):
+            yield (
+                f"the frequencies of modes {number} and {number + 1} differ by "
+                f"{100 * (high / low - 1.0):.2g} %: one sensor does not separate such close modes reliably; measure at several places"
+            )
+
+
 def _history(component: Component, ringing: Ringing) -> History:
-    """A mode along its decay, by all sensors together."""
+    """Return the history of a mode, from all sensors together."""
     count = POINTS_A_SPLINE * max(FEWEST_POINTS, component.splines)
     points = np.linspace(0.0, component.stop - 1.0, count)
     envelope = component.envelope_at(points)
@@ -133,7 +153,7 @@ def _history(component: Component, ringing: Ringing) -> History:
 
 
 def _at_small_amplitude(history: History) -> tuple[float, float]:
-    """Frequency (rad/s) and damping ratio at small amplitude; near the end both are linear in it."""
+    """Return the frequency (rad/s) and damping ratio at small amplitude, where both are linear in it."""
     level = np.log(history.amplitude)
     low = level < level[-1] + LAST_FALL
     low[-POINTS_A_SPLINE * FEWEST_POINTS :] = True
@@ -152,13 +172,13 @@ def _at_small_amplitude(history: History) -> tuple[float, float]:
 
 
 def _integrated(time: Array, values: Array) -> Array:
-    """Integral over time from the first point on, by trapezia."""
+    """Integrate over time from the first point on, by trapezia."""
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
     return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def _influences(histories: Sequence[History], modes: Sequence[Component], units: str) -> Iterator[str]:
-    """Sentences on modes whose amplitude rises again, and on frequencies that follow another mode."""
+    """Describe modes whose amplitude rises again, and frequencies that follow another mode."""
     for number, history in enumerate(histories, 1):
         if (rise := _rise(history)) is not None:
             low, high, at = rise
@@ -172,7 +192,7 @@ def _influences(histories: Sequence[History], modes: Sequence[Component], units:
 
 
 def _rise(history: History) -> tuple[float, float, float] | None:
-    """Amplitudes between which a mode rises again, and when; None if it does not."""
+    """Return the amplitudes between which a mode rises again, and the time; None if it does not."""
     level = np.log(history.amplitude)
     lowest = np.minimum.accumulate(level)
     rise = level - lowest
@@ -188,7 +208,7 @@ def _rise(history: History) -> tuple[float, float, float] | None:
 
 
 def _fallen_most(histories: Sequence[History], number: int, at: float) -> str:
-    """Words on the mode that loses most meanwhile."""
+    """Name the mode that loses most energy until a time."""
     others = [other for other in range(1, len(histories) + 1) if other != number]
     if not others:
         return ""
@@ -201,7 +221,7 @@ def _fallen_most(histories: Sequence[History], number: int, at: float) -> str:
 
 
 def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[str]:
-    """Say which other mode's amplitude the frequency of a mode depends on, beyond its own."""
+    """Name the other mode whose amplitude changes the frequency of a mode, if there is one."""
     history = histories[number - 1]
     base = [_integrated(history.time, history.amplitude**power) for power in OWN_POWERS]
     base.append(np.ones_like(history.time))
@@ -223,14 +243,14 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
 
 
 def _influence(base: Sequence[Array], history: History, of_other: History) -> tuple[float, float]:
-    """Chi-square of a phase with the square of another mode's amplitude, and the largest change (Hz)."""
+    """Return chi-square with the square of another mode's amplitude, and the largest change (Hz)."""
     squares = np.interp(history.time, of_other.time, of_other.amplitude**2, right=0.0)
     values, chi_square = _fit([*base, _integrated(history.time, squares)], history)
     return chi_square, float(values[-1] * squares.max() / (2.0 * np.pi))
 
 
 def _fit(columns: Sequence[Array], history: History) -> tuple[Array, float]:
-    """Coefficients of columns in the phase of a mode, and chi-square."""
+    """Fit columns to the phase of a mode; return their coefficients and chi-square."""
     weight = 1.0 / history.error
     table = np.stack(columns, axis=1) * weight[:, None]
     scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)

@@ -1,4 +1,4 @@
-"""What is printed of the modes in a decay, and of the steady response of one of them."""
+"""Texts of the modes in a decay, and of the steady response of one of them."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -19,21 +19,21 @@ IN_DECAY = (
 
 
 def modes_blocks(modes: xr.Dataset, sources: Sequence[str], next_command: str) -> Iterator[Block]:
-    """What the command `look` prints of a decay with several modes.
+    """Print a decay with several modes, for the command `look`.
 
     Parameters
     ----------
     modes : Dataset
         Of `modes`.
     sources : sequence of str
-        What the record is.
+        Descriptions of the record.
     next_command : str
-        To copy.
+        The next command.
     """
     yield Block(list(sources))
     yield Block([*_sentences(modes)], table=layout.text_table(_mode_rows(modes), ("sensors",)))
-    influences = [_sentence(text) for text in modes.attrs["influences"]]
-    yield Block([IN_DECAY, *influences])
+    remarks = [*modes.attrs["close_modes"], *modes.attrs["influences"]]
+    yield Block([IN_DECAY, *map(_sentence, remarks)])
     yield Block([f"Next: {next_command}"])
 
 
@@ -42,7 +42,7 @@ def _sentence(text: str) -> str:
 
 
 def _sentences(modes: xr.Dataset) -> Iterator[str]:
-    """What rings, and what else is in the record."""
+    """Describe the modes, and harmonics and steady lines in the record."""
     count = modes.sizes["mode"]
     noise = ", ".join(f"{value:.2g}" for value in modes.noise.values)
     yield (
@@ -61,7 +61,7 @@ def _sentences(modes: xr.Dataset) -> Iterator[str]:
 
 
 def _mode_rows(modes: xr.Dataset) -> list[dict[str, str]]:
-    """A row for each mode."""
+    """Return a row for each mode."""
     unit, rows = modes.first_amplitude.attrs["units"], []
     for number, mode in layout.by_label(modes, "mode").items():
         first = mode.first_amplitude.to_series()
@@ -80,12 +80,12 @@ def _mode_rows(modes: xr.Dataset) -> list[dict[str, str]]:
 
 
 def modes_json(modes: xr.Dataset, next_command: str) -> dict[str, Any]:
-    """The modes of a decay as plain data."""
+    """Return the modes of a decay as plain data."""
     return layout.mapped(modes, "modes", {"next": next_command})
 
 
 def mode_response_blocks(response: xr.Dataset, sources: Sequence[str]) -> Iterator[Block]:
-    """What the command `response` prints of a mode, of `response_of_mode`."""
+    """Print the result of `response_of_mode`, for the command `response`."""
     yield Block(list(sources))
     rows = []
     for sweep, curve in layout.by_label(response, "sweep").items():
@@ -103,9 +103,10 @@ def mode_response_blocks(response: xr.Dataset, sources: Sequence[str]) -> Iterat
     largest = f"{response.attrs['largest_amplitude']:.3g} {response.amplitude.attrs['units']}"
     yield Block(
         [
-            f"Drive of {drive}{mass}. Motions larger than {largest} are beyond the decay, and are left out.",
-            "The bands hold those of the backbone, and that the damping of a steady motion differs from that "
-            "of a decay where the stiffness changes with the amplitude.",
+            f"Drive of {drive}{mass}. Motions larger than {largest} are beyond the range of the decay and "
+            "are left out.",
+            "The bands include those of the backbone. They also include the difference between the damping "
+            "of a steady motion and that of a decay where the stiffness changes with the amplitude.",
         ]
     )
 

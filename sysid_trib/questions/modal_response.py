@@ -45,17 +45,17 @@ def response_of_mode(
     Raises
     ------
     UsageError
-        A drive, a mass or frequencies that are none.
+        The drive or the mass is not positive, or the frequencies do not increase.
     DecayError
         The decay does not lose energy at some amplitude.
 
     Notes
     -----
     Harmonic balance: a ((w^2 - W^2)^2 + (2 zeta w W)^2)^(1/2) = force over modal mass, with w(a) and zeta(a)
-    of the backbone. A decay's damping ratio is the energy lost over the work of the restoring force at the
-    reversal, that of a steady motion over w^2 a^2; they differ by the change of the stiffness, which for a
-    joint that slips (Masing) follows from the damping that it adds. The bands hold this as well as those of
-    the backbone, by their corners.
+    of the backbone. The damping ratio of a decay is the energy loss over the work of the restoring force at
+    the reversal; that of a steady motion is the energy loss over w^2 a^2. They differ by the change of the
+    stiffness. For a joint that slips (Masing) this change follows from the damping that the joint adds. The
+    bands include this difference and the bands of the backbone, by their corners.
     """
     w = np.asarray(frequencies, dtype=float)
     if w.ndim != 1 or not w.size or not np.all(np.isfinite(w)) or w[0] <= 0.0 or np.any(np.diff(w) <= 0.0):
@@ -100,19 +100,19 @@ def response_of_mode(
 
 
 def usual_frequencies(backbone: xr.Dataset, points: int) -> Array:
-    """Frequencies (rad/s) that hold the resonance of a mode and its flanks."""
+    """Return frequencies (rad/s) around the resonance of a mode."""
     w = backbone.frequency.values
     width = 12.0 * float(backbone.damping_ratio.max())
     return np.linspace(w.min() * (1.0 - width), w.max() * (1.0 + width), points)
 
 
 def _corners(backbone: xr.Dataset) -> list[tuple[Array, Array, Array]]:
-    """Curves at the ends of the bands of frequency and damping, each with each."""
+    """Return the curves for each combination of the ends of both bands."""
     return [_curves(backbone, *signs) for signs in product((-1.0, 1.0), repeat=2)]
 
 
 def _curves(backbone: xr.Dataset, of_frequency: float, of_damping: float) -> tuple[Array, Array, Array]:
-    """Amplitudes, frequency and damping ratio of steady motion, so many half widths from the middle."""
+    """Return amplitudes, frequency and damping ratio of steady motion, some half widths from the middle."""
     a = backbone.amplitude.values
     frequency, damping = backbone.frequency.values, backbone.damping_ratio.values
     stiffness = (frequency / frequency[0]) ** 2 - 1.0
@@ -129,7 +129,7 @@ def _curves(backbone: xr.Dataset, of_frequency: float, of_damping: float) -> tup
 def _response(
     amplitude: Array, w: Array, zeta: Array, force: float, frequencies: Array
 ) -> tuple[Array, Array]:
-    """Amplitude and phase of each sweep, (sweep, frequency)."""
+    """Return the amplitude and phase of each sweep, (sweep, frequency)."""
     under = w**4 * (1.0 - 2.0 * zeta**2) ** 2 - w**4 + (force / amplitude) ** 2
     root = np.sqrt(np.maximum(under, 0.0))
     # Where both branches meet there is no crossing between two amplitudes.

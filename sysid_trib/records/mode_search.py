@@ -1,4 +1,4 @@
-"""The modes in a decay that several sensors record: found in the spectrum, and fitted together."""
+"""Search for the modes in a decay that several sensors record: lines of the spectrum, fitted together."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -38,13 +38,15 @@ LEAST_AMPLITUDE = 0.003
 MULTIPLE_TOLERANCE, LARGEST_HARMONIC, MOST_MULTIPLE = 4e-3, 0.1, 9
 # A line is steady if it keeps more than this part of its amplitude from the first third to the last.
 STEADY = 0.7
+# One sensor does not separate modes reliably whose frequencies differ by a smaller part.
+CLOSE_FREQUENCIES = 0.07
 # Noise of a signal, beside its range, below which modes are not separated.
 LEAST_NOISE = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
 class Ringing:
-    """What rings in signals.
+    """Oscillations in signals after a blow.
 
     Attributes
     ----------
@@ -77,18 +79,18 @@ class Ringing:
 
     @property
     def modes(self) -> list[Component]:
-        """The modes, by rising frequency."""
+        """Modes, by rising frequency."""
         return self.of_kind("mode")
 
     def of_kind(self, wanted: str) -> list[Component]:
-        """The components of a kind."""
+        """Return the components of a kind."""
         return [
             component for component, kind in zip(self.components, self.kinds, strict=True) if kind == wanted
         ]
 
 
 def find_ringing(signals: Array, interval: float) -> Ringing:
-    """Find what rings in signals, and fit it.
+    """Find the decaying oscillations in signals, and fit them.
 
     Parameters
     ----------
@@ -115,7 +117,7 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
 
 
 def _components(signals: Array, interval: float, noise: Array) -> list[Component]:
-    """Every oscillation that stands out of the noise, by rising frequency."""
+    """Find and fit every oscillation above the noise, by rising frequency."""
     components: list[Component] = []
     lines: dict[float, float] = {}
     rest = signals
@@ -145,7 +147,7 @@ def _components(signals: Array, interval: float, noise: Array) -> list[Component
 
 
 def _free_part(signals: Array) -> tuple[int, int, int | None]:
-    """First sample of the blow, of the ringing that it leaves free, and of a second blow, if there is one."""
+    """Return the first sample of the blow, of the free ringing, and of a second blow, if there is one."""
     middle = np.median(signals, axis=1)[:, None]
     size = np.abs(signals - middle)
     size = np.max(size / np.maximum(np.max(size, axis=1), 1e-300)[:, None], axis=0)
@@ -166,7 +168,7 @@ def _free_part(signals: Array) -> tuple[int, int, int | None]:
 
 
 def _white_noise(signals: Array) -> Array:
-    """Standard deviation of the white noise of signals, (sensor,), by the median of their spectra."""
+    """Estimate the standard deviation of the white noise, (sensor,), by the median of the spectra."""
     last = signals[:, signals.shape[1] // 2 :]
     window = np.hanning(last.shape[1])
     power = np.abs(rfft(last * window)) ** 2 / np.sum(window**2)
@@ -174,14 +176,14 @@ def _white_noise(signals: Array) -> Array:
 
 
 def _offset(signals: Array) -> Array:
-    """What signals rest at, (sensor,), by their last half."""
+    """Return the offsets of signals, (sensor,), by their last half."""
     last = signals[:, signals.shape[1] // 2 :]
     window = np.hanning(last.shape[1])
     return np.asarray(last @ window / window.sum())
 
 
 def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dict[float, float]:
-    """Frequencies of lines of the spectrum, and their heights, the strongest first."""
+    """Return the frequencies of lines of the spectrum with their heights, the strongest first."""
     count = signals.shape[1]
     size = next_fast_len(count, real=True)
     window = np.ones(count)
@@ -217,7 +219,7 @@ def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dic
 def _started(
     rest: Array, interval: float, frequency: float, lines: Sequence[float], noise: Array
 ) -> Component | None:
-    """A component at a line, without its envelope; None if it is lost in the noise."""
+    """Return a component at a line, without its envelope; None if it is below the noise."""
     distance = min((abs(other - frequency) for other in lines if other != frequency), default=frequency)
     half_band = min(BAND_OF_DISTANCE * distance, BAND_OF_FREQUENCY * frequency)
     made = carrier(rest, interval, frequency, half_band, noise)
@@ -228,7 +230,7 @@ def _started(
 
 
 def _with_knots(component: Component, components: Sequence[Component], interval: float) -> Component:
-    """The component with knots by the distance of the next line, and by how fast its amplitude falls."""
+    """Set the knots of a component by the distance of the next line and by its rate of decay."""
     own = central_frequency(component, interval)
     others = (central_frequency(other, interval) for other in components if other is not component)
     distance = min((abs(other - own) for other in others), default=own)
@@ -239,7 +241,7 @@ def _with_knots(component: Component, components: Sequence[Component], interval:
 
 
 def _until_lost(component: Component, noise: Array) -> Component | None:
-    """The component up to where it is lost in the noise; None if it is so from the start."""
+    """Cut a component where it falls below the noise; None if it is below from the start."""
     points = np.linspace(0.0, component.stop - 1.0, 4 * component.splines)
     size = np.sqrt(np.mean(np.abs(component.envelope_at(points) / noise) ** 2, axis=1))
     seen = np.flatnonzero(size > LOST_IN_NOISE * component.error_at(points))
@@ -252,7 +254,7 @@ def _until_lost(component: Component, noise: Array) -> Component | None:
 
 
 def central_frequency(component: Component, interval: float) -> float:
-    """Mean frequency (Hz) of a component, by its energy."""
+    """Return the mean frequency (Hz) of a component, weighted by its energy."""
     level = component.level[: component.stop]
     return float(
         np.average(
@@ -262,19 +264,24 @@ def central_frequency(component: Component, interval: float) -> float:
 
 
 def amplitude_at(component: Component, samples: Array) -> Array:
-    """Amplitude at every sensor, (point, sensor)."""
+    """Return the amplitude at every sensor, (point, sensor)."""
     level = np.interp(samples, np.arange(component.phase.size), component.level)
     return np.asarray(np.abs(component.envelope_at(samples)) * np.exp(level)[:, None])
 
 
 def is_multiple(ratio: float) -> bool:
-    """True if a ratio of frequencies is 2, 3, ..."""
+    """Return whether a ratio of frequencies is 2, 3, ..."""
     whole = round(ratio)
     return 2 <= whole <= MOST_MULTIPLE and abs(ratio / whole - 1.0) < MULTIPLE_TOLERANCE
 
 
+def are_close(frequency: float, other: float, ringing: Ringing) -> bool:
+    """Return whether modes of two frequencies are too close to be separated reliably with one sensor."""
+    return ringing.signals.shape[0] == 1 and abs(other / frequency - 1.0) < CLOSE_FREQUENCIES
+
+
 def _kinds(components: Sequence[Component], interval: float) -> list[str]:
-    """What each component is: a mode, a harmonic of one, a steady line, or nothing of weight."""
+    """Classify each component: a mode, a harmonic of one, a steady line, or a weak one."""
     frequency = [central_frequency(component, interval) for component in components]
     first = [float(amplitude_at(component, np.zeros(1)).max()) for component in components]
     kinds = []

@@ -1,4 +1,4 @@
-"""One mode of a decay alone: the others subtracted, the sensors combined by its shape, decimated."""
+"""Separation of one mode of a decay: subtract the others, combine the sensors by its shape, decimate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -10,10 +10,16 @@ from scipy.signal import fftconvolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records.mode_search import Ringing, central_frequency, find_ringing, is_multiple
+from sysid_trib.records.mode_search import (
+    Ringing,
+    are_close,
+    central_frequency,
+    find_ringing,
+    is_multiple,
+)
 from sysid_trib.records.ringing import Complex, Component, common_shape
 from sysid_trib.records.sensors import as_sensors
-from sysid_trib.records.signal import as_position
+from sysid_trib.records.signal import NOISE_IS_WHITE_IN, as_position
 from sysid_trib.records.smooth_rates import with_smooth_rates
 
 # Samples of a period that are kept, and the filter before: its roll-off, and its half length in kept samples.
@@ -33,13 +39,11 @@ LARGE_RESIDUAL = 1.5
 # The end of a decay is left out where its amplitude is below so many times the noise of a sample that is
 # kept, if so many periods remain: half-sines bias the frequency there by more than its band.
 LEAST_OVER_NOISE, PERIODS_KEPT = 15.0, 40.0
-# Attributes of a record that holds one mode.
-MODE, NOISE_IS_WHITE_IN = "mode", "white_noise_in"
 
 
 @dataclass(frozen=True, eq=False)
 class SeparateMode:
-    """A mode without the others.
+    """Signal of a mode without the other modes.
 
     Attributes
     ----------
@@ -121,7 +125,7 @@ def _interval(sensors: xr.Dataset) -> float:
 def _place(
     ringing: Ringing, mode: int | None, band: tuple[float | None, float | None] | None, source: str
 ) -> int:
-    """Place of a mode among what rings."""
+    """Return the index of a mode among the components."""
     if (mode is None) == (band is None):
         raise UsageError("Give the number of a mode, or a band in Hz.")
     modes = ringing.modes
@@ -149,7 +153,7 @@ def _place(
 
 
 def nothing_decays(ringing: Ringing, source: str) -> str:
-    """The refusal of signals in which no mode decays."""
+    """Return the message for signals in which no mode decays."""
     lines = ", ".join(
         f"{central_frequency(one_line, ringing.interval):.4g}" for one_line in ringing.of_kind("line")
     )
@@ -162,7 +166,7 @@ def nothing_decays(ringing: Ringing, source: str) -> str:
 
 
 def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
-    """Refuse a mode of a few periods, and two modes that the record does not tell apart."""
+    """Reject a mode of a few periods, and two modes that the record does not separate."""
     interval = ringing.interval
     own = ringing.components[place]
     frequency, duration = central_frequency(own, interval), own.stop * interval
@@ -184,7 +188,7 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
 
 
 def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, source: str) -> None:
-    """Refuse what is no single mode: sensors do not move in one shape, or ringing is not explained."""
+    """Reject a signal that is not a single mode: sensors differ from one shape, or the fit is poor."""
     own, reference = ringing.components[place], separate.reference
     size = float(np.sqrt(np.mean(own.signal(slice(reference, reference + 1)) ** 2)))
     unexplained = float(ringing.residual[reference]) / max(size, 1e-300)
@@ -266,7 +270,7 @@ def _combined(
 
 
 def _above_noise(own: Component, points: Array, ratio: Array, count: int) -> int:
-    """Number of samples in which a mode is well above the noise, by their ratio at some points."""
+    """Return the number of samples in which a mode is well above the noise."""
     above = np.flatnonzero(ratio > LEAST_OVER_NOISE)
     if above.size == 0 or above[-1] == points.size - 1:
         return count
@@ -276,7 +280,7 @@ def _above_noise(own: Component, points: Array, ratio: Array, count: int) -> int
 
 
 def _resampled(component: Component, first: int, every: int, count: int) -> Component | None:
-    """A component at the samples that are kept; None where it has ended before."""
+    """Resample a component at the kept samples; None if it ends before them."""
     stop = min(count, (component.stop - 1 - first) // every + 1)
     if stop < 2:
         return None
@@ -300,7 +304,7 @@ def _resampled(component: Component, first: int, every: int, count: int) -> Comp
 
 
 def decimated(signals: Array, every: int, line: float) -> tuple[Array, int]:
-    """Every so many samples of signals, filtered so that white noise stays white, and the place of the first.
+    """Filter and decimate signals so that white noise stays white; return also the place of the first sample.
 
     A root-raised-cosine filter of zero phase: below half of the new sampling rate it takes away of the noise
     what it folds back from above. The samples at both ends that it knows in part alone are left out.
@@ -322,7 +326,7 @@ def decimated(signals: Array, every: int, line: float) -> tuple[Array, int]:
 
 
 def root_raised_cosine(time: Array) -> Array:
-    """Impulse response of the filter at times in units of the samples that are kept."""
+    """Return the impulse response of the filter at times in units of the kept samples."""
     b = ROLL_OFF
     with np.errstate(divide="ignore", invalid="ignore"):
         top = np.sin(np.pi * time * (1.0 - b)) + 4.0 * b * time * np.cos(np.pi * time * (1.0 + b))
@@ -339,7 +343,7 @@ def root_raised_cosine(time: Array) -> Array:
 def _as_record(
     sensors: xr.Dataset, ringing: Ringing, place: int, separate: SeparateMode, number: int
 ) -> xr.Dataset:
-    """The record of a mode, with what was done to it in words."""
+    """Return the record of a mode, with a description of the steps."""
     own, names = ringing.components[place], [str(name) for name in sensors.sensor.values]
     quantity, units = str(sensors.attrs["quantity"]), str(sensors.signal.attrs["units"])
     step = ringing.interval * separate.every
@@ -356,7 +360,7 @@ def _as_record(
         "signal": quantity,
         "angle_column": names[separate.reference],
         "clock": f"{1.0 / step:.6g} Hz",
-        MODE: number,
+        "mode": number,
         "mode_frequency": frequency,
         "sensors": ", ".join(names),
         "separation": "; ".join(_sentences(sensors, ringing, place, separate)),
@@ -390,7 +394,7 @@ def _as_record(
 
 
 def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: SeparateMode) -> list[str]:
-    """What was done to separate a mode, and what it leaves."""
+    """Describe the steps of a separation, and its residual."""
     names = [str(name) for name in sensors.sensor.values]
     own, interval = ringing.components[place], ringing.interval
     others = sum(kind in ("mode", "line") for kind in ringing.kinds) - (
@@ -401,6 +405,7 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
     if separate.neighbours:
         said[-1] += f", {separate.neighbours} of them fitted together with it"
+    said += _close_modes(ringing, place)
     if separate.every > 1:
         a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
         left_out = 1e3 * separate.first * interval
@@ -438,8 +443,22 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
     return said
 
 
+def _close_modes(ringing: Ringing, place: int) -> list[str]:
+    """Warn of modes that are too close to this one to be separated with one sensor."""
+    own = ringing.components[place]
+    frequency = central_frequency(own, ringing.interval)
+    others = [central_frequency(other, ringing.interval) for other in ringing.modes if other is not own]
+    return [
+        f"the mode of {other:.4g} Hz differs by {100 * abs(other / frequency - 1.0):.2g} % in frequency, and "
+        "one sensor does not separate such close modes reliably: curves can be wrong by more than their bands; "
+        "measure at several places"
+        for other in others
+        if are_close(frequency, other, ringing)
+    ]
+
+
 def _change_of_shape(ringing: Ringing, place: int, separate: SeparateMode, names: Sequence[str]) -> list[str]:
-    """A sentence if the shape of a mode changes along its decay by more than its errors."""
+    """Describe a change of the shape along the decay that exceeds its errors."""
     own = ringing.components[place]
     times = np.linspace(0.0, own.stop - 1.0, SHAPE_TIMES + 2)[1:-1]
     envelope = own.envelope_at(times)

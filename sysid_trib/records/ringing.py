@@ -75,25 +75,25 @@ class Component:
         return int(np.ceil((self.stop - 1) / self.spacing + 1e-9)) + SPLINE_ORDER - 1
 
     def splines_at(self, samples: Array) -> tuple[NDArray[np.intp], Array]:
-        """First spline of samples, (point,), and the values of it and the next ones, (order, point)."""
+        """Return the first spline of samples, (point,), and the values from it on, (order, point)."""
         return _splines_at(samples / self.spacing, self.splines)
 
     def weights(self) -> tuple[NDArray[np.intp], Array]:
-        """First spline of each sample, (sample,), and the values of it and the next ones, (4, sample)."""
+        """Return the first spline of each sample, (sample,), and the values from it on, (order, sample)."""
         return self.splines_at(np.arange(self.stop, dtype=float))
 
     def envelope_at(self, samples: Array) -> Complex:
-        """The envelope of every sensor at some samples, (point, sensor)."""
+        """Return the envelope of every sensor at some samples, (point, sensor)."""
         first, values = self.splines_at(samples)
         return np.asarray(sum(values[k][:, None] * self.envelope[first + k] for k in range(SPLINE_ORDER)))
 
     def error_at(self, samples: Array) -> Array:
-        """Standard error of either part of the envelope for noise of unit size, (point,), roughly."""
+        """Return the approximate standard error of each part of the envelope for unit noise, (point,)."""
         first, values = self.splines_at(samples)
         return np.sqrt(sum((values[k] * self.error[first + k]) ** 2 for k in range(SPLINE_ORDER)))
 
     def signal(self, sensors: slice | int = slice(None)) -> Array:
-        """The oscillation at sensors, (sensor, sample), zero after its stop."""
+        """Return the oscillation at sensors, (sensor, sample), zero after its stop."""
         first, values = self.weights()
         coefficients = self.envelope[:, sensors]
         made = sum(values[k] * coefficients[first + k].T for k in range(SPLINE_ORDER))
@@ -103,7 +103,7 @@ class Component:
         return out
 
     def frequency(self, interval: float) -> Array:
-        """Frequency in Hz of samples at an interval (s)."""
+        """Return the frequency (Hz) of samples at an interval (s)."""
         return np.gradient(self.phase) / (2.0 * np.pi * interval)
 
 
@@ -186,7 +186,7 @@ def with_common_part(component: Component, noise: Array) -> Component:
 
 
 def common_shape(values: Complex) -> Complex:
-    """The direction that most of the rows of a matrix have, (column,), of unit length."""
+    """Return the first right singular vector of a matrix, (column,)."""
     _, _, right = np.linalg.svd(values, full_matrices=False)
     return np.asarray(right[0].conj()).conj()
 
@@ -194,7 +194,7 @@ def common_shape(values: Complex) -> Complex:
 def carrier(
     signals: Array, interval: float, frequency: float, half_band: float, noise: Array
 ) -> tuple[Array, Array, int] | None:
-    """Phase, level and stop of the oscillation in a band, as a start; None where it is lost in the noise.
+    """Return the phase, level and stop of the oscillation in a band, as a start; None if below the noise.
 
     Parameters
     ----------
@@ -245,7 +245,7 @@ def carrier(
 
 
 def _smooth(x: Array, y: Array, weight: Array, where: Array) -> Array:
-    """A smooth curve through points, continued as a line."""
+    """Return a smooth curve through points, continued as a line."""
     spline = make_smoothing_spline(x, y, w=weight, lam=CARRIER_PENALTY * float(weight.sum()))
     inside = np.clip(where, x[0], x[-1])
     slope = np.where(where < x[0], spline(x[0], 1), spline(x[-1], 1))

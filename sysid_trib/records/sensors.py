@@ -1,4 +1,4 @@
-"""Several sensors of one motion: the columns of a file that record it, on one clock."""
+"""Sensors that record one motion at several places, as columns of a file on one clock."""
 
 import os
 import re
@@ -120,7 +120,7 @@ def as_sensors(given: xr.Dataset) -> xr.Dataset:
 
 
 def _with_quantity(sensors: xr.Dataset) -> xr.Dataset:
-    """Sensors from memory, with what their unit says."""
+    """Complete sensors from memory with the quantity of their unit."""
     if "quantity" in sensors.attrs:
         return sensors
     unit = lab.signal_unit(str(sensors.signal.attrs.get("units", "")))
@@ -133,7 +133,7 @@ def _with_quantity(sensors: xr.Dataset) -> xr.Dataset:
 
 
 def _dataset(time: Array, values: Array, names: list[str], unit: lab.SignalUnit) -> xr.Dataset:
-    """Sensors as a Dataset, in the unit of a position over s or s^2."""
+    """Return sensors as a Dataset, in the unit of a position over s or s^2."""
     times = lab.INTEGRATIONS[unit.quantity]
     units = unit.position + ("", "/s", "/s^2")[times]
     attrs: dict[str, Any] = {"quantity": unit.quantity, "position": unit.position, "integrations": times}
@@ -146,7 +146,7 @@ def _dataset(time: Array, values: Array, names: list[str], unit: lab.SignalUnit)
 
 
 def _columns(table: tables.FileTable, how: reading.Reading) -> list[Column]:
-    """The columns of the sensors: as named, or those of one quantity."""
+    """Return the columns of the sensors: as named, or those of one quantity."""
     if how.angle is not None:
         names = str(how.angle).split(",")
         if len(names) > 1 and table.match(how.angle) is None:
@@ -167,13 +167,13 @@ def _columns(table: tables.FileTable, how: reading.Reading) -> list[Column]:
 
 
 def _names(columns: list[Column]) -> list[str]:
-    """Names of sensors: those of their columns, without units where they are then different."""
+    """Return the names of the columns, without units if they stay different."""
     bare = [re.sub(r"\s*[(\[][^()\[\]]*[)\]]$", "", column.name) for column in columns]
     return bare if all(bare) and len({*bare}) == len(bare) else [column.name for column in columns]
 
 
 def _quantity(table: tables.FileTable, column: Column, how: reading.Reading) -> str:
-    """What a column holds, by the user, its unit, the notes of the file, or its name."""
+    """Return the quantity of a column, by the user, its unit, the notes of the file, or its name."""
     if how.quantity is not None:
         return how.quantity
     signals = [c for c in table.columns if c not in table.times]
@@ -184,18 +184,18 @@ def _quantity(table: tables.FileTable, column: Column, how: reading.Reading) -> 
 
 
 def _on_one_clock(time: Array, signals: Array) -> tuple[Array, Array, list[str]]:
-    """Signals on a uniform clock; the longest piece where gaps part them."""
+    """Return signals on a uniform clock; the longest piece if there are gaps."""
     usual = float(np.median(np.diff(time)))
     pieces = [uniform_pieces(time, signal, 8.0 * usual) for signal in signals]
     longest = int(np.argmax([piece[0].size for piece in pieces[0]]))
     said = [pieces[0][longest][2]]
     if len(pieces[0]) > 1:
-        said.append(f"gaps part the record into {len(pieces[0])} pieces, the longest is used")
+        said.append(f"gaps divide the record into {len(pieces[0])} pieces, the longest is used")
     return pieces[0][longest][0], np.array([parts[longest][1] for parts in pieces]), said
 
 
 def _without_clipped(sensors: xr.Dataset) -> xr.Dataset:
-    """Leave clipped sensors out, with a sentence; refuse where none remains."""
+    """Leave out clipped sensors, with a sentence; reject a record in which none remains."""
     time, clipped, ends = sensors.time.values, [], []
     for name in sensors.sensor.values:
         values = sensors.signal.sel(sensor=name).values
@@ -222,7 +222,7 @@ def _without_clipped(sensors: xr.Dataset) -> xr.Dataset:
 
 
 def _clipped(values: Array) -> int | None:
-    """Last sample at which a signal is clipped; None if it is not."""
+    """Return the last sample at which a signal is clipped; None if it is not."""
     steps = np.abs(np.diff(values))
     smallest = float(np.min(steps[steps > 0.0], initial=np.inf))
     if not np.ptp(values) > FEWEST_STEPS * smallest:

@@ -1,4 +1,4 @@
-"""Modes whose frequency and rate of decay are smooth curves, fitted to all sensors at once.
+"""Fit of modes whose frequency and rate of decay are smooth curves, to all sensors at once.
 
 The envelopes of `ringing` are free enough to take part of a neighbouring mode near the ends of a record. Here
 each mode has few numbers: rates of phase and level that are splines of a few intervals, and a constant shape.
@@ -81,7 +81,7 @@ def with_smooth_rates(
 def _what_is_left(
     signals: Array, fitted: Sequence[Component], shapes: Sequence[Complex], integrals: Sequence[Array]
 ) -> tuple[Array, list[Complex]]:
-    """What components leave of signals, and the columns of the next step."""
+    """Return the residual of signals, and the columns of the next step."""
     rest, columns = signals.copy(), []
     for component, shape, integral in zip(fitted, shapes, integrals, strict=True):
         level = np.minimum(component.level[: component.stop], LARGEST_LEVEL)
@@ -92,7 +92,7 @@ def _what_is_left(
 
 
 def _smoothed(component: Component, interval: float) -> Component:
-    """The oscillation with its phase and level replaced by those of smooth rates that are nearest."""
+    """Replace phase and level of an oscillation by the nearest ones with smooth rates."""
     every = max(1, component.stop // 1000)
     for _ in range(2):
         integrals = _integrated_rates(component, interval)
@@ -111,14 +111,14 @@ def _smoothed(component: Component, interval: float) -> Component:
 
 
 def _mean_shape(component: Component) -> Complex:
-    """The shape that fits the envelopes of all sensors best, by their squares."""
+    """Return the constant shape that fits the envelopes of all sensors best."""
     points = np.linspace(0.0, component.stop - 1.0, POINTS_A_KNOT * component.splines)
     weight = np.exp(2.0 * np.interp(points, np.arange(component.level.size), component.level))
     return np.asarray(weight @ component.envelope_at(points) / weight.sum())
 
 
 def _integrated_rates(component: Component, interval: float) -> Array:
-    """Integrals over time of the splines that rates are sums of, (spline, sample)."""
+    """Return the integrals over time of the splines of the rates, (spline, sample)."""
     time = np.linspace(0.0, 1.0, component.stop)
     fall = np.maximum(-np.gradient(component.level[: component.stop]), 0.0)
     fallen = np.cumsum(fall)
@@ -134,7 +134,7 @@ def _integrated_rates(component: Component, interval: float) -> Array:
 
 
 def _products(columns: Sequence[Complex], rest: Array) -> tuple[Array, Array]:
-    """Products of the real and negative imaginary parts of waves with each other and with signals."""
+    """Return products of the real and negative imaginary parts of waves with each other and with signals."""
     sizes = [2 * len(part) for part in columns]
     size, stop = sum(sizes), max(part.shape[1] for part in columns)
     gram, right = np.zeros((size, size)), np.zeros((size, rest.shape[0]))
@@ -155,7 +155,7 @@ def _products(columns: Sequence[Complex], rest: Array) -> tuple[Array, Array]:
 def _newton_step(
     gram: Array, right: Array, shapes: Sequence[Complex], counts: Sequence[int], noise: Array, damping: float
 ) -> list[tuple[Complex, Array, Array]]:
-    """Steps of shapes, and of the rates of level and phase, of each oscillation."""
+    """Return the steps of the shape and of the rates of level and phase, for each oscillation."""
     sensors, total = len(noise), 2 * sum(len(noise) + count for count in counts)
     normal, target = np.zeros((total, total)), np.zeros(total)
     for sensor in range(sensors):
@@ -188,7 +188,7 @@ def _newton_step(
 
 
 def _stepped(component: Component, level: Array, phase: Array) -> Component:
-    """The oscillation with its level and phase moved, beyond its stop by as much as there."""
+    """Move level and phase of an oscillation; beyond its stop by as much as at the stop."""
     after = component.phase.size - component.stop
     level, phase = (np.concatenate([part, np.full(after, part[-1])]) for part in (level, phase))
     return replace(component, level=component.level + level, phase=component.phase + phase)
