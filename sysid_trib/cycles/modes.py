@@ -124,9 +124,10 @@ def _close_modes(ringing: Ringing) -> Iterator[str]:
     frequencies = [central_frequency(component, ringing.interval) for component in ringing.modes]
     for number, (low, high) in enumerate(pairwise(frequencies), 1):
         if are_close(low, high, ringing):
+            apart = f"{100 * (high / low - 1.0):.2g} %"
             yield (
-                f"the frequencies of modes {number} and {number + 1} differ by "
-                f"{100 * (high / low - 1.0):.2g} %: one sensor does not separate such close modes reliably; measure at several places"
+                f"the frequencies of modes {number} and {number + 1} differ by {apart}: one sensor does not "
+                "separate such close modes reliably; measure at several places"
             )
 
 
