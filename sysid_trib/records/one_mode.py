@@ -450,7 +450,7 @@ def _close_modes(ringing: Ringing, place: int) -> list[str]:
     others = [central_frequency(other, ringing.interval) for other in ringing.modes if other is not own]
     apart = {other: f"{100 * abs(other / frequency - 1.0):.2g} %" for other in others}
     return [
-        f"the mode of {other:.4g} Hz differs by {apart[other]} in frequency, and one sensor does not separate "
+        f"the mode of {other:.4g} Hz differs by {apart[other]} in frequency; one sensor does not separate "
         "such close modes reliably: curves can be wrong by more than their bands; measure at several places"
         for other in others
         if are_close(frequency, other, ringing)
