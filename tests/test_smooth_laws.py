@@ -1,5 +1,6 @@
 """Laws as curves: recovered within their bands, formulas within the band, and what a curve cannot be."""
 
+import json
 from functools import cache
 
 import numpy as np
@@ -7,9 +8,12 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.cycles.signatures import averages, tabulated_averages_of
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.likelihood.smoothness import smooth_least_squares
+from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.simulation.initial_conditions import fit_start
 from sysid_trib.smooth_laws import bands
 from sysid_trib.smooth_laws.fits import fit_of
 from sysid_trib.smooth_laws.interaction import readings
@@ -111,6 +115,48 @@ def test_a_law_is_the_same_in_every_unit_of_length():
     assert laws[1].friction.attrs["units"] == "m/s^2"
     same = np.interp(laws[0].speed * 1e-3, laws[1].speed, laws[1].friction)
     np.testing.assert_allclose(same, laws[0].friction * 1e-3, rtol=2e-3)
+
+
+@pytest.mark.parametrize(("factor", "refinements"), [(1.0, 1), (1.02, 4)])
+def test_a_fit_that_begins_at_another_one_finds_the_same_law(factor, refinements):
+    """A step from the fit itself leaves it; one from coefficients that are 2 % off needs a few more."""
+    result = identified("paper")["direct"].to_dataset()
+    near = model_of(result)
+    start = near.with_coefficients({name: factor * c for name, c in near.coefficients.items()})
+    method = st.methods.Direct(random_force="off", start=start, most_refinements=refinements)
+    found = method.identify(record("paper"), library_of(result))
+    (law, _), (wanted, _) = (bands.laws_of(of, {"x": 0.3, "v": 0.3 * W}) for of in (found, result))
+    off = np.abs(law.values - wanted.values) / np.sqrt(np.diag(wanted.covariance))
+    assert np.max(off[law.visited]) < 0.3
+    assert json.loads(found.attrs["options"])["start"] is None
+
+
+def test_a_start_that_does_not_follow_the_record_is_left():
+    result = identified("paper")["direct"].to_dataset()
+    far = st.Model(library_of(result), {}, 2.0 * W)
+    method = st.methods.Direct(random_force="off", start=far)
+    found = method.identify(record("paper"), library_of(result))
+    assert found.reference_frequency.item() == pytest.approx(result.reference_frequency.item(), rel=1e-4)
+
+
+def test_a_fitted_motion_along_curves_is_the_exact_one():
+    model, decay = model_of(identified("paper")["direct"].to_dataset()), record("paper")
+    time = decay.time.values - decay.time.values[0]
+    fitted = fit_start(model, time, decay.angle.values, (float(decay.angle[0]), 0.0))
+    exact = st.simulate(model, time, fitted.angle, fitted.rate)
+    np.testing.assert_allclose(fitted.x, exact.angle, atol=1e-8)
+    again = fit_start(model, time, exact.angle.values, (fitted.angle * 1.02, fitted.rate + 0.1), offset=None)
+    assert again.angle == pytest.approx(fitted.angle, abs=1e-6)
+    assert again.rate == pytest.approx(fitted.rate, abs=1e-5)
+
+
+def test_parts_of_a_curve_share_one_table_of_averages():
+    forces = library_of(identified("paper")["direct"].to_dataset()).forces
+    amplitude = np.geomspace(0.01, 0.3, 7)
+    shared = tabulated_averages_of(forces, amplitude)
+    for at, force in enumerate(forces):
+        for found, wanted in zip(shared, averages(force, amplitude), strict=True):
+            np.testing.assert_allclose(found[:, at], wanted, atol=1e-11)
 
 
 def test_a_result_without_laws_is_refused():

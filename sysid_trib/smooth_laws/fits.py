@@ -29,6 +29,8 @@ EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
 SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
 # Level of a test that finds them; they are kept where the residual shrinks to less than this part.
 EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.8
+# Motions that give the columns of a fit which begins at another one, and of a fit to a part of the record.
+REFINEMENTS_OF_EXTENSION, REFINEMENTS_OF_PART = 4, 2
 NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
 
 
@@ -63,6 +65,19 @@ class LawFit:
         """Return the fit with friction that takes energy out at every speed."""
         result = made_passive(self.followed.result, largest)
         return replace(self, largest=largest, followed=FollowedRuns(self.followed.runs, result))
+
+    def method_from_here(self, refinements: int) -> Direct | Averaging | Trajectory:
+        """Return the method, that of Direct as a fit which begins at this one."""
+        if not isinstance(self.method, Direct) or self.method.random_force != "off":
+            return self.method
+        start = schema.model_of(self.followed.result)
+        return replace(self.method, start=start, most_refinements=refinements)
+
+    @property
+    def method_of_parts(self) -> Method:
+        """The method for parts of the record: it begins at this fit, with passivity if that is asked for."""
+        method = self.method_from_here(REFINEMENTS_OF_PART)
+        return method if self.largest is None else Passive(method, self.largest)
 
     @property
     def _residuals(self) -> xr.Dataset:
@@ -150,7 +165,7 @@ def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
     """Return the fit with more forces, or errors of each run's sensor; None where they are not needed."""
     runs = list(fit.followed.runs.values())
     added = load_library(EFFECTS).select(symbols)
-    model, method = fit.model, fit.method
+    model, method = fit.model, fit.method_from_here(REFINEMENTS_OF_EXTENSION)
     if not isinstance(method, Direct):
         return None
     if model.is_free_to_move:

@@ -15,7 +15,14 @@ from sysid_trib.records.smoothing import smooth
 from sysid_trib.results import schema
 from sysid_trib.results.variables import described
 from sysid_trib.smooth_laws.bands import depends_on
-from sysid_trib.smooth_laws.fits import EXTENSION_GAIN, EXTENSION_LEVEL, LawFit, fit_of, p_value_of
+from sysid_trib.smooth_laws.fits import (
+    EXTENSION_GAIN,
+    EXTENSION_LEVEL,
+    REFINEMENTS_OF_EXTENSION,
+    LawFit,
+    fit_of,
+    p_value_of,
+)
 
 # Products of a force of the speed and one of the displacement.
 PRODUCTS = (
@@ -72,7 +79,7 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
 
 def with_products(fit: LawFit, *, refine: bool = True) -> LawFit | None:
     """Return the fit with products of speed and displacement beside the laws; None where there is none."""
-    method = fit.method
+    method = fit.method_from_here(REFINEMENTS_OF_EXTENSION)
     if not isinstance(method, Direct):
         return None
     added = load_library(EFFECTS).select(PRODUCTS)

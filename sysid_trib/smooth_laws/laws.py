@@ -274,7 +274,7 @@ def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FitWithLaws:
     runs = list(followed.runs.values())
     parts: list[xr.Dataset] = []
     if not fit.is_white:
-        of_parts = model_error.fitted_parts(runs, fit.asked_method, fit.library, result, later_only=True)
+        of_parts = model_error.fitted_parts(runs, fit.method_of_parts, fit.library, result, later_only=True)
         parts = of_parts.results
         result = result.assign(described("identification", {"held_out_rms": of_parts.held_out_rms}))
     if parts:
