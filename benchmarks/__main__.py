@@ -16,6 +16,7 @@ pairs         pairs of equal and of unequal samples, the model complete and not
 profile       profile intervals of dahl.s, stribeck.s, lambda at its bound, beside errors
 curve_bands   simultaneous bands of a model's curves
 backbone      bands of frequency and damping against amplitude, twelve kinds of forces
+modes         several modes in one decay: frequencies, and bands of one of them or of two that are close
 laws          bands and errors of friction and restoring force as curves, five kinds of laws
 plan          discover, plan, run, discover again: whether what is stated comes true
 loops         runs until one right name, with planned releases and with drawn ones
@@ -45,6 +46,7 @@ NAMES = {
     "profile": ("study.intervals", 400),
     "curve_bands": ("study.intervals", 400),
     "backbone": ("backbone", 20),
+    "modes": ("modes", 20),
     "laws": ("laws", 40),
     "plan": ("plan", 20),
     "loops": ("plan", 20),

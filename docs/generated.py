@@ -95,7 +95,28 @@ def _folder() -> Path:
     atexit.register(folder.cleanup)
     for record in filter(Path.exists, (DATA / name for name in MEASURED)):
         (Path(folder.name) / record.name).symlink_to(record)
+    _blow(Path(folder.name))
     return Path(folder.name)
+
+
+def _blow(folder: Path) -> None:
+    """Write `blow.csv`: accelerometers after a hammer blow, two modes of which the first is not linear."""
+    rate, blow = 4000.0, 0.05
+    time = np.arange(12_000) / rate
+    after = np.maximum(time - blow, 0.0)
+    # a' = -(r + s a) a has this solution: damping and frequency go with the amplitude.
+    rate_of_decay, by_amplitude, first = 0.75, 0.03, 50.0
+    fall = np.exp(-rate_of_decay * after)
+    amplitude = rate_of_decay * first * fall / (rate_of_decay + by_amplitude * first * (1.0 - fall))
+    phase = 2.0 * np.pi * (80.0 * after - 0.005 * np.cumsum(amplitude) / rate)
+    struck = time >= blow
+    second = 25.0 * np.exp(-2.3 * after) * np.sin(2.0 * np.pi * 298.0 * after)
+    modes = np.array([amplitude * np.sin(phase), second])
+    shapes = np.array([[0.35, 0.9], [1.0, -0.2], [-0.8, 0.7]])
+    noise = 0.01 * np.random.default_rng(0).standard_normal((3, time.size))
+    table = np.column_stack([time, *(shapes @ (modes * struck) + noise)])
+    head = "time (s),acc1 (m/s^2),acc2 (m/s^2),acc3 (m/s^2)"
+    np.savetxt(folder / "blow.csv", table, "%.7g", ",", header=head, comments="")
 
 
 def printed(*words: str) -> str:

@@ -32,17 +32,25 @@ class CommandOptions:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecordOptions(CommandOptions):
+class ModeOptions(CommandOptions):
+    """One of several modes in a decay, and how the record is read."""
+
+    time: str | None = None
+    angle: str | None = None
+    units: str | None = None
+    sampling_rate: float | None = None
+    window: str = ":"
+    mode: int | None = None
+    band: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordOptions(ModeOptions):
     """Records and how they are read."""
 
     records: list[Path] = field(default_factory=list)
-    time: str | None = None
-    angle: str | None = None
     signal: str | None = None
-    units: str | None = None
-    sampling_rate: float | None = None
     time_units: str | None = None
-    window: str = ":"
     equilibrium: str = "auto"
     decay: int | None = None
     keep_outliers: bool = False
@@ -203,7 +211,7 @@ class PlanOptions(ModelOptions, ShownOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ResponseOptions(ShownOptions, FileOptions):
+class ResponseOptions(ModeOptions, ShownOptions, FileOptions):
     """Options of `response`."""
 
     result: Path
@@ -212,6 +220,7 @@ class ResponseOptions(ShownOptions, FileOptions):
     driven_by: str = ""
     base: bool = False
     points: int = 201
+    modal_mass: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

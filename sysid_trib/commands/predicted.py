@@ -1,6 +1,7 @@
 """Commands `plan` and `response`: predictions of runs."""
 
 from collections.abc import Callable
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 
@@ -9,11 +10,14 @@ import xarray as xr
 
 from sysid_trib.commands.app import numbers_by_name, parse_window
 from sysid_trib.commands.asked import asked_model, model_of_file
-from sysid_trib.commands.options import PlanOptions, ResponseOptions
+from sysid_trib.commands.options import ModeOptions, PlanOptions, RecordOptions, ResponseOptions
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import deliver
+from sysid_trib.cycles.backbone import backbone
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.printing import driven, layout
+from sysid_trib.printing.modes import mode_response_blocks
+from sysid_trib.questions.modal_response import response_of_mode, usual_frequencies
 from sysid_trib.questions.next_run import plan as best_run
 from sysid_trib.questions.steady_response import forced_response
 from sysid_trib.results.files import load
@@ -46,6 +50,8 @@ def response(tell: Tell, given: ResponseOptions) -> Callable[[], None]:
     low, high = parse_window(given.frequencies, "--frequencies")
     if low is None or high is None or not 0.0 < low < high:
         raise UsageError(f"--frequencies '{given.frequencies}' must be LOW:HIGH, both positive: 0.9:1.1.")
+    if given.mode is not None or given.band is not None:
+        return _response_of_mode(tell, given, (low, high))
     tell("reading")
     answer = model_of_file(given.result, load(given.result))
     tell("response")
@@ -54,3 +60,22 @@ def response(tell: Tell, given: ResponseOptions) -> Callable[[], None]:
     says = partial(driven.response_blocks, data), partial(layout.mapped, data, "response")
     texts = {given.csv: partial(driven.response_csv, data)}
     return deliver(given, tell, says, xr.DataTree(data), texts, kind="response")
+
+
+def _response_of_mode(tell: Tell, given: ResponseOptions, limits: tuple[float, float]) -> Callable[[], None]:
+    """Sweep the frequency of a force on one mode of a decay."""
+    reading = {option.name: getattr(given, option.name) for option in fields(ModeOptions)}
+    tell("reading")
+    decays, sources = read_decays(RecordOptions(records=[given.result], **reading))
+    if len(decays) > 1:
+        raise UsageError(f"{given.result} holds {len(decays)} decays of this mode; choose one by --window.")
+    tell("frequency and damping against amplitude")
+    curves = backbone(decays[0])
+    tell("response")
+    w = usual_frequencies(curves, given.points)
+    if given.changed(["frequencies"]):
+        w = curves.smallest_amplitude_frequency.item() * np.linspace(*limits, given.points)
+    data = response_of_mode(curves, given.drive, w, modal_mass=given.modal_mass)
+    says = partial(mode_response_blocks, data, sources), partial(layout.mapped, data, "mode_response")
+    texts = {given.csv: partial(driven.response_csv, data)}
+    return deliver(given, tell, says, xr.DataTree(data), texts, kind="response of a mode")

@@ -19,8 +19,10 @@ from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.one_mode import one_mode
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
+from sysid_trib.records.sensors import read_sensors
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import load
@@ -181,7 +183,7 @@ def _read(given: RecordOptions, record: Path | None) -> RunsOfFile:
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
     if record is None:
-        if idle := given.changed([*READING, "input_"]):
+        if idle := given.changed([*READING, "input_", "mode", "band"]):
             raise UsageError(f"{idle[0]} is for a RECORD, and none is given.")
         example = paper_twin()
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
@@ -189,7 +191,10 @@ def _read(given: RecordOptions, record: Path | None) -> RunsOfFile:
     try:
         system = load_system(given.system)
         how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
-        runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
+        if band_or_mode(given):
+            runs = [_mode_of(given, record)]
+        else:
+            runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -197,10 +202,34 @@ def _read(given: RecordOptions, record: Path | None) -> RunsOfFile:
     attrs = runs[0].attrs
     column = " and ".join(dict.fromkeys(str(run.attrs["angle_column"]) for run in runs))
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
-    facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
+    facts += [attrs[name] for name in ("reading", "separation", "integration") if attrs.get(name)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
     sentence = f"Record: {record}, {'; '.join(facts)}."
     return RunsOfFile(record, [_multiplied(run, factor) for run in runs], sentence)
+
+
+def band_or_mode(given: RecordOptions) -> bool:
+    """Return whether one mode of a record is asked for, by its number or by a band."""
+    if given.mode is not None and given.band is not None:
+        raise UsageError("--mode and --band both name a mode; give one.")
+    wanted = given.mode is not None or given.band is not None
+    if wanted and given.input_ is not None:
+        raise UsageError("--mode and --band are for free decays; leave out --input.")
+    return wanted
+
+
+def sensors_of(given: RecordOptions, record: Path) -> xr.Dataset:
+    """Read the sensors of a file."""
+    how = Reading(**{name: getattr(given, name) for name in READING})
+    return read_sensors(record, how, window=parse_window(given.window, "--window"))
+
+
+def _mode_of(given: RecordOptions, record: Path) -> xr.Dataset:
+    """Return the record of the mode that is asked for."""
+    sensors = sensors_of(given, record)
+    if given.band is None:
+        return one_mode(sensors, given.mode)
+    return one_mode(sensors, band=parse_window(given.band, "--band", "LOW:HIGH in Hz, such as 70:90"))
 
 
 def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:

@@ -18,16 +18,25 @@ from sysid_trib.commands.options import (
     ReportOptions,
     SimulateOptions,
 )
-from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
+from sysid_trib.commands.record_inputs import (
+    band_or_mode,
+    decays_within,
+    read_decays,
+    read_sources,
+    sensors_of,
+)
 from sysid_trib.commands.terminal import check_output, deliver, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
 from sysid_trib.cycles.look import look as facts
+from sysid_trib.cycles.modes import modes as modes_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
 from sysid_trib.printing import code, exported, looked
+from sysid_trib.printing.modes import modes_blocks, modes_json
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.modes import modes as mode_frequencies
 from sysid_trib.results.files import load, save, write_file
 from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import group_names
@@ -53,6 +62,8 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
     tell("reading")
     if given.input_ is not None:
         return _look_at_driven(tell, given)
+    if (listed := _listed_modes(given)) is not None:
+        return _look_at_modes(tell, given, listed)
     sources = read_sources(given)
     records = [run for _, runs, _ in sources for run in runs]
     sentences = [sentence for _, runs, sentence in sources for _ in runs]
@@ -71,6 +82,36 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
     command = command_after("identify", asked, given)
     says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
     return deliver(given, tell, says, tree, kind="look")
+
+
+def _listed_modes(given: LookOptions) -> xr.Dataset | None:
+    """Return the modes in a record of accelerometers; None for any other file, or if there is one mode."""
+    if len(given.records) != 1 or band_or_mode(given) or given.decay is not None:
+        return None
+    try:
+        sensors = sensors_of(given, given.records[0])
+        if int(sensors.attrs["integrations"]) != 2:
+            return None
+        time = sensors.time.values
+        if all(len(mode_frequencies(time, signal)) < 2 for signal in sensors.signal.values):
+            return None
+        return modes_of(sensors)
+    except SysidTribError:
+        # The usual reading reports what is wrong with the file.
+        return None
+
+
+def _look_at_modes(tell: Tell, given: LookOptions, listed: xr.Dataset) -> Callable[[], None]:
+    """Show the modes in a record, and the command that takes one of them."""
+    tell("modes")
+    names = ", ".join(str(name) for name in listed.sensor.values)
+    attrs = listed.attrs
+    facts_of = [f"{attrs['quantity']} in {attrs['angle_unit_in_file']} from {names}", str(attrs["reading"])]
+    sentence = f"Record: {given.records[0]}, {'; '.join(filter(None, facts_of))}."
+    number = 1 + int(np.argmax(listed.first_amplitude.max("sensor").values))
+    command = command_after("backbone", {"mode": str(number)}, given)
+    says = partial(modes_blocks, listed, [sentence], command), partial(modes_json, listed, command)
+    return deliver(given, tell, says, xr.DataTree(listed), kind="modes")
 
 
 def _with_its_drive(given: LookOptions, records: list[xr.Dataset]) -> LookOptions | None:

@@ -1,6 +1,7 @@
 """Frequency and damping ratio against amplitude, from a free decay and without a model, with bands."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -141,8 +142,14 @@ def backbone(decay: RecordLike) -> xr.Dataset:
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
-    """Return the `backbone` of a decay, and the weights of its periods in it."""
-    measured = half_sines.envelope(decay)
+    """Return the `backbone` of a decay, and the weights of its periods in it.
+
+    For a signal integrated from one with white noise (`one_mode`), fit the curves to the measured signal,
+    because integration colours the noise. The frequency then converts its amplitudes to those of the
+    displacement.
+    """
+    integrations = int(decay.attrs["integrations"]) if decay.attrs.get(signal.NOISE_IS_WHITE_IN) else 0
+    measured = half_sines.envelope(_as_measured(decay) if integrations else decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
         raise DecayError(
@@ -162,15 +169,64 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
         bends = {name: curve.bends for name, curve in curves.items()}
         walks = WALKS if turn == ROUNDS else WALKS[::2]
         curves = {n: smooth_curve(rows[n], position, points, bends.get(n), walks) for n in CURVES}
-    unit, amplitude = signal.unit_of_signal(decay), np.exp(log_amplitude)
-    data = _over_amplitude(curves, amplitude, unit)
-    data |= _over_time(measured, curves["damping_ratio"].noise, unit)
-    data["period_amplitude"] = variable("period", np.exp(u), "amplitude of a period", unit)
+    unit = signal.unit_of_signal(decay)
+    weights = {name: curve.weights for name, curve in curves.items()}
+    integrated = _Integrated(log_amplitude, curves["frequency"].mean, integrations)
+    data = _over_time(measured, curves["damping_ratio"].noise, unit, integrated)
+    if integrations:
+        of_measured = str(decay["measured"].attrs.get("units", ""))
+        text = f"amplitude of the {decay.attrs.get('signal', 'signal')} as measured"
+        data["measured_amplitude"] = variable("amplitude", np.exp(log_amplitude), text, of_measured)
+        curves["damping_ratio"] = integrated.damping(curves["damping_ratio"])
+    amplitude = integrated.amplitude(log_amplitude)
+    data |= _over_amplitude(curves, amplitude, unit)
+    data["period_amplitude"] = variable("period", integrated.amplitude(u), "amplitude of a period", unit)
     for name, (long_name, units) in CURVES.items():
-        data[f"period_{name}"] = variable("period", rows[name].target, f"{long_name} of a period", units)
+        value = rows[name].target * (integrated.factor_at(u) if name == "damping_ratio" else 1.0)
+        data[f"period_{name}"] = variable("period", value, f"{long_name} of a period", units)
     coords = {"amplitude": variable("amplitude", amplitude, "amplitude", unit)}
-    backbone = xr.Dataset(data, coords, dict(decay.attrs))
-    return Smoothed(backbone, {name: curve.weights for name, curve in curves.items()})
+    return Smoothed(xr.Dataset(data, coords, dict(decay.attrs)), weights)
+
+
+def _as_measured(decay: xr.Dataset) -> xr.Dataset:
+    """Return the decay of the measured signal, in its own unit."""
+    measured = decay["measured"]
+    angle = ("time", measured.values, dict(measured.attrs))
+    return xr.Dataset(
+        {"angle": angle}, {"time": ("time", measured.measured_time.values)}, {"source": "decay"}
+    )
+
+
+@dataclass(frozen=True)
+class _Integrated:
+    """Conversion of amplitudes of a rate or acceleration to those of the displacement, by the frequency.
+
+    Attributes
+    ----------
+    log_amplitude, frequency : (amplitude,) array of float
+        Of the measured signal, and in rad/s.
+    integrations : int
+        0 leaves everything as it is.
+    """
+
+    log_amplitude: Array
+    frequency: Array
+    integrations: int
+
+    def amplitude(self, log_amplitude: Array) -> Array:
+        """Return amplitudes of the displacement at log amplitudes of the measured signal."""
+        frequency = np.interp(log_amplitude, self.log_amplitude, self.frequency)
+        return np.asarray(np.exp(log_amplitude) / frequency**self.integrations)
+
+    def factor_at(self, log_amplitude: Array) -> Array:
+        """Return the decrement of the displacement over that of the measured signal, at log amplitudes."""
+        slope = np.gradient(np.log(self.frequency), self.log_amplitude)
+        return 1.0 - self.integrations * np.interp(log_amplitude, self.log_amplitude, slope)
+
+    def damping(self, curve: SmoothCurve) -> SmoothCurve:
+        """Return the damping ratio of the displacement from that of the measured signal."""
+        factor = self.factor_at(self.log_amplitude)
+        return replace(curve, mean=factor * curve.mean, standard_error=factor * curve.standard_error)
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
@@ -219,12 +275,12 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
     return variables | {"smallest_amplitude_frequency": at}
 
 
-def _over_time(measured: xr.Dataset, noise: float, unit: str) -> Variables:
+def _over_time(measured: xr.Dataset, noise: float, unit: str, integrated: _Integrated) -> Variables:
     """Return the amplitude at the extrema without two at either end; noise relative to their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise
-    amplitude = np.exp(np.convolve(log_b, LEVEL_WEIGHTS, "valid"))
+    amplitude = integrated.amplitude(np.convolve(log_b, LEVEL_WEIGHTS, "valid"))
     error = amplitude * np.sqrt(np.convolve(relative**2, LEVEL_WEIGHTS**2, "valid"))
     half = -ndtri(0.5 * (1.0 - BAND_PROBABILITY ** (1.0 / len(amplitude)))) * error
     time = variable("time", measured.extremum_time.values[2:-2], "time", "s")

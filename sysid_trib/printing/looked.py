@@ -305,7 +305,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
     modal = (
         f"Several modes: {several}. These facts are about the mode of {1.0 / value['period']:.3g} Hz; the "
-        "others act as noise: filter the signal to a band around it."
+        "others act as noise: --mode takes one of them."
     )
     return [
         *([modal] if several else []),
@@ -381,7 +381,8 @@ def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
     """A row for each run and amplitude."""
-    heads, rows = [name for name in layout.KEYS["backbone"] if name not in ("source", "unit")], []
+    first, rows = next(iter(backbones.values())), []
+    heads = [name for name in layout.KEYS["backbone"] if name in first]
     for run, data in enumerate(backbones.values(), 1):
         table = data[heads].to_dataframe().reset_index()
         rows += table.assign(run=run, unit=data.amplitude.attrs["units"]).to_dict("records")
@@ -397,6 +398,9 @@ def _table(data: xr.Dataset) -> Table:
     rows = []
     for at in places:
         rows.append({f"amplitude ({unit})": f"{amplitude[at]:.3g}"})
+        if "measured_amplitude" in data:
+            head = f"{data.attrs['signal']} ({data.measured_amplitude.attrs['units']})"
+            rows[-1][head] = f"{data.measured_amplitude.values[at]:.3g}"
         for name, head in heads.items():
             value, high = (data[key].values[at] for key in (name, f"{name}_high"))
             rows[-1][head] = layout.value_with_error(value, high - value)

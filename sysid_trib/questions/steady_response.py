@@ -112,7 +112,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     drive = size * (c @ by_force + at_rest)
     amplitudes = steady.balance_grid(described_at, c, ratio, np.abs(drive))
     at_frequency, *motions, stable, by_lines = steady.balances(described_at, c, ratio, drive, amplitudes)
-    chosen = _sweeps(len(w), at_frequency, motions[0], stable)
+    chosen = sweeps(len(w), at_frequency, motions[0], stable)
     amplitude, phase, by_lines = (_picked(values, chosen) for values in (*motions, by_lines))
     drawn = _drawn(result, model, seed)
     sums, curves = described_at(amplitudes), np.full((len(drawn), *amplitude.shape), np.nan)
@@ -122,7 +122,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
         surplus = steady.excess(sums, coefficients, other, forcing, amplitudes)
         row, there = steady.crossings(surplus, amplitudes)
         rises = surplus[row, np.searchsorted(amplitudes, there) - 1] < 0.0
-        curves[at] = _picked(there, _sweeps(len(w), row, there, rises))
+        curves[at] = _picked(there, sweeps(len(w), row, there, rises))
     checks = _checks(model, w, drive, amplitude, phase)
     there = np.abs(checks[2] / checks[1] - 1.0)
     # A simulated motion that is farther off, as a part of itself, has left its branch.
@@ -143,7 +143,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     return xr.Dataset({"drive": given.drive, **variables.described("response", data)}, coords, attrs)
 
 
-def _sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
+def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
     """Numbers of the motions in a sweep up, in one down, and of an unstable one, (3, frequency); -1 of none.
 
     A sweep begins with the smallest stable motion, and goes on with the nearest one.

@@ -33,6 +33,12 @@ class ChosenColumns(NamedTuple):
     reason: str
 
 
+# Advice where several modes oscillate together.
+ONE_MODE = (
+    "take one of them, from all sensors together (--mode 1, or one_mode in Python), or record one alone."
+)
+
+
 class TriedColumn(NamedTuple):
     """Swing of a column, or the reason why it has none."""
 
@@ -281,13 +287,17 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         )
         raise RecordError(
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
-            f"{'record one mode alone.' if beat else driven}"
+            f"{ONE_MODE if beat else driven}"
         )
     swing = swings[largest].swing
     several = modes.modes(swing.time, swing.signal) if swing else []
-    modal = f" (several modes swing in {largest.name}: {modes.listed(several)})" if len(several) > 1 else ""
+    if len(several) > 1:
+        raise UsageError(
+            f"{source}: {_listed(pool, swings)} could each be the signal, and several modes swing in "
+            f"{largest.name}: {modes.listed(several)}; {ONE_MODE}"
+        )
     raise UsageError(
-        f"{source}: {_listed(pool, swings)} could each be the signal{modal}; name one, such as "
+        f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
 

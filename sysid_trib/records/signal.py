@@ -18,6 +18,8 @@ LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
 ANGLE_UNIT = "rad"
 SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
+# Attribute with the name of the variable whose noise is white, of a record that was integrated from it.
+NOISE_IS_WHITE_IN = "white_noise_in"
 
 
 def unit_of_signal(record: xr.Dataset) -> str:

@@ -1,0 +1,260 @@
+"""The modes in a decay: frequency, damping, amplitudes at the sensors, and whether one acts on another."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array, Variables, variable
+from sysid_trib.errors import DecayError
+from sysid_trib.records.mode_search import (
+    Ringing,
+    amplitude_at,
+    are_close,
+    central_frequency,
+    find_ringing,
+)
+from sysid_trib.records.one_mode import nothing_decays
+from sysid_trib.records.ringing import Component, common_shape
+from sysid_trib.records.sensors import as_sensors
+
+# Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
+LAST_FALL, FEWEST_POINTS = 3.0, 8
+# Points of a history within each spline of its envelope, between which integrals are trapezia.
+POINTS_A_SPLINE = 8
+# Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of
+# another mode has to beat.
+OWN_POWERS, OTHER_POWERS = (0, 1, 2, 3), (0.5, 4)
+# An influence counts if it lowers chi-square by so much, and to such a part.
+LEAST_LOWERED, LARGEST_PART = 40.0, 0.4
+# An amplitude rises again if it does so by this part, and by so many standard errors.
+RISE, RISE_ERRORS = 0.05, 8.0
+
+
+@dataclass(frozen=True)
+class History:
+    """History of a mode along its decay.
+
+    Attributes
+    ----------
+    time, phase, amplitude : (point,) array of float
+        s, rad, and in the unit of the sensor where it is largest.
+    error : (point,) array of float
+        Standard error of the phase, and of the amplitude as a part of it, as if points were independent.
+    """
+
+    time: Array
+    phase: Array
+    amplitude: Array
+    error: Array
+
+
+def modes(sensors: xr.Dataset) -> xr.Dataset:
+    """List the modes in a decay.
+
+    Parameters
+    ----------
+    sensors : Dataset
+        ``signal(sensor, time)``, as `read_sensors` returns it; or a record with ``angle(time)``.
+
+    Returns
+    -------
+    Dataset
+        Over ``mode`` (1, 2, ... by rising frequency): ``frequency`` (Hz) and ``damping_ratio``, both at small
+        amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of the
+        signals, ``duration`` (s) in which the mode stands out of the noise; ``noise(sensor)``. attrs `lines`
+        (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that one sensor does not separate
+        reliably, `influences` on modes that act on each other.
+
+    Raises
+    ------
+    DecayError
+        Nothing rings.
+    """
+    sensors = as_sensors(sensors)
+    ringing = find_ringing(sensors.signal.values, float(np.mean(np.diff(sensors.time.values))))
+    if not ringing.modes:
+        source = sensors.attrs.get("source", "record")
+        raise DecayError(nothing_decays(ringing, str(source)))
+    units = str(sensors.signal.attrs["units"])
+    names = [str(name) for name in sensors.sensor.values]
+    histories = [_history(component, ringing) for component in ringing.modes]
+    limits = [_at_small_amplitude(history) for history in histories]
+    ends = [amplitude_at(component, np.array([0.0, component.stop - 1.0])) for component in ringing.modes]
+    data: Variables = {
+        "frequency": variable(
+            "mode", [w / (2.0 * np.pi) for w, _ in limits], "frequency at small amplitude", "Hz"
+        ),
+        "damping_ratio": variable("mode", [z for _, z in limits], "damping ratio at small amplitude", "1"),
+        "duration": variable(
+            "mode", [component.stop * ringing.interval for component in ringing.modes], "seen for", "s"
+        ),
+        "first_amplitude": variable(("mode", "sensor"), [end[0] for end in ends], "first amplitude", units),
+        "last_amplitude": variable(("mode", "sensor"), [end[1] for end in ends], "last amplitude", units),
+        "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
+        "residual": variable("sensor", ringing.residual, "RMS of what all modes leave", units),
+    }
+    start = float(sensors.time.values[0] + ringing.start * ringing.interval)
+    attrs = dict(sensors.attrs) | {
+        "start": start,
+        "lines": _listed(ringing, "line"),
+        "harmonics": _listed(ringing, "harmonic"),
+        "close_modes": list(_close_modes(ringing)),
+        "influences": list(_influences(histories, ringing.modes, units)),
+        "second_blow": "" if ringing.second_blow is None else _second_blow(sensors, ringing),
+    }
+    return xr.Dataset(data, {"mode": np.arange(1, len(histories) + 1), "sensor": names}, attrs)
+
+
+def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
+    at = sensors.time.values[ringing.second_blow]
+    return f"the signals jump at {at:.4g} s, as by a second blow: what comes after it is left out"
+
+
+def _listed(ringing: Ringing, kind: str) -> str:
+    """List the frequencies (Hz) of the components of a kind."""
+    values = (central_frequency(component, ringing.interval) for component in ringing.of_kind(kind))
+    return ", ".join(f"{value:.4g}" for value in values)
+
+
+def _close_modes(ringing: Ringing) -> Iterator[str]:
+    """Warn of neighbouring modes that one sensor does not separate reliably."""
+    frequencies = [central_frequency(component, ringing.interval) for component in ringing.modes]
+    for number, (low, high) in enumerate(pairwise(frequencies), 1):
+        if are_close(low, high, ringing):
+            apart = f"{100 * (high / low - 1.0):.2g} %"
+            yield (
+                f"the frequencies of modes {number} and {number + 1} differ by {apart}: one sensor does not "
+                "separate such close modes reliably; measure at several places"
+            )
+
+
+def _history(component: Component, ringing: Ringing) -> History:
+    """Return the history of a mode, from all sensors together."""
+    count = POINTS_A_SPLINE * max(FEWEST_POINTS, component.splines)
+    points = np.linspace(0.0, component.stop - 1.0, count)
+    envelope = component.envelope_at(points)
+    shape = common_shape(envelope / ringing.noise)
+    common = envelope / ringing.noise @ shape.conj()
+    level, phase = (
+        np.interp(points, np.arange(component.phase.size), part)
+        for part in (component.level, component.phase)
+    )
+    size = np.abs(common) * np.exp(level)
+    largest = float(np.max(np.abs(shape) * ringing.noise))
+    return History(
+        time=points * ringing.interval,
+        phase=phase + np.unwrap(np.angle(common)),
+        amplitude=size * largest,
+        # Points within one spline are no further knowledge.
+        error=np.sqrt(POINTS_A_SPLINE) * component.error_at(points) / np.abs(common),
+    )
+
+
+def _at_small_amplitude(history: History) -> tuple[float, float]:
+    """Return the frequency (rad/s) and damping ratio at small amplitude, where both are linear in it."""
+    level = np.log(history.amplitude)
+    low = level < level[-1] + LAST_FALL
+    low[-POINTS_A_SPLINE * FEWEST_POINTS :] = True
+    first = int(np.flatnonzero(~low)[-1]) + 1 if not low.all() else 0
+    time, weight = history.time[first:], 1.0 / history.error[first:]
+    columns = [np.ones_like(time), time - time[0], _integrated(time, history.amplitude[first:])]
+    table = np.stack(columns, axis=1) * weight[:, None]
+    scale = np.linalg.norm(table, axis=0)
+    scale[scale == 0.0] = 1.0
+    values = [
+        np.linalg.lstsq(table / scale, part[first:] * weight, rcond=None)[0] / scale
+        for part in (history.phase, level)
+    ]
+    frequency, rate = float(values[0][1]), -float(values[1][1])
+    return frequency, rate / float(np.hypot(frequency, rate))
+
+
+def _integrated(time: Array, values: Array) -> Array:
+    """Integrate over time from the first point on, by trapezia."""
+    steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _influences(histories: Sequence[History], modes: Sequence[Component], units: str) -> Iterator[str]:
+    """Describe modes whose amplitude rises again, and frequencies that follow another mode."""
+    for number, history in enumerate(histories, 1):
+        if (rise := _rise(history)) is not None:
+            low, high, at = rise
+            others = _fallen_most(histories, number, at)
+            yield (
+                f"the amplitude of mode {number} rises again from {low:.3g} to {high:.3g} {units} until "
+                f"{at:.3g} s after the blow{others}: modes exchange energy, or another mode is too near "
+                "to be separated"
+            )
+        yield from _frequency_follows(histories, number)
+
+
+def _rise(history: History) -> tuple[float, float, float] | None:
+    """Return the amplitudes between which a mode rises again, and the time; None if it does not."""
+    level = np.log(history.amplitude)
+    lowest = np.minimum.accumulate(level)
+    rise = level - lowest
+    error = np.hypot(
+        history.error, history.error[[int(np.argmin(level[: at + 1])) for at in range(level.size)]]
+    )
+    # The ends of splines are uncertain.
+    rise[: 2 * POINTS_A_SPLINE] = rise[-2 * POINTS_A_SPLINE :] = 0.0
+    top = int(np.argmax(rise / (RISE + RISE_ERRORS * error)))
+    if not rise[top] > RISE + RISE_ERRORS * error[top]:
+        return None
+    return float(np.exp(lowest[top])), float(history.amplitude[top]), float(history.time[top])
+
+
+def _fallen_most(histories: Sequence[History], number: int, at: float) -> str:
+    """Name the mode that loses most energy until a time."""
+    others = [other for other in range(1, len(histories) + 1) if other != number]
+    if not others:
+        return ""
+    falls = []
+    for other in others:
+        history = histories[other - 1]
+        before, then = np.interp([0.5 * at, at], history.time, history.amplitude**2)
+        falls.append(float(before - then))
+    return f", while mode {others[int(np.argmax(falls))]} falls"
+
+
+def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[str]:
+    """Name the other mode whose amplitude changes the frequency of a mode, if there is one."""
+    history = histories[number - 1]
+    base = [_integrated(history.time, history.amplitude**power) for power in OWN_POWERS]
+    base.append(np.ones_like(history.time))
+    rivals = [_integrated(history.time, history.amplitude**power) for power in OTHER_POWERS]
+    beaten = min([_fit(base, history)[1], *(_fit([*base, column], history)[1] for column in rivals)])
+    fits = [
+        (*_influence(base, history, of_other), other)
+        for other, of_other in enumerate(histories, 1)
+        if other != number
+    ]
+    if not fits:
+        return
+    least, change, other = min(fits)
+    if least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
+        yield (
+            f"the frequency of mode {number} depends on the amplitude of mode {other}: by {change:+.2g} Hz "
+            "at the largest, beyond what it does by its own amplitude"
+        )
+
+
+def _influence(base: Sequence[Array], history: History, of_other: History) -> tuple[float, float]:
+    """Return chi-square with the square of another mode's amplitude, and the largest change (Hz)."""
+    squares = np.interp(history.time, of_other.time, of_other.amplitude**2, right=0.0)
+    values, chi_square = _fit([*base, _integrated(history.time, squares)], history)
+    return chi_square, float(values[-1] * squares.max() / (2.0 * np.pi))
+
+
+def _fit(columns: Sequence[Array], history: History) -> tuple[Array, float]:
+    """Fit columns to the phase of a mode; return their coefficients and chi-square."""
+    weight = 1.0 / history.error
+    table = np.stack(columns, axis=1) * weight[:, None]
+    scale = np.maximum(np.linalg.norm(table, axis=0), 1e-300)
+    values = np.linalg.lstsq(table / scale, history.phase * weight, rcond=1e-12)[0]
+    residual = history.phase * weight - table / scale @ values
+    return values / scale, float(residual @ residual)

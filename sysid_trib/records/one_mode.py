@@ -1,0 +1,480 @@
+"""Separation of one mode of a decay: subtract the others, combine the sensors by its shape, decimate."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from scipy.signal import fftconvolve
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.mode_search import (
+    Ringing,
+    are_close,
+    central_frequency,
+    find_ringing,
+    is_multiple,
+)
+from sysid_trib.records.ringing import Complex, Component, common_shape
+from sysid_trib.records.sensors import as_sensors
+from sysid_trib.records.signal import NOISE_IS_WHITE_IN, as_position
+from sysid_trib.records.smooth_rates import with_smooth_rates
+
+# Samples of a period that are kept, and the filter before: its roll-off, and its half length in kept samples.
+KEPT_A_PERIOD, ROLL_OFF, HALF_LENGTH = 32, 0.3, 10
+# Modes whose frequencies are within this factor are fitted together anew, with smooth rates.
+NEIGHBOURING_MODES = 1.6
+# Times at which the shape is compared with its mean: its change counts from so many standard errors, and if
+# it is more than this part.
+SHAPE_TIMES, SHAPE_ERRORS, LEAST_CHANGE = 9, 6.0, 0.01
+# A mode that is seen in fewer periods is none, and two modes are resolved if they beat so often.
+FEWEST_PERIODS, FEWEST_BEATS = 10.0, 3.0
+# Parts of a mode that its shape, and all modes together, may leave; the second only beyond so many times the
+# noise.
+MOST_OUT_OF_SHAPE, MOST_UNEXPLAINED, UNEXPLAINED_NOISE = 0.25, 0.3, 5.0
+# What all modes leave at a sensor is said if it is so many times its white noise.
+LARGE_RESIDUAL = 1.5
+# The end of a decay is left out where its amplitude is below so many times the noise of a sample that is
+# kept, if so many periods remain: half-sines bias the frequency there by more than its band.
+LEAST_OVER_NOISE, PERIODS_KEPT = 15.0, 40.0
+
+
+@dataclass(frozen=True, eq=False)
+class SeparateMode:
+    """Signal of a mode without the other modes.
+
+    Attributes
+    ----------
+    first, every : int
+        First sample of the ringing that is kept, and how many there are from one that is kept to the next.
+    signal : (kept,) array of float
+        At the sensor of reference, the one where the mode is largest.
+    reference : int
+        The sensor of reference.
+    shape : (sensor,) array of complex
+        Over that of the sensor of reference.
+    residual, expected : float
+        RMS of what the shape leaves of all sensors over that of the mode, and what their noise alone leaves.
+    neighbours : int
+        Number of modes that were fitted together with it.
+    """
+
+    first: int
+    every: int
+    signal: Array
+    reference: int
+    shape: Complex
+    residual: float
+    expected: float
+    neighbours: int
+
+
+def one_mode(
+    sensors: xr.Dataset, mode: int | None = None, *, band: tuple[float | None, float | None] | None = None
+) -> xr.Dataset:
+    """Make the record of one mode of a decay, from one or several sensors.
+
+    Parameters
+    ----------
+    sensors : Dataset
+        ``signal(sensor, time)``, as `read_sensors` returns it; or a record with ``angle(time)``.
+    mode : int, optional
+        Number of the mode, from 1 by rising frequency, as `modes` lists them.
+    band : (float or None, float or None), Hz, optional
+        Or the band in which it is the strongest.
+
+    Returns
+    -------
+    Dataset
+        A record as `read_record` returns it, at the sensor where the mode is largest: what was measured,
+        and ``angle(time)``, from which `free_decay`, `backbone`, `laws` and `identify` go on.
+        ``shape(sensor)`` and ``shape_imaginary(sensor)``; attrs say what was done.
+
+    Raises
+    ------
+    UsageError
+        There is no such mode, or none in the band.
+    DecayError
+        Nothing rings, or the mode is too short, or too near to another one.
+
+    Notes
+    -----
+    The other modes are subtracted as decaying oscillations whose frequency and rate of decay change slowly;
+    the sensors are combined by least squares with their noises. A root-raised-cosine filter before samples
+    are left out keeps white noise white: the noise of the record is that of the sensors, of known colour.
+    """
+    sensors = as_sensors(sensors)
+    source = str(sensors.attrs.get("source", "record"))
+    ringing = find_ringing(sensors.signal.values, _interval(sensors))
+    place = _place(ringing, mode, band, source)
+    own = ringing.components[place]
+    number = ringing.modes.index(own) + 1 if own in ringing.modes else 0
+    _check_resolved(ringing, place, source)
+    separate = separated(ringing, place)
+    _check_one_shape(ringing, place, separate, source)
+    return _as_record(sensors, ringing, place, separate, number)
+
+
+def _interval(sensors: xr.Dataset) -> float:
+    time = sensors.time.values
+    return float((time[-1] - time[0]) / (time.size - 1))
+
+
+def _place(
+    ringing: Ringing, mode: int | None, band: tuple[float | None, float | None] | None, source: str
+) -> int:
+    """Return the index of a mode among the components."""
+    if (mode is None) == (band is None):
+        raise UsageError("Give the number of a mode, or a band in Hz.")
+    modes = ringing.modes
+    if not modes:
+        raise DecayError(nothing_decays(ringing, source))
+    frequencies = [central_frequency(component, ringing.interval) for component in modes]
+    listed = ", ".join(f"{number}: {value:.4g} Hz" for number, value in enumerate(frequencies, 1))
+    if mode is not None:
+        if not 1 <= mode <= len(modes):
+            count = "1 mode" if len(modes) == 1 else f"{len(modes)} modes"
+            raise UsageError(f"{source}: --mode {mode} does not exist; it holds {count} ({listed}).")
+        return ringing.components.index(modes[mode - 1])
+    assert band is not None
+    low, high = 0.0 if band[0] is None else band[0], np.inf if band[1] is None else band[1]
+    if not 0.0 <= low < high:
+        raise UsageError(f"--band {low:g}:{high:g} must be LOW:HIGH in Hz, the lower one first.")
+    inside = [component for component, value in zip(modes, frequencies, strict=True) if low <= value <= high]
+    if not inside:
+        raise UsageError(f"{source}: no mode is in --band {low:g}:{high:g} Hz; it holds {listed}.")
+    strongest = max(
+        inside,
+        key=lambda component: float(np.max(np.abs(component.envelope_at(np.zeros(1)))) + component.level[0]),
+    )
+    return ringing.components.index(strongest)
+
+
+def nothing_decays(ringing: Ringing, source: str) -> str:
+    """Return the message for signals in which no mode decays."""
+    lines = ", ".join(
+        f"{central_frequency(one_line, ringing.interval):.4g}" for one_line in ringing.of_kind("line")
+    )
+    if lines:
+        return (
+            f"{source}: what oscillates in it, at {lines} Hz, keeps its amplitude to the end: it is driven, "
+            "or the record is too short for its damping, or two modes beat more slowly; record longer."
+        )
+    return f"{source}: no mode rings and decays in it; check columns and window."
+
+
+def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
+    """Reject a mode of a few periods, and two modes that the record does not separate."""
+    interval = ringing.interval
+    own = ringing.components[place]
+    frequency, duration = central_frequency(own, interval), own.stop * interval
+    if duration * frequency < FEWEST_PERIODS:
+        raise DecayError(
+            f"{source}: the mode of {frequency:.4g} Hz stands out of the noise for "
+            f"{duration * frequency:.2g} periods, fewer than {FEWEST_PERIODS:g}; strike harder, or where it "
+            "moves more."
+        )
+    for other, kind in zip(ringing.components, ringing.kinds, strict=True):
+        apart = abs(central_frequency(other, interval) - frequency)
+        both = min(other.stop, own.stop) * interval
+        if other is not own and kind == "mode" and apart * both < FEWEST_BEATS:
+            raise DecayError(
+                f"{source}: modes of {frequency:.5g} and {central_frequency(other, interval):.5g} Hz ring "
+                f"together for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the "
+                "record does not separate them; strike, or measure, where one of them does not move."
+            )
+
+
+def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, source: str) -> None:
+    """Reject a signal that is not a single mode: sensors differ from one shape, or the fit is poor."""
+    own, reference = ringing.components[place], separate.reference
+    size = float(np.sqrt(np.mean(own.signal(slice(reference, reference + 1)) ** 2)))
+    unexplained = float(ringing.residual[reference]) / max(size, 1e-300)
+    above = float(ringing.residual[reference]) > UNEXPLAINED_NOISE * float(ringing.noise[reference])
+    if separate.residual > MOST_OUT_OF_SHAPE or (above and unexplained > MOST_UNEXPLAINED):
+        raise DecayError(
+            f"{source}: about {central_frequency(own, ringing.interval):.4g} Hz more than one mode rings, "
+            "too near to each other for this record: it does not separate them; record longer, or strike, or "
+            "measure, where one of them does not move."
+        )
+
+
+def separated(ringing: Ringing, place: int) -> SeparateMode:
+    """Separate a component of a ringing from the others.
+
+    Parameters
+    ----------
+    ringing : Ringing
+    place : int
+        Among its components.
+    """
+    own, interval = ringing.components[place], ringing.interval
+    frequency = central_frequency(own, interval)
+    rest, near = ringing.signals.copy(), [own]
+    for other, kind in zip(ringing.components, ringing.kinds, strict=True):
+        ratio = central_frequency(other, interval) / frequency
+        if other is own or (kind == "harmonic" and is_multiple(ratio)):
+            continue
+        if 1.0 / NEIGHBOURING_MODES < ratio < NEIGHBOURING_MODES and kind != "weak":
+            near.append(other)
+        else:
+            rest -= other.signal()
+    every = max(1, int(1.0 / (KEPT_A_PERIOD * frequency * interval)))
+    rest, first = decimated(rest, every, frequency * interval)
+    near = [
+        kept_part
+        for component in near
+        if (kept_part := _resampled(component, first, every, rest.shape[1])) is not None
+    ]
+    noise = ringing.noise / np.sqrt(every)
+    if len(near) > 1:
+        near = with_smooth_rates(rest, near, interval * every, noise)
+        for other in near[1:]:
+            rest = rest - other.signal()
+    return _combined(rest, near[0], noise, first, every, len(near) - 1)
+
+
+def _combined(
+    rest: Array, own: Component, noise: Array, first: int, every: int, neighbours: int
+) -> SeparateMode:
+    """Combine sensors by the shape of a mode, by least squares with their noises."""
+    points = np.linspace(0.0, own.stop - 1.0, 200)
+    weight = np.exp(np.interp(points, np.arange(own.phase.size), own.level))
+    values = own.envelope_at(points) * weight[:, None]
+    shape = common_shape(values / noise) * noise
+    reference = int(np.argmax(np.abs(shape)))
+    shape = shape / shape[reference]
+    # What is a quarter of a period behind is no part of the combination.
+    real = shape.real
+    weights = real / noise**2 / np.sum(real**2 / noise**2)
+    combined = weights @ rest
+    of_combined = float(np.sqrt(np.sum((weights * noise) ** 2)))
+    stop = _above_noise(own, points, np.abs(values[:, reference]) / of_combined, combined.size)
+    rest, combined = rest[:, :stop], combined[:stop]
+    residual = rest - real[:, None] * combined
+    size = float(np.sqrt(np.mean((real[:, None] * combined) ** 2)))
+    sensors = len(noise)
+    expected = float(np.sqrt(np.mean(noise**2) * (sensors - 1) / sensors)) / size
+    return SeparateMode(
+        first=first,
+        every=every,
+        signal=combined,
+        reference=reference,
+        shape=shape,
+        residual=float(np.sqrt(np.mean(residual**2))) / size,
+        expected=expected,
+        neighbours=neighbours,
+    )
+
+
+def _above_noise(own: Component, points: Array, ratio: Array, count: int) -> int:
+    """Return the number of samples in which a mode is well above the noise."""
+    above = np.flatnonzero(ratio > LEAST_OVER_NOISE)
+    if above.size == 0 or above[-1] == points.size - 1:
+        return count
+    stop = int(points[above[-1]])
+    periods = abs(own.phase[stop] - own.phase[0]) / (2.0 * np.pi)
+    return stop if periods > PERIODS_KEPT else count
+
+
+def _resampled(component: Component, first: int, every: int, count: int) -> Component | None:
+    """Resample a component at the kept samples; None if it ends before them."""
+    stop = min(count, (component.stop - 1 - first) // every + 1)
+    if stop < 2:
+        return None
+    spacing = component.spacing / every
+    kept = replace(component, stop=stop, spacing=spacing)
+    samples = np.linspace(0.0, stop - 1.0, 4 * kept.splines)
+    table = np.zeros((samples.size, kept.splines))
+    starts, values = kept.splines_at(samples)
+    for k, row in enumerate(values):
+        table[np.arange(samples.size), starts + k] = row
+    envelope = np.linalg.lstsq(
+        table.astype(complex), component.envelope_at(first + every * samples), rcond=1e-9
+    )[0]
+    return replace(
+        kept,
+        phase=component.phase[first::every][:count],
+        level=component.level[first::every][:count],
+        envelope=np.asarray(envelope, dtype=np.complex128),
+        error=np.zeros(kept.splines),
+    )
+
+
+def decimated(signals: Array, every: int, line: float) -> tuple[Array, int]:
+    """Filter and decimate signals so that white noise stays white; return also the place of the first sample.
+
+    A root-raised-cosine filter of zero phase: below half of the new sampling rate it takes away of the noise
+    what it folds back from above. The samples at both ends that it knows in part alone are left out.
+
+    Parameters
+    ----------
+    signals : (sensor, sample) array of float
+    every : int
+    line : float
+        Cycles a sample of the mode, whose amplitude stays as it is.
+    """
+    if every == 1:
+        return signals, 0
+    at = np.arange(-HALF_LENGTH * every, HALF_LENGTH * every + 1)
+    taps = root_raised_cosine(at / every)
+    taps /= taps @ np.cos(2.0 * np.pi * line * at)
+    filtered = fftconvolve(signals, taps[None], "valid", axes=1)
+    return filtered[:, ::every], HALF_LENGTH * every
+
+
+def root_raised_cosine(time: Array) -> Array:
+    """Return the impulse response of the filter at times in units of the kept samples."""
+    b = ROLL_OFF
+    with np.errstate(divide="ignore", invalid="ignore"):
+        top = np.sin(np.pi * time * (1.0 - b)) + 4.0 * b * time * np.cos(np.pi * time * (1.0 + b))
+        values = top / (np.pi * time * (1.0 - (4.0 * b * time) ** 2))
+    values[time == 0.0] = 1.0 - b + 4.0 * b / np.pi
+    quarter = np.pi / (4.0 * b)
+    at_pole = np.isclose(np.abs(time), 1.0 / (4.0 * b))
+    values[at_pole] = (
+        b / np.sqrt(2.0) * ((1.0 + 2.0 / np.pi) * np.sin(quarter) + (1.0 - 2.0 / np.pi) * np.cos(quarter))
+    )
+    return values
+
+
+def _as_record(
+    sensors: xr.Dataset, ringing: Ringing, place: int, separate: SeparateMode, number: int
+) -> xr.Dataset:
+    """Return the record of a mode, with a description of the steps."""
+    own, names = ringing.components[place], [str(name) for name in sensors.sensor.values]
+    quantity, units = str(sensors.attrs["quantity"]), str(sensors.signal.attrs["units"])
+    step = ringing.interval * separate.every
+    time = sensors.time.values[0] + (ringing.start + separate.first) * ringing.interval
+    time = time + step * np.arange(separate.signal.size)
+    frequency = central_frequency(own, ringing.interval)
+    position = str(sensors.attrs["position"])
+    attrs: dict[str, Any] = {
+        name: sensors.attrs[name]
+        for name in ("source", "record_checksum", "angle_unit_in_file", "time_column", "columns_in_file")
+        if name in sensors.attrs
+    }
+    attrs |= {
+        "signal": quantity,
+        "angle_column": names[separate.reference],
+        "clock": f"{1.0 / step:.6g} Hz",
+        "mode": number,
+        "mode_frequency": frequency,
+        "sensors": ", ".join(names),
+        "separation": "; ".join(_sentences(sensors, ringing, place, separate)),
+        "reading": str(sensors.attrs.get("reading", "")),
+    }
+    record = xr.Dataset(coords={"time": ("time", time, {"units": "s", "long_name": "time"})}, attrs=attrs)
+    values = separate.signal
+    times = int(sensors.attrs["integrations"])
+    if times:
+        made = {
+            "measured": quantity,
+            "integrations": times,
+            f"{quantity}_bias": 0.0,
+            NOISE_IS_WHITE_IN: "measured",
+        }
+        said = f"integrated {'once' if times == 1 else 'twice'}, without drift"
+        record.attrs |= made | {"integration": said}
+        record[quantity] = ("time", values, {"units": units, "long_name": f"{quantity} of the mode"})
+        values = as_position(time, values, 1.0 / frequency, made)
+    name = "angle" if position == "rad" else "displacement"
+    record["angle"] = ("time", values, {"units": position, "long_name": f"{name} of the mode"})
+    for part, of_shape, word in (
+        ("shape", separate.shape.real, "in phase"),
+        ("shape_imaginary", separate.shape.imag, "a quarter of a period ahead"),
+    ):
+        text = f"shape of the mode, {word}"
+        record[part] = xr.DataArray(
+            of_shape, {"sensor": names}, "sensor", attrs={"units": "1", "long_name": text}
+        )
+    return record
+
+
+def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: SeparateMode) -> list[str]:
+    """Describe the steps of a separation, and its residual."""
+    names = [str(name) for name in sensors.sensor.values]
+    own, interval = ringing.components[place], ringing.interval
+    others = sum(kind in ("mode", "line") for kind in ringing.kinds) - (
+        ringing.kinds[place] in ("mode", "line")
+    )
+    said = []
+    if others:
+        said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
+    if separate.neighbours:
+        said[-1] += f", {separate.neighbours} of them fitted together with it"
+    said += _close_modes(ringing, place)
+    if separate.every > 1:
+        a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
+        left_out = 1e3 * separate.first * interval
+        said.append(
+            f"1 of {separate.every} samples kept, {a_period:.3g} a period, behind a filter of zero phase "
+            f"that leaves {left_out:.3g} ms out at both ends"
+        )
+    after = own.stop * interval - (separate.first + separate.signal.size * separate.every) * interval
+    if after > 2.0 * separate.first * interval + 1e-9:
+        said.append(
+            f"the last {after:.3g} s left out, in which it is less than {LEAST_OVER_NOISE:g} times the noise"
+        )
+    said.append(f"free from {1e3 * (ringing.start - ringing.onset) * interval:.2g} ms after the blow on")
+    if len(names) > 1:
+        shape = ", ".join(
+            f"{name} {value:.3f}" for name, value in zip(names, separate.shape.real, strict=True)
+        )
+        said.append(
+            f"{len(names)} sensors combined by the shape {shape}, which leaves "
+            f"{100 * separate.residual:.2g} % (their noise alone {100 * separate.expected:.2g} %)"
+        )
+        behind = float(np.max(np.abs(separate.shape.imag)))
+        if behind > 0.05:
+            said.append(f"sensors are out of phase by up to {100 * behind:.2g} % of the amplitude")
+        said += _change_of_shape(ringing, place, separate, names)
+    large = [
+        f"{name} {ratio:.2g}"
+        for name, ratio in zip(names, ringing.residual / ringing.noise, strict=True)
+        if ratio > LARGE_RESIDUAL
+    ]
+    if large:
+        said.append(
+            f"all modes together leave more than the white noise of the sensors (times {', '.join(large)})"
+        )
+    return said
+
+
+def _close_modes(ringing: Ringing, place: int) -> list[str]:
+    """Warn of modes that are too close to this one to be separated with one sensor."""
+    own = ringing.components[place]
+    frequency = central_frequency(own, ringing.interval)
+    others = [central_frequency(other, ringing.interval) for other in ringing.modes if other is not own]
+    apart = {other: f"{100 * abs(other / frequency - 1.0):.2g} %" for other in others}
+    return [
+        f"the mode of {other:.4g} Hz differs by {apart[other]} in frequency; one sensor does not separate "
+        "such close modes reliably: curves can be wrong by more than their bands; measure at several places"
+        for other in others
+        if are_close(frequency, other, ringing)
+    ]
+
+
+def _change_of_shape(ringing: Ringing, place: int, separate: SeparateMode, names: Sequence[str]) -> list[str]:
+    """Describe a change of the shape along the decay that exceeds its errors."""
+    own = ringing.components[place]
+    times = np.linspace(0.0, own.stop - 1.0, SHAPE_TIMES + 2)[1:-1]
+    envelope = own.envelope_at(times)
+    reference = separate.reference
+    shape = (envelope / envelope[:, [reference]]).real
+    error = own.error_at(times)[:, None] * np.hypot(ringing.noise, np.abs(shape) * ringing.noise[reference])
+    error = error / np.abs(envelope[:, [reference]])
+    middle = np.sum(shape / error**2, axis=0) / np.sum(error**-2.0, axis=0)
+    off = np.abs(shape - middle)
+    changed = (off > SHAPE_ERRORS * error) & (off > LEAST_CHANGE)
+    if not changed.any():
+        return []
+    sensor = int(np.argmax(np.max(np.where(changed, off, 0.0), axis=0)))
+    known = np.flatnonzero(error[:, sensor] < 0.2 * off[:, sensor].max())
+    low, high = known[0], known[-1]
+    return [
+        f"the shape changes with the amplitude: {names[sensor]} from {shape[low, sensor]:.3f} to "
+        f"{shape[high, sensor]:.3f} of {names[reference]}"
+    ]

@@ -1,0 +1,238 @@
+"""Several modes in one decay: listed, separated, combined over sensors; what the commands say of them."""
+
+import json
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run, write_table
+
+import sysid_trib as st
+from benchmarks.modes import LINEAR, Law, beam, close_modes, holds, linear, ringing, sensors
+from sysid_trib.cycles.backbone import half_width
+from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.mode_search import find_ringing
+from sysid_trib.records.one_mode import decimated
+
+RATE = 4096.0
+CLOCK = np.arange(16_384) / RATE - 0.05
+SHAPES = np.array([[0.5, 1.0], [1.0, -0.7], [-0.8, 0.4]])
+
+
+def two_modes(noise=0.01, seed=0, shapes=SHAPES, second=(211.0, 0.004, 30.0), first=None):
+    """A nonlinear mode of 80 Hz beside a linear one."""
+    own = ringing(CLOCK, Law(), 60.0) if first is None else first
+    clean = shapes @ np.array([own, linear(CLOCK, *second)])
+    random = np.random.default_rng(seed)
+    return sensors(CLOCK + 0.05, clean + noise * random.standard_normal(clean.shape))
+
+
+def written(folder, record, name="blow.csv"):
+    """Sensors as a file."""
+    heads = ["time (s)", *(f"{sensor} (m/s^2)" for sensor in record.sensor.values)]
+    return write_table(folder / name, ",".join(heads), record.time.values, *record.signal.values)
+
+
+@pytest.fixture(scope="module")
+def record():
+    return two_modes()
+
+
+@pytest.fixture(scope="module")
+def separate(record):
+    return st.one_mode(record, 1)
+
+
+def test_modes_are_listed_at_small_amplitude(record):
+    listed = st.modes(record)
+    assert listed.frequency.values == pytest.approx([80.0, 211.0], rel=1e-3)
+    assert listed.damping_ratio.values == pytest.approx([0.0015, 0.004], rel=0.03)
+    assert listed.first_amplitude.values[1] == pytest.approx([30.0, 21.0, 12.0], rel=0.03)
+    assert listed.attrs["influences"] == []
+
+
+def test_offset_hum_and_a_late_blow_change_nothing():
+    source = beam(count=32_000, blow=0.4, hum=0.3, offset=300.0)
+    listed = st.modes(source.record(1))
+    assert listed.frequency.values == pytest.approx([80.0, *(f for f, *_ in LINEAR)], rel=1e-3)
+    assert listed.attrs["lines"] == "50"
+    assert listed.attrs["start"] == pytest.approx(0.4, abs=5e-3)
+
+
+def test_the_shape_is_that_of_the_mode(separate):
+    assert separate.shape.values == pytest.approx([0.5, 1.0, -0.8], abs=2e-3)
+    assert separate.attrs["angle_column"] == "acc2"
+    assert "other mode subtracted" in separate.attrs["separation"]
+
+
+def test_bands_of_one_of_two_modes_hold_the_truth(separate):
+    curves = st.backbone(st.free_decay(separate))
+    assert curves.measured_amplitude[-1].item() == pytest.approx(55.0, rel=0.1)
+    assert holds(curves, Law(), 0.05) == {"frequency": True, "damping_ratio": True}
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_bands_of_modes_ten_percent_apart_hold_the_truth(number):
+    source = close_modes(3)
+    curves = st.backbone(st.free_decay(st.one_mode(source.record(0), number)))
+    assert holds(curves, source.laws[number], source.blow) == {"frequency": True, "damping_ratio": True}
+
+
+def test_one_sensor_and_a_band_take_the_same_mode(record):
+    single = record.isel(sensor=[1])
+    by_band = st.one_mode(single, band=(70.0, 90.0))
+    assert by_band.attrs["mode"] == 1
+    curves = st.backbone(st.free_decay(by_band))
+    assert np.interp(5.0, curves.measured_amplitude, curves.damping_ratio) == pytest.approx(0.00187, rel=0.02)
+
+
+def test_white_noise_stays_white_where_samples_are_left_out():
+    noise = np.random.default_rng(0).standard_normal((1, 200_000))
+    kept, first = decimated(noise, 5, 0.01)
+    spectrum = np.abs(np.fft.rfft(kept[0])) ** 2 / kept.size
+    parts = [part.mean() for part in np.array_split(spectrum[1:], 10)]
+    assert first == 50
+    assert parts == pytest.approx(np.full(10, 0.2), rel=0.08)
+
+
+def test_a_frequency_that_follows_another_mode_is_said():
+    decay = np.exp(-0.0015 * 2.0 * np.pi * 80.0 * np.maximum(CLOCK, 0.0))
+    other = np.exp(-0.004 * 2.0 * np.pi * 211.0 * np.maximum(CLOCK, 0.0))
+    frequency = 80.0 * (1.0 - 0.002 * decay + 0.003 * other**2)
+    phase = 2.0 * np.pi * np.cumsum(frequency * (CLOCK >= 0.0)) / RATE
+    first = np.where(CLOCK >= 0.0, 40.0 * decay * np.sin(phase), 0.0)
+    (said,) = st.modes(two_modes(first=first)).attrs["influences"]
+    assert "the frequency of mode 1 depends on the amplitude of mode 2" in said
+    assert "by +0.2" in said
+
+
+def test_modes_that_exchange_energy_are_said():
+    after = np.maximum(CLOCK, 0.0)
+    beat = 1.0 + 0.4 * np.cos(2.0 * np.pi * 1.1 * after)
+    first = np.where(
+        CLOCK >= 0.0, 40.0 * np.exp(-0.7 * after) * beat * np.sin(2.0 * np.pi * 80.0 * after), 0.0
+    )
+    said = " ".join(st.modes(two_modes(first=first)).attrs["influences"])
+    assert "the amplitude of mode 1 rises again" in said
+    assert "exchange energy" in said
+
+
+def test_a_shape_that_changes_with_the_amplitude_is_said():
+    own = ringing(CLOCK, Law(), 60.0)
+    changing = two_modes()
+    size = np.exp(-0.003 * 2.0 * np.pi * 80.0 * np.maximum(CLOCK, 0.0))
+    changing.signal[0] += 0.1 * size * own
+    assert "the shape changes with the amplitude: acc1" in st.one_mode(changing, 1).attrs["separation"]
+    assert "the shape changes" not in st.one_mode(two_modes(), 1).attrs["separation"]
+
+
+def test_a_second_blow_ends_the_record():
+    record = two_modes()
+    late = record.signal.values[:, :8192].copy()
+    record.signal[:, 8192:] += 0.7 * late
+    listed = st.modes(record)
+    assert "the signals jump at 2." in listed.attrs["second_blow"]
+    assert listed.frequency.values == pytest.approx([80.0, 211.0], rel=1e-3)
+
+
+def test_a_clipped_sensor_is_left_out_and_said(record):
+    clipped = record.copy(deep=True)
+    clipped.signal[1] = np.clip(clipped.signal[1], -20.0, 20.0)
+    separate = st.one_mode(clipped, 1)
+    assert "sensor acc2 is clipped at 20 m/s^2 until" in separate.attrs["reading"]
+    assert separate.sensor.values.tolist() == ["acc1", "acc3"]
+    with pytest.raises(DecayError, match=r"acc2 is clipped at 20 m/s\^2 until .*--window"):
+        st.one_mode(clipped.isel(sensor=[1]), 1)
+
+
+def test_what_does_not_exist_is_refused(record):
+    with pytest.raises(
+        UsageError, match=r"--mode 3 does not exist; it holds 2 modes \(1: 79.* Hz, 2: 211 Hz\)"
+    ):
+        st.one_mode(record, 3)
+    with pytest.raises(UsageError, match="no mode is in --band 100:150 Hz"):
+        st.one_mode(record, band=(100.0, 150.0))
+    noise = np.random.default_rng(0).standard_normal((2, 4000))
+    with pytest.raises(DecayError, match="no mode rings"):
+        st.modes(sensors(np.arange(4000) / RATE, noise))
+
+
+def test_modes_nearer_than_the_record_resolves_are_refused():
+    first = linear(CLOCK, 80.0, 0.002, 60.0)
+    for apart, duration in ((5.5, 0.45), (0.7, 2.0)):
+        both = two_modes(first=first, second=(80.0 + apart, 0.002, 40.0)).isel(
+            time=slice(round(duration * RATE))
+        )
+        with pytest.raises(DecayError, match=r"does not separate them|modes beat"):
+            st.free_decay(st.one_mode(both, 1))
+
+
+def test_the_components_explain_the_record(record):
+    ringing_ = find_ringing(record.signal.values, 1.0 / RATE)
+    assert ringing_.residual / ringing_.noise == pytest.approx(np.ones(3), abs=0.1)
+
+
+def test_the_response_of_a_mode_is_that_of_its_truth(separate):
+    curves, law = st.backbone(st.free_decay(separate)), Law()
+    w = 2.0 * np.pi * np.linspace(79.0, 81.0, 41)
+    response = st.response_of_mode(curves, 0.4, w, modal_mass=2.0)
+    up = response.sel(sweep="up")
+    assert response.amplitude.attrs["units"] == "m/s^2"
+    assert response.drive.attrs["units"] == "N"
+    a = up.amplitude.values / w**2
+    # Of the decay's damping ratio that of steady motion differs, as this joint slips.
+    part = a / law.scale
+    zeta = law.zeta(a) / (1.0 + law.slip * part - 0.25 * law.hardening * part**2)
+    force = a * np.hypot(law.w(a) ** 2 - w**2, 2.0 * zeta * law.w(a) * w)
+    resonance = np.abs(w / law.w(a) - 1.0) < 3.0 * zeta
+    assert force[resonance] == pytest.approx(np.full(resonance.sum(), 0.2), rel=0.02)
+    assert np.all((up.amplitude_low <= up.amplitude) & (up.amplitude <= up.amplitude_high))
+
+
+def test_close_modes_at_one_sensor_are_a_warning():
+    close = two_modes(second=(84.0, 0.002, 40.0))
+    alone = close.isel(sensor=[1])
+    assert st.modes(close).attrs["close_modes"] == []
+    assert "differ by 5" in st.modes(alone).attrs["close_modes"][0]
+    assert "one sensor does not separate such close modes" in st.one_mode(alone, 1).attrs["separation"]
+    assert "one sensor" not in st.one_mode(close, 1).attrs["separation"]
+    assert st.modes(two_modes().isel(sensor=[1])).attrs["close_modes"] == []
+
+
+def test_a_record_with_one_signal_is_that_of_one_sensor(record):
+    acceleration = record.signal.sel(sensor="acc2", drop=True)
+    one = xr.Dataset({"angle": acceleration.assign_attrs(units="m")}, attrs={"source": "test"})
+    assert st.one_mode(one, 2).attrs["mode"] == 2
+
+
+def test_the_commands_take_one_mode(tmp_path, record):
+    path = written(tmp_path, record)
+    looked = run("look", path)
+    assert looked.status == 0, looked.err
+    assert "2 modes ring" in looked.out
+    assert looked.out.splitlines()[-1] == f"Next: sysid-trib backbone {path} --mode 1"
+    printed = json.loads(run("backbone", path, "--mode", 1, "--json").out)
+    assert printed["runs"][0]["unit"] == "m"
+    assert run("backbone", path, "--band", "70:90", "--mode", 1).complaint.endswith("give one.")
+    assert "holds 2 modes" in run("backbone", path, "--mode", 4).complaint
+    assert "is for a RECORD" in run("backbone", "--mode", 1).complaint
+    steady = json.loads(run("response", path, "--mode", 1, "--drive", 0.2, "--json").out)
+    assert steady["drive_units"] == "m/s^2"
+
+
+@pytest.mark.slow
+def test_forces_of_one_mode_are_identified(tmp_path, record):
+    path = written(tmp_path, record)
+    found = json.loads(run("identify", path, "--mode", 1, "--forces", "zeta,delta,nu,epsilon", "--json").out)
+    zeta = found["methods"]["averaging"]["coefficients"]["zeta"]["value"]
+    assert zeta == pytest.approx(0.0015, rel=0.05)
+
+
+@pytest.mark.slow
+def test_bands_hold_over_seeds():
+    source, held = beam(), []
+    for seed in range(6):
+        curves = st.backbone(st.free_decay(st.one_mode(source.record(seed), 1)))
+        held += holds(curves, source.laws[1], source.blow).values()
+        assert np.median(half_width(curves, "damping_ratio")) < 2e-5
+    assert sum(held) >= 10
