@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -30,13 +30,15 @@ from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
-from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
 from sysid_trib.simulation.model import FREQUENCY, Model
 
+STARTS = ("fitted", "measured")
+StartsOption: TypeAlias = Literal["fitted", "measured"]
 # A motion that leaves more than this part of a record does not follow it.
 LARGEST_UNFOLLOWED = 0.7
 
@@ -68,6 +70,10 @@ class Trajectory(Constrained):
     warm_up : float, s
         Beginning of each run that does not count: until then the motion forgets with what its states and
         memory began. The free motion is fitted, whatever `random_force` is.
+    starts : {"fitted", "measured"}
+        Whether angle, rate and the sensor's zero of each run are fitted; `measured` takes the angle and the
+        rate of the smoothed record at its first sample, and no zero, as for a joint whose control loop sees
+        the sensor.
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
         value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
@@ -98,6 +104,7 @@ class Trajectory(Constrained):
     random_force: RandomForceOption = "auto"
     own: tuple[str, ...] = ()
     warm_up: float = 0.0
+    starts: StartsOption = "fitted"
 
     def __post_init__(self, *old: Any) -> None:
         super().__post_init__(*old)
@@ -106,6 +113,8 @@ class Trajectory(Constrained):
             raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
         if not self.warm_up >= 0.0:
             raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
+        if self.starts not in STARTS:
+            raise UsageError(f"starts='{self.starts}' is neither 'fitted' nor 'measured'.")
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
 
@@ -174,7 +183,9 @@ class Trajectory(Constrained):
             offered, self.reference_frequency, self.fit_shapes, self.shapes, len(runs), constraints
         )
         parameters = parameters.completed()
-        if is_free_to_move(offered, parameters.constraints.fixed):
+        if self.starts == "measured":
+            parameters = parameters.fix(measured_starts(runs))
+        elif is_free_to_move(offered, parameters.constraints.fixed):
             # No rate shows where a body is that may be anywhere.
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
             parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
@@ -188,10 +199,31 @@ class Trajectory(Constrained):
         rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
         if rounds and missed(problem, fit.values) > LARGEST_UNFOLLOWED:
             rounds = 0
+        # What a model of driven motions leaves besides noise is no measure of how well a run was measured: a
+        # run that hardly moves would decide alone.
+        if rounds and problem.driven and not _leaves_noise(fit):
+            rounds = 0
         for _ in range(rounds):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
         return fit
+
+
+def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
+    """Angle (rad) and rate (rad/s) of each run at its first sample, and no zero of the sensor, by their names.
+
+    Raises
+    ------
+    UsageError
+        A rate or an acceleration was measured: where the body is, is not known.
+    """
+    if any(MEASURED in run for run in runs):
+        raise UsageError("A start is measured where the angle itself is; leave starts='measured' out.")
+    w, held = nominal_frequency(first_frequency(runs)), dict[str, float]()
+    for at, run in enumerate(runs):
+        angle, rate = first_guess(run.time.values.astype(float), run.angle.values.astype(float), w)
+        held |= zip((f"{name} of run {at}" for name in PER_RUN), (angle, rate, 0.0), strict=True)
+    return held
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
@@ -269,6 +301,12 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
     except DecayError:
         return fit
     return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
+
+
+def _leaves_noise(fit: Fit) -> bool:
+    """True if what the motions leave of each run is white."""
+    residuals = fit.problem.residuals(fit.values)
+    return min(white_p_value(residual) for residual in residuals) >= WHITE_LEVEL
 
 
 def _residuals(fit: Fit) -> list[Array]:

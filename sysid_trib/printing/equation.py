@@ -163,7 +163,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
     if language not in FUNCTION_NAMES:
         raise UsageError(f"'{language}' is no language of export; choose {', '.join(FUNCTION_NAMES)}.")
     _check_is_equation(result)
-    model, functions = model_of(result), FUNCTION_NAMES[language]
+    model, functions = model_of(result).bound, FUNCTION_NAMES[language]
     terms, states, starts = list[str](), dict[str, str](), list[str]()
     for force in model.forces:
         shapes = {name: f"({value!r})" for name, value in force.shape_values(model.shapes).items()}

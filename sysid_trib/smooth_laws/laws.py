@@ -17,7 +17,7 @@ from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.records.smoothing import clock_of, swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.smooth_laws import bands, curves
@@ -26,7 +26,7 @@ from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
 from sysid_trib.validation import cross_check, findings, model_error
-from sysid_trib.validation.driven import clock_of, is_driven
+from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 from sysid_trib.validation.verdict import APPROXIMATE_PART
 

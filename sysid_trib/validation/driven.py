@@ -16,11 +16,12 @@ from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import Trajectory
-from sysid_trib.records import inputs, smoothing
+from sysid_trib.records import inputs
 from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
+from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import INPUT_UNITS, library_of, model_of, shape_values_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
@@ -185,17 +186,6 @@ def _random_force_explains(stochastic: FollowedRuns) -> bool:
 def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> float:
     """Return what the motion of a model leaves of runs over the RMS of these; infinite without a motion."""
     return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
-
-
-def clock_of(record: xr.Dataset) -> float:
-    """A frequency (rad/s) below which the rate of a motion has nearly all of its power, to two digits."""
-    time = record.time.values.astype(float)
-    step = float(np.median(np.diff(time)))
-    rate = np.diff(np.interp(np.arange(time[0], time[-1], step), time, record.angle.values))
-    power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
-    # Part of the power of the rate.
-    at = np.searchsorted(power, 0.95 * power[-1])
-    return smoothing.nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 
 SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
