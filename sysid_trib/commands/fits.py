@@ -18,6 +18,7 @@ from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods.scope import Method, with_random_force
+from sysid_trib.methods.trajectory import STARTS, StartsOption
 from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks, difference_json
@@ -73,7 +74,9 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
             "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
         )
     own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
-    usual = usual_methods(decays, wanted.library, wanted.reference_frequency, wanted.shapes, own, warm_up)
+    starts = checked_starts(given.starts, driven=driven or given.test is not None)
+    asked = wanted.reference_frequency, wanted.shapes, own, warm_up, starts
+    usual = usual_methods(decays, wanted.library, *asked)
     with _fewer_forces_named(wanted.library):
         tree = identified(
             decays,
@@ -89,7 +92,8 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         of_test = given.but(records=[given.test], omega0=None, reference_frequency=None)
         others, _ = read_decays(of_test, as_it_is=True, driven=True)
         answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
-        predicted = [predict(answer, other, warm_up=given.warm_up) for other in others]
+        how = {"warm_up": given.warm_up, "starts": starts}
+        predicted = [predict(answer, other, **how) for other in others]
     _add_sureness(tree, decays, given.sensitivity, profiled, tell)
     if calibration[1]:
         tree = with_scale_error(tree, calibration[1] / calibration[0])
@@ -104,6 +108,15 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         texts[given.methods_text.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
     return deliver(given, tell, says, tree, texts)
+
+
+def checked_starts(word: str, *, driven: bool) -> StartsOption:
+    """How runs begin; refused where it is no such word, or of free decays."""
+    if word not in STARTS:
+        raise UsageError(f"--starts '{word}' must be {' or '.join(STARTS)}.")
+    if word != STARTS[0] and not driven:
+        raise UsageError("--starts is of driven records (--input); the start of a decay is fitted.")
+    return word  # type: ignore[return-value]
 
 
 @contextmanager

@@ -9,7 +9,15 @@ from typing import Any, TypeAlias
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, command_after, parse_number, parse_value_with_error, parse_window
+from sysid_trib.campaigns.conditions import read_conditions
+from sysid_trib.commands.app import (
+    Asked,
+    command_after,
+    parse_number,
+    parse_value_with_error,
+    parse_window,
+    texts_by_name,
+)
 from sysid_trib.commands.asked import driving_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
@@ -140,12 +148,17 @@ def read_decays(
 
 def read_sources(given: Asked, *, driven: bool = False) -> list[RunsOfFile]:
     """The runs of each file as they are in it, uncut, and what they are."""
+    if vars(given).get("constant") and not driven:
+        raise UsageError(
+            "--constant is of records that identify, laws, discover, compare and difference take with it."
+        )
     if given.input_ is not None and not driven:
         raise UsageError(
             "--input is of driven records, which identify, laws, discover and compare take; this command "
             "takes free decays."
         )
-    return [_read(given, record) for record in given.records or (None,)]
+    constants = constants_of_records(given)
+    return [_read(given, record, of) for record, of in zip(given.records or (None,), constants, strict=True)]
 
 
 def decays_within(
@@ -169,12 +182,53 @@ def calibration_of(given: Asked) -> tuple[float, float]:
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
-def _read(given: Asked, record: Path | None) -> RunsOfFile:
+def constants_of_records(given: Asked) -> list[dict[str, str | float]]:
+    """Known constants of each record by their names: `kp=100`, `kp=100,400`, `kp=COLUMN`, `kp=TABLE.csv:kp`.
+
+    Raises
+    ------
+    UsageError
+        A list has another length than the records, or a table has no row for one of them.
+    """
+    form = "of the form kp=100, kp=COLUMN or kp=TABLE.csv:COLUMN"
+    texts = texts_by_name(vars(given).get("constant") or [], "--constant", form)
+    records = [str(record) for record in given.records or ()]
+    of_each: list[dict[str, str | float]] = [{} for _ in records or (None,)]
+    for name, text in texts.items():
+        values = _constants(name, text, records)
+        if len(values) not in (1, len(records)):
+            raise UsageError(
+                f"--constant '{name}={text}' holds {len(values)} values for {len(records)} records; give "
+                "one, or one a record."
+            )
+        for at, of in enumerate(of_each):
+            of[name] = values[at if len(values) > 1 else 0]
+    return of_each
+
+
+def _constants(name: str, text: str, records: Sequence[str]) -> list[str | float]:
+    """Values of a constant: numbers, of a table of conditions, or the name of a column of each record."""
+    file, colon, column = text.rpartition(":")
+    if colon and file:
+        table = read_conditions(Path(file), records)
+        if column not in table:
+            raise UsageError(
+                f"{Path(file).name}: no column '{column}' for the constant {name}; there are "
+                f"{', '.join(map(str, table))}."
+            )
+        return [parse_number(str(value), f"--constant {name}") for value in table[column]]
+    parts = [part.strip() for part in text.split(",")]
+    with suppress(ValueError):
+        return [float(part) for part in parts]
+    return [text]
+
+
+def _read(given: Asked, record: Path | None, constants: Mapping[str, str | float]) -> RunsOfFile:
     """The runs of a file, or the embedded example, and what they are."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
     if record is None:
-        if idle := given.changed([*READING, "input_"]):
+        if idle := given.changed([*READING, "input_", "constant"]):
             raise UsageError(f"{idle[0]} is for a RECORD, and none is given.")
         example = paper_twin()
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
@@ -182,7 +236,8 @@ def _read(given: Asked, record: Path | None) -> RunsOfFile:
     try:
         system = load_system(given.system)
         how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
-        runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
+        asked = Reading(**how, inputs=driving_of(given), between=given.between, constants=constants)
+        runs = read_records(record, asked)
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -203,7 +258,7 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
 
 def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
-    if given.input_ is not None:
+    if given.input_ is not None or given.constant:
         return driven_parts(record, limits, keep_outliers=given.keep_outliers)
     centre: float | str = given.equilibrium
     if centre != "auto":

@@ -290,8 +290,8 @@ class ForceLibrary:
         if both := own & {*self.used}:
             symbol = min(both)
             raise UsageError(
-                f"The coefficient {symbol} cannot be each run's own (--own): the formula of another force holds "
-                "it; leave it out of --own."
+                f"The coefficient {symbol} cannot be each run's own (--own): the formula of another force "
+                "holds it; leave it out of --own."
             )
 
         def copy(force: Force, run: int) -> Force:

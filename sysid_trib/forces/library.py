@@ -223,7 +223,9 @@ def with_expressions(text: str, expressions: Mapping[str, str]) -> str:
 
     def written(word: re.Match[str]) -> str:
         expression = expressions.get(word[0], word[0])
-        return expression if expression.isalnum() else f"({expression})" if word[0] in expressions else word[0]
+        return (
+            expression if expression.isalnum() else f"({expression})" if word[0] in expressions else word[0]
+        )
 
     return WORDS.sub(written, text)
 

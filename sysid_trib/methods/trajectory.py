@@ -24,6 +24,7 @@ from sysid_trib.motion_fit.least_squares import (
     fitted,
     grown,
     missed,
+    nearby_best,
     stopped_by_bounds,
 )
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
@@ -201,8 +202,11 @@ class Trajectory(Constrained):
             rounds = 0
         # What a model of driven motions leaves besides noise is no measure of how well a run was measured: a
         # run that hardly moves would decide alone.
-        if rounds and problem.driven and not _leaves_noise(fit):
+        if problem.driven and not _leaves_noise(fit):
             rounds = 0
+            # One run of a record that is followed has one minimum.
+            if len(problem.records) > 1:
+                fit = nearby_best(fit)
         for _ in range(rounds):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)

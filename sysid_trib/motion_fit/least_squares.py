@@ -154,6 +154,39 @@ def grown(problem: FitProblem, values: Array) -> Array:
     return values
 
 
+# Further starts about a fit of driven motions that leaves more than noise; how far they are away, in standard
+# errors; and the relative step at which their fits are done.
+FURTHER_STARTS, START_DISTANCE, ROUGHLY = 3, 2.0, 1e-4
+# A start whose fit leaves less by this part of the sum of squares is a better one.
+BETTER_BY = 1e-3
+
+
+def nearby_best(fit: Fit) -> Fit:
+    """Return the best of fits that begin about one; of friction that sticks the squares have many minima.
+
+    Parameters
+    ----------
+    fit : Fit
+        A minimum. The further starts are drawn from its errors, by blocks of samples, always the same ones.
+    """
+    free, random = fit.parameters.free, np.random.default_rng(20190417)
+    best = fit
+    for _ in range(FURTHER_STARTS):
+        # As many blocks as tell the errors of a record whose residual is not white.
+        root = covariance_root(best.clustered_covariance(24)[np.ix_(free, free)])
+        direction = random.standard_normal(len(free))
+        start = best.values[free] + START_DISTANCE * root @ direction
+        tried = fitted(best.problem, best.parameters.expand(start), tolerance=ROUGHLY)
+        if sum_of_squares(tried) < (1.0 - BETTER_BY) * sum_of_squares(best):
+            best = tried
+    return best if best is fit else fitted(best.problem, best.values)
+
+
+def sum_of_squares(fit: Fit) -> float:
+    """Sum of squares of the whitened residual."""
+    return float(fit.residual @ fit.residual)
+
+
 def calmer(problem: FitProblem, values: Array) -> Array:
     """First guess, with all coefficients that are free at zero where its motion is farther from the records.
 
@@ -176,9 +209,7 @@ def missed(problem: FitProblem, values: Array) -> float:
     return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)
 
 
-def fitted(
-    problem: FitProblem, values: Array, *, tolerance: float | None = None, ridge: float = 0.0
-) -> Fit:
+def fitted(problem: FitProblem, values: Array, *, tolerance: float | None = None, ridge: float = 0.0) -> Fit:
     """Parameters of least whitened residual.
 
     Parameters

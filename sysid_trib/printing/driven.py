@@ -133,9 +133,10 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
     sentences = []
     for record in predicted:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
-        start = f"to its first {warm_up:g} s, which do not count" if warm_up else "to all of it"
+        start = f"fitted to its first {warm_up:g} s, which do not count" if warm_up else "fitted to all of it"
+        start = "as measured" if record.attrs.get("starts") == "measured" else start
         sentences.append(
-            f"Predicted: {record.attrs.get('source', 'record')}, its start fitted {start}: "
+            f"Predicted: {record.attrs.get('source', 'record')}, its start {start}: "
             f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )

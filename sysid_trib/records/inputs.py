@@ -193,6 +193,9 @@ def usual_between(values: Array) -> str:
     """
     moves = np.diff(values)
     changes = np.flatnonzero(moves)
+    if len(changes) == 1 and np.unique(values).size == 2:
+        # A switch that is thrown once.
+        return "held"
     if len(changes) < 2 or 2 * len(changes) > len(moves):
         return "smooth"
     isolated = np.diff(changes, prepend=-2) > 1

@@ -15,7 +15,7 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.trajectory import Trajectory
+from sysid_trib.methods.trajectory import StartsOption, Trajectory, measured_starts
 from sysid_trib.records import inputs
 from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
@@ -281,7 +281,12 @@ FEWEST_FITTED = 20
 
 
 def predict(
-    result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None = None, run: int = 0
+    result: xr.Dataset,
+    record: xr.Dataset,
+    *,
+    warm_up: float | None = None,
+    run: int = 0,
+    starts: StartsOption = "fitted",
 ) -> xr.Dataset:
     """Predict a record by an identified model: its free run under the record's inputs.
 
@@ -296,6 +301,9 @@ def predict(
         record where left out, and all of it counts.
     run : int
         Of the result's runs, from 0, the one whose own coefficients are taken.
+    starts : {"fitted", "measured"}
+        `measured` takes angle and rate of the smoothed record at its first sample, and no zero of the sensor:
+        nothing is fitted to the record.
 
     Returns
     -------
@@ -319,7 +327,9 @@ def predict(
     (given,) = [record] if isinstance(record, xr.Dataset) else record
     checked_signal(given)
     (whole,) = driven_parts(given, across_gaps=True)
-    return _predict(result, _in_units_of(result, whole), warm_up=warm_up, run=run)
+    if starts == "measured" and warm_up is not None:
+        raise UsageError("A start that is measured needs no warm-up to be fitted to; leave one of both out.")
+    return _predict(result, _in_units_of(result, whole), warm_up=warm_up, run=run, starts=starts)
 
 
 def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
@@ -361,7 +371,9 @@ def _factor(what: str, unit: str, wanted: str) -> float:
 
 
 @in_units_of_the_motion
-def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int) -> xr.Dataset:
+def _predict(
+    result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int, starts: StartsOption
+) -> xr.Dataset:
     """Predict a record in the units of the result (see `predict`)."""
     library = library_of(result).in_run(run + 1)
     model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
@@ -376,6 +388,8 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
+    if starts == "measured":
+        return _from_measured_start(record, model)
     model, record = with_own_sensor(result, model, record, fitted)
     # A spline knows nothing of what is in a gap.
     gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
@@ -394,6 +408,21 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
     values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
     values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
     return _with_prediction(record, values, warm_up)
+
+
+def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
+    """Predict a record from the start that was measured, with nothing fitted to it."""
+    held = [*measured_starts([record]).values()]
+    time, angle = record.time.values.astype(float), record.angle.values.astype(float)
+    try:
+        shown = trajectory(model, time, held[0], held[1]).angle
+    except SimulationError as error:
+        raise DecayError(f"The model has no motion on this record: {error}") from None
+    residual = angle - shown
+    rms = root_mean_square(residual)
+    values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
+    values |= {"residual_over_motion": rms / float(np.std(angle))}
+    return _with_prediction(record, values, None).assign_attrs(starts="measured")
 
 
 def _with_prediction(

@@ -16,6 +16,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_stated
+from sysid_trib.methods.trajectory import StartsOption
 from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.variables import described
@@ -116,6 +117,7 @@ def usual_methods(
     shapes: dict[str, float] | None = None,
     own: tuple[str, ...] = (),
     warm_up: float = 0.0,
+    starts: StartsOption = "fitted",
 ) -> list[Method]:
     """The two methods that are held against each other.
 
@@ -133,6 +135,8 @@ def usual_methods(
         Forces whose coefficient is each run's own, of driven records.
     warm_up : float, s
         Beginning of each driven record that does not count in the fit of its motion.
+    starts : {"fitted", "measured"}
+        Whether the start and the sensor's zero of each driven record are fitted (see `Trajectory`).
 
     Raises
     ------
@@ -143,7 +147,8 @@ def usual_methods(
     averaging, direct, trajectory = (kind(**asked) for kind in (Averaging, Direct, Trajectory))  # type: ignore
     runs = as_runs(decay, driven=True)
     if driven.is_driven(runs):
-        return [Direct(**asked, own=own), Trajectory(**asked, own=own, warm_up=warm_up)]  # type: ignore
+        motion = Trajectory(**asked, own=own, warm_up=warm_up, starts=starts)  # type: ignore
+        return [Direct(**asked, own=own), motion]  # type: ignore
     if own:
         raise UsageError(
             "Coefficients of each run's own are of driven records (--input); identify each free decay alone."
