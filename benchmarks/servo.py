@@ -1,10 +1,11 @@
-"""A pendulum on a servo: which friction law, how well it predicts runs that were not fitted, and for how long.
+"""A pendulum on a servo: which friction law, how well it predicts runs that were not fitted, and how fast.
 
-python -m benchmarks servo [--only prediction|free|halves|laws]
+python -m benchmarks servo [--only chosen|laws|prediction|halves|free]
 
-The runs are read from ../shared/data/servo_pendulum beside the project, or from the folder in SYSID_TRIB_DATA. Those of
-a gain are predicted from the start that was measured, with the goal position, the gain and the switch of the torque
-alone; nothing is fitted to them. Runs of the gain 200, which are not there, may be added to the folder.
+The runs are read from ../shared/data/servo_pendulum beside the project, or from the folder in
+SYSID_TRIB_DATA. Those of a gain are predicted from the start that was measured, with the goal position, the
+gain and the switch of the torque alone; nothing is fitted to them. Runs of the gain 200, which are not there,
+may be added to the folder.
 """
 
 import time
@@ -68,7 +69,7 @@ def run_of(gain: int, motion: str) -> xr.Dataset:
     return record
 
 
-def fitted(runs: list[xr.Dataset], law: str, start: xr.Dataset | None = None) -> tuple[xr.Dataset, float]:
+def fitted(runs: list[xr.Dataset], law: str) -> tuple[xr.Dataset, float]:
     """The fit of a law to runs, and the processor's time (s)."""
     forces = library().select((*BASE, *LAWS[law]))
     constraints: dict[str, Any] = {s: of for s, of in NOT_NEGATIVE.items() if s in forces.symbols}
@@ -78,17 +79,9 @@ def fitted(runs: list[xr.Dataset], law: str, start: xr.Dataset | None = None) ->
         random_force="off",
         starts="measured",
         fit_shapes=shapes,
-        start=None if start is None else _as_start(start, forces),
         constraints={"gravity": 1.0} | constraints,
     )
     return st.identify(runs, forces, method), time.process_time() - begun
-
-
-def _as_start(result: xr.Dataset, forces: ForceLibrary) -> st.Model:
-    """A fit as the start of another one: forces that it lacks begin at zero."""
-    known = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
-    coefficients = {symbol: known.get(symbol, 0.0) for symbol in forces.symbols}
-    return st.Model(forces, coefficients, result.reference_frequency.item())
 
 
 def absolute_error(result: xr.Dataset, runs: list[xr.Dataset]) -> list[float]:
@@ -102,7 +95,13 @@ def servo(asked: Namespace) -> None:
     if not FOLDER.is_dir():
         print(f"No runs in {FOLDER}.")
         return
-    for title, part in (("laws", laws), ("prediction", prediction), ("halves", halves), ("free", free)):
+    for title, part in (
+        ("chosen", chosen),
+        ("laws", laws),
+        ("prediction", prediction),
+        ("halves", halves),
+        ("free", free),
+    ):
         if asked.only in title:
             part()
 
@@ -115,13 +114,21 @@ def runs_of(which: list[int]) -> list[xr.Dataset]:
 def laws() -> None:
     """Each law fitted to all runs: what it leaves, and how long it takes."""
     runs = runs_of(gains())
-    plain, _ = fitted(runs, "Coulomb and viscous")
     print(f"{'law, fitted to ' + str(len(runs)) + ' runs':52s} {'MAE (mrad)':>10s} {'processor (s)':>14s}")
     for law in LAWS:
-        result, seconds = fitted(runs, law, plain)
-        print(f"{law:52s} {np.mean(absolute_error(result, runs)):10.1f} {seconds:14.0f}", flush=True)
-        if law == CHOSEN:
-            print_coefficients(result)
+        print_law(law, runs)
+
+
+def chosen() -> None:
+    """The law that predicts best, fitted to all runs."""
+    print_law(CHOSEN, runs_of(gains()))
+
+
+def print_law(law: str, runs: list[xr.Dataset]) -> None:
+    """A law fitted to runs, in a line, and its coefficients."""
+    result, seconds = fitted(runs, law)
+    print(f"{law:52s} {np.mean(absolute_error(result, runs)):10.1f} {seconds:14.0f}", flush=True)
+    print_coefficients(result)
 
 
 def print_coefficients(result: xr.Dataset) -> None:
@@ -132,24 +139,22 @@ def print_coefficients(result: xr.Dataset) -> None:
     print(f"    w (rad/s)        {result.reference_frequency.item():9.4f}")
 
 
-def prediction() -> None:
+def prediction(
+    laws_tried: tuple[str, ...] = ("Coulomb and viscous", "with the load squared", CHOSEN),
+) -> None:
     """Each gain predicted by the runs of the others, by three laws."""
-    print("gain that is kept back, MAE (mrad) of its four runs")
-    for law in ("Coulomb and viscous", "with the load squared", CHOSEN):
-        errors = {}
+    print("mean absolute error (mrad) of the four runs of a gain that is kept back")
+    for law in laws_tried:
         for gain in gains():
-            training = runs_of([other for other in gains() if other != gain])
-            start = None if law == "Coulomb and viscous" else fitted(training, "Coulomb and viscous")[0]
-            result, _ = fitted(training, law, start)
-            errors[gain] = float(np.mean(absolute_error(result, runs_of([gain]))))
-        print(f"{law:52s} " + ", ".join(f"{gain}: {error:.1f}" for gain, error in errors.items()), flush=True)
+            result, _ = fitted(runs_of([other for other in gains() if other != gain]), law)
+            error = np.mean(absolute_error(result, runs_of([gain])))
+            print(f"{law:52s} {gain:5d} {error:10.1f}", flush=True)
 
 
 def halves() -> None:
     """Fits of disjoint halves of the runs: difference of each parameter over its error."""
     runs = [run_of(gain, motion) for motion in MOTIONS for gain in gains()]
-    plain, _ = fitted(runs, "Coulomb and viscous")
-    both = [fitted(runs[at::2], CHOSEN, plain)[0] for at in (0, 1)]
+    both = [fitted(runs[at::2], CHOSEN)[0] for at in (0, 1)]
     values, errors = (
         np.array([of[name].values for of in both]) for name in ("coefficient", "standard_error")
     )
@@ -169,7 +174,7 @@ def free() -> None:
     for file in sorted(FOLDER.glob("free_swing_kp*.csv")):
         record = st.read_record(file, angle="position (rad)")
         still = xr.zeros_like(record.angle).assign_attrs(role="input", between="held", units="1")
-        swings[file.stem] = record.assign({name: still for name in ("goal", "kp", "on")})
+        swings[file.stem] = record.assign(dict.fromkeys(("goal", "kp", "on"), still))
     joint = library()
     for law in (("lambda", "zeta"), ("lambda", "zeta", "load_friction"), ("lambda", "zeta", "load_squared")):
         forces = joint.select(("gravity", "tilt", *law))

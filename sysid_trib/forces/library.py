@@ -222,10 +222,10 @@ def with_expressions(text: str, expressions: Mapping[str, str]) -> str:
     """A formula with the expression in the place of each of these names."""
 
     def written(word: re.Match[str]) -> str:
-        expression = expressions.get(word[0], word[0])
-        return (
-            expression if expression.isalnum() else f"({expression})" if word[0] in expressions else word[0]
-        )
+        if word[0] not in expressions:
+            return word[0]
+        expression = expressions[word[0]]
+        return expression if expression.isidentifier() else f"({expression})"
 
     return WORDS.sub(written, text)
 

@@ -214,7 +214,7 @@ class Trajectory(Constrained):
 
 
 def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
-    """Angle (rad) and rate (rad/s) of each run at its first sample, and no zero of the sensor, by their names.
+    """Angle (rad) and rate (rad/s) of each run at its first sample, and a zero of 0, by their names.
 
     Raises
     ------

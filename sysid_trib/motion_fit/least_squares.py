@@ -40,7 +40,7 @@ CONVERGED = 1e-12
 # The same of driven motions. What a friction that switches leaves is no smooth function of the parameters, so
 # that the last digits are never reached; the deviance of 10^4 samples is known to a thousandth.
 CONVERGED_DRIVEN = 1e-7
-# A driven motion that leaves no more than this of the record (RMS) follows it: it forgets a slip of its phase.
+# A driven motion that leaves no more than this of the record (RMS) follows it: it forgets a slip of phase.
 FOLLOWED_DRIVEN = 0.3
 
 

@@ -11,6 +11,7 @@ from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
+from sysid_trib.records.constants import constants_of
 from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
@@ -68,7 +69,9 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     table = layout.coefficient_table(results, z, [what | sizes])
     return [
         Block([first, f"The answer is {answer}'s, {why}.", *_negative_damping(results[answer])], ALWAYS),
+        Block(_not_separated(tree), ALWAYS),
         Block(record),
+        _constants_block(tree),
         Block(title="At a glance"),
         Block([ERRORS], Layer.EXPLAIN, "Forces", table),
         Block(table=table, layers=Layer.QUIET | Layer.DEFAULT),
@@ -93,6 +96,25 @@ def _negative_damping(result: xr.Dataset) -> Iterator[str]:
                 f"{said}, as if the motion gained energy. Look whether the input is late or early "
                 f"(offer gain_delay), whether a friction is missing, or exclude it: --bound {symbol}=0:."
             )
+
+
+def _not_separated(tree: xr.DataTree) -> list[str]:
+    """Say which parameters the motions cannot separate, known before the fit."""
+    if "identifiability" not in tree.children:
+        return []
+    return str(tree["identifiability"].attrs["sentences"]).splitlines()
+
+
+def _constants_block(tree: xr.DataTree) -> Block:
+    """Known constants of the runs, a row each, where there are any."""
+    groups = record_groups(tree)
+    rows = {name: constants_of(tree[name].to_dataset()) for name in groups}
+    if not any(rows.values()):
+        return Block()
+    names = list(dict.fromkeys(name for row in rows.values() for name in row))
+    sources = [str(tree[name].attrs.get("source", name)) for name in groups]
+    table = pd.DataFrame({"run": sources} | {k: [f"{row[k]:g}" for row in rows.values()] for k in names})
+    return Block(title="Known constants", table=table)
 
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:

@@ -68,9 +68,9 @@ def _number(
             return noted[wanted], None
         offered = [*(other.name for other in table.columns), *noted]
         raise UsageError(
-            f"{table.source}: the constant {name} is not known; there is no column and no number "
-            f"'{wanted}'{did_you_mean(wanted, offered) or '.'} Give it by --constant {name}=VALUE (constants= in "
-            f"Python), or the name of one of {', '.join(offered)}."
+            f"{table.source}: the constant {name} is not known; there is no column and no "
+            f"number '{wanted}'{did_you_mean(wanted, offered) or '.'} Give it by "
+            f"--constant {name}=VALUE (constants= in Python), or the name of one of {', '.join(offered)}."
         )
     values = column.numbers[rows]
     known = values[np.isfinite(values)]
@@ -80,9 +80,9 @@ def _number(
         finite = np.flatnonzero(np.isfinite(values))
         at = finite[np.flatnonzero(known != known[0])[0]]
         raise UsageError(
-            f"{table.source}: the constant {name} changes within the run, from {known[0]:g} to {values[at]:g} "
-            f"at {time[at]:.6g} s; cut the record there (--window), or name it as an input (--input "
-            f"{name}={wanted})."
+            f"{table.source}: the constant {name} changes within the run, from {known[0]:g} to "
+            f"{values[at]:g} at {time[at]:.6g} s; cut the record there (--window), or name it as an "
+            f"input (--input {name}={wanted})."
         )
     return float(known[0]), None if column.unit is None else column.unit.text
 

@@ -57,8 +57,8 @@ class Reading:
     between : {"smooth", "linear", "held", "cubic"}, optional
         What inputs are between their samples (see `KnownInput`); without it see `usual_between`.
     constants : mapping of str to (str or float)
-        Known constants of the run by the names that forces hold, `{"kp": 100.0, "load": "load"}`: a number, or
-        a column that does not vary.
+        Known constants of the run by the names that forces hold, `{"kp": 100.0, "load": "load"}`: a number,
+        or a column that does not vary.
     """
 
     time: str | int | None = None

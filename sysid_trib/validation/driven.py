@@ -36,6 +36,7 @@ from sysid_trib.simulation.initial_conditions import (
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
+from sysid_trib.validation.identifiability import identifiability
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
@@ -94,9 +95,16 @@ def identified_driven(
         clock = max(clock_of(run) for run in runs)
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
+    tell("identifiability")
+    separated = identifiability(runs, library, constraints=direct.constraints)
     tell("direct")
     together = dict(enumerate(runs))
-    best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
+    try:
+        best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
+    except DecayError as error:
+        if "are the same force" not in str(error) or not separated.attrs["sentences"]:
+            raise
+        raise DecayError(f"{error} {' '.join(separated.attrs['sentences'].splitlines())}") from None
     random_explains, stochastic = False, None
     # What is integrated is no record in which a random force could be told from noise.
     own_quantity = any(MEASURED in run for run in runs)
@@ -137,7 +145,9 @@ def identified_driven(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
             "of it (--window)."
         )
-    return _tree(kept, "direct" in kept and random_explains)
+    tree = _tree(kept, "direct" in kept and random_explains)
+    tree["identifiability"] = xr.DataTree(separated)
+    return tree
 
 
 def _without_bias(run: xr.Dataset) -> xr.Dataset:

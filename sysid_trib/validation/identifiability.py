@@ -1,0 +1,212 @@
+"""Which parameters the motions of driven records cannot separate, and what motion would."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.inputs import inputs_of, values_of_inputs
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency, smooth
+from sysid_trib.results.variables import described
+
+FREQUENCY = "frequency"
+# Parameters whose errors are so many times those that they would have alone are not separated.
+INSEPARABLE = 10.0
+# What is told of an inflation that is larger: the columns are the same.
+LARGEST = 1e4
+# From this inflation on no number is told.
+SAME = 1e3
+# A parameter takes part in a combination that is not known by this part of it.
+MEMBER = 0.2
+# Below this part of its largest a rate may be that of a body at rest, whose friction is a reaction.
+SLOW_PART = 0.02
+# By which a variable of the formulas is multiplied to try another motion; an advice is worth a factor.
+TRIED, WORTH = (0.0, 2.0), 3.0
+
+
+class Points(NamedTuple):
+    """Samples of the runs at which forces are compared, and the acceleration there."""
+
+    names: dict[str, Array]
+    acceleration: Array
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Parameters that are not separated.
+
+    Attributes
+    ----------
+    members : tuple of str
+        Their names.
+    inflation : float
+        The largest ratio of an error to the one that the parameter would have alone.
+    advice : str
+        What motion separates them; empty where none was found.
+    """
+
+    members: tuple[str, ...]
+    inflation: float
+    advice: str
+
+    @property
+    def sentence(self) -> str:
+        """What is said of it."""
+        names = " and ".join([", ".join(self.members[:-1]), self.members[-1]])
+        said = f"These runs do not separate {names}"
+        said += "" if self.inflation >= SAME else f" (errors {self.inflation:.0f} times those of each alone)"
+        return f"{said}; {self.advice} does." if self.advice else f"{said}."
+
+
+def identifiability(
+    decay: Decays, library: ForceLibrary, *, constraints: ConstraintTable = NO_CONSTRAINTS
+) -> xr.Dataset:
+    """Say which parameters the motions of driven records cannot separate, before anything is fitted.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        `angle(time)` with inputs; of one or several runs.
+    library : ForceLibrary
+        The forces offered.
+    constraints : mapping
+        Coefficients that are held are known, and separate the others.
+
+    Returns
+    -------
+    Dataset
+        Over `parameter`, the coefficients and the frequency: `inflation`, by which the error of one is
+        larger than if the others were known. attrs: `sentences`, a line for each combination that is not
+        separated, with the motion that would separate it.
+
+    Notes
+    -----
+    The columns are the forces along the smoothed records, without samples that may be at rest. Coefficients
+    in formulas of other forces are those of a regression without these. The inflation is the root of the
+    variance inflation factor (Belsley, Kuh and Welsch 1980).
+    """
+    runs = as_runs(decay, driven=True)
+    held = Constraints(constraints).fixed
+    offered = forces_to_identify(library, None, sensors=True)
+    points = _points(runs, offered)
+    known = _regressed(points, offered, held)
+    forces = [force for force in offered.bound({**held, **known}) if force.symbol not in held]
+    names = (*(force.symbol for force in forces), FREQUENCY)
+    columns = _columns(points, forces)
+    inflation = _inflation(columns)
+    found = _combinations(points, forces, names)
+    result = xr.Dataset(described("identifiability", {"inflation": inflation}), {"parameter": list(names)})
+    return result.assign_attrs(sentences="\n".join(combination.sentence for combination in found))
+
+
+def _points(runs: Sequence[xr.Dataset], library: ForceLibrary) -> Points:
+    """Samples of all runs in motion, thinned out to a few thousand."""
+    w = nominal_frequency(first_frequency(runs))
+    tables, accelerations = list[dict[str, Array]](), list[Array]()
+    for run in runs:
+        time = run.time.values.astype(float)
+        tau = w * (time - time[0])
+        x, v, _, _ = smooth(tau, run.angle.values.astype(float))
+        moving = np.abs(v) > SLOW_PART * np.max(np.abs(v))
+        # So many samples of a run tell what all do.
+        moving &= np.arange(len(time)) % max(1, len(time) // 1000) == 0
+        given = values_of_inputs(inputs_of(run), library.channels, time - time[0], w)
+        every = {"x": x, "v": v, "t": time - time[0], **given}
+        tables.append({name: values[moving] for name, values in every.items()})
+        accelerations.append(np.gradient(v, tau)[moving])
+    names = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
+    return Points(names, np.concatenate(accelerations))
+
+
+def _columns(points: Points, forces: Sequence[Force]) -> Array:
+    """Forces at the samples, then the acceleration, which the frequency scales; (sample, parameter)."""
+    columns = [*(_along(force, points.names) for force in forces), points.acceleration]
+    return np.stack(columns, axis=1)
+
+
+def _along(force: Force, names: Mapping[str, Array]) -> Array:
+    """Return a force at samples; what depends on history is taken with its states at zero."""
+    inputs = {channel.name: names[channel.name] for channel in force.channels}
+    return force.value(names["x"], names["v"], names["t"], hidden=inputs)
+
+
+def _regressed(points: Points, library: ForceLibrary, held: Mapping[str, float]) -> dict[str, float]:
+    """Coefficients by a regression without the forces that hold coefficients of others."""
+    plain = [force for force in library if not force.uses and force.symbol not in held]
+    known = -points.names["x"]
+    for force in library:
+        if force.symbol in held:
+            known = known - held[force.symbol] * _along(force, points.names)
+    values, *_ = np.linalg.lstsq(_columns(points, plain), known, rcond=1e-6)
+    return dict(zip((force.symbol for force in plain), values.tolist(), strict=False))
+
+
+def _inflation(columns: Array) -> Array:
+    """Error of each parameter over that it would have alone, (parameter,); infinite ones are `LARGEST`."""
+    unit = _of_unit_size(columns)
+    values, axes = np.linalg.eigh(unit.T @ unit)
+    inverse = np.sum(axes**2 / np.maximum(values, LARGEST**-2), axis=1)
+    return np.asarray(np.where(unit.any(axis=0), np.minimum(np.sqrt(inverse), LARGEST), LARGEST))
+
+
+def _of_unit_size(columns: Array) -> Array:
+    """Columns over their norms; one of zeros stays."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.asarray(columns / np.where(size > 0.0, size, 1.0))
+
+
+def _combinations(points: Points, forces: Sequence[Force], names: Sequence[str]) -> list[Combination]:
+    """Parameters that are not separated, the worst first, each in one combination."""
+    columns, left, found = _columns(points, forces), np.ones(len(names), bool), list[Combination]()
+    while left.sum() > 1:
+        places = np.flatnonzero(left)
+        inflation = _inflation(columns[:, places])
+        if inflation.max() < INSEPARABLE:
+            break
+        part = _of_unit_size(columns[:, places])
+        _, axes = np.linalg.eigh(part.T @ part)
+        taking_part = np.abs(axes[:, 0]) >= MEMBER
+        members, worst = places[taking_part], float(inflation[taking_part].max(initial=0.0))
+        if len(members) < 2 or worst < INSEPARABLE:
+            break
+        advice = _advice(points, forces, members, worst)
+        found.append(Combination(tuple(names[at] for at in members), worst, advice))
+        # Without one of them the others may be separated.
+        left[places[np.argmax(np.abs(axes[:, 0]))]] = False
+    return found
+
+
+def _advice(points: Points, forces: Sequence[Force], members: Array, worst: float) -> str:
+    """What other motion separates parameters best: one variable of their formulas at zero, or doubled."""
+    among = {name for at in members if at < len(forces) for name in forces[at].formula.names}
+    best, said = worst, ""
+    for name in sorted(among & points.names.keys() - {"t"}):
+        for factor in TRIED:
+            if factor == 0.0 and name in ("x", "v"):
+                continue
+            other = {**points.names, name: factor * points.names[name]}
+            # The equation with these coefficients is not solved anew: only the columns are looked at.
+            tried = Points(
+                {key: np.append(values, other[key]) for key, values in points.names.items()},
+                np.append(points.acceleration, points.acceleration),
+            )
+            inflation = float(_inflation(_columns(tried, forces))[members].max())
+            if inflation < best:
+                best, said = inflation, _motion_with(name, factor)
+    return said if best * WORTH <= worst else ""
+
+
+def _motion_with(name: str, factor: float) -> str:
+    """A motion in which a variable is another one, in words."""
+    if name == "x":
+        return "a swing twice as wide"
+    if name == "v":
+        return "a motion twice as fast"
+    return f"a run in which {name} is 0" if factor == 0.0 else f"a run in which {name} is twice as large"
