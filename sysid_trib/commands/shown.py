@@ -18,7 +18,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
 from sysid_trib.likelihood.random_force import DENSITY_UNITS
-from sysid_trib.printing import equation, exported, looked
+from sysid_trib.printing import equation, exported, looked, parameters
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.files import load, save, write_file
 from sysid_trib.results.variables import group_names
@@ -139,10 +139,21 @@ def report(tell: Tell, given: Asked) -> Callable[[], None]:
 
 
 def export(tell: Tell, given: Asked) -> Callable[[], None]:
-    """The equation of a result as a program."""
+    """The equation of a result as a program, or its parameters with their covariance."""
     result, language, output = given.result, given.language, given.output
-    check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
-    text = equation.model_code(model_of_file(result, load(result)), language)
+    ending = (
+        f".{language}"
+        if language in equation.PARAMETER_LANGUAGES
+        else ".m"
+        if language == "simulink"
+        else ".py"
+    )
+    check_output(output, ending, reads=[result])
+    model = model_of_file(result, load(result))
+    if language in equation.PARAMETER_LANGUAGES:
+        text = parameters.parameters_text(model, language)
+    else:
+        text = equation.model_code(model, language)
     if output is None:
         return partial(print, text, end="")
     write_file(output, text.encode())

@@ -112,9 +112,12 @@ def _constants_block(tree: xr.DataTree) -> Block:
     if not any(rows.values()):
         return Block()
     names = list(dict.fromkeys(name for row in rows.values() for name in row))
-    sources = [str(tree[name].attrs.get("source", name)) for name in groups]
-    table = pd.DataFrame({"run": sources} | {k: [f"{row[k]:g}" for row in rows.values()] for k in names})
-    return Block(title="Known constants", table=table)
+    cells = [
+        {"run": str(tree[group].attrs.get("source", group))}
+        | {name: f"{row[name]:g}" for name in names if name in row}
+        for group, row in rows.items()
+    ]
+    return Block(table=layout.text_table(cells, ["run"]), caption="Known constants of the runs:")
 
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:

@@ -25,6 +25,8 @@ IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
 # Names that the texts have for what is theirs.
 NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
+# Languages of `export` that hold the parameters, no program.
+PARAMETER_LANGUAGES = ("toml", "json")
 # By language, for which there is a template.
 FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
 
@@ -161,7 +163,8 @@ def model_code(result: xr.Dataset, language: str) -> str:
         Another language, or a force whose memory changes at reversals: it is no equation in x, v, states.
     """
     if language not in FUNCTION_NAMES:
-        raise UsageError(f"'{language}' is no language of export; choose {', '.join(FUNCTION_NAMES)}.")
+        known = ", ".join((*FUNCTION_NAMES, *PARAMETER_LANGUAGES))
+        raise UsageError(f"'{language}' is no language of export; choose {known}.")
     _check_is_equation(result)
     model, functions = model_of(result).bound, FUNCTION_NAMES[language]
     terms, states, starts = list[str](), dict[str, str](), list[str]()
