@@ -141,16 +141,11 @@ def report(tell: Tell, given: Asked) -> Callable[[], None]:
 def export(tell: Tell, given: Asked) -> Callable[[], None]:
     """The equation of a result as a program, or its parameters with their covariance."""
     result, language, output = given.result, given.language, given.output
-    ending = (
-        f".{language}"
-        if language in equation.PARAMETER_LANGUAGES
-        else ".m"
-        if language == "simulink"
-        else ".py"
-    )
+    holds_parameters = language in equation.PARAMETER_LANGUAGES
+    ending = {"simulink": ".m", "toml": ".toml", "json": ".json"}.get(language, ".py")
     check_output(output, ending, reads=[result])
     model = model_of_file(result, load(result))
-    if language in equation.PARAMETER_LANGUAGES:
+    if holds_parameters:
         text = parameters.parameters_text(model, language)
     else:
         text = equation.model_code(model, language)

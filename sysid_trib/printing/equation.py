@@ -163,8 +163,8 @@ def model_code(result: xr.Dataset, language: str) -> str:
         Another language, or a force whose memory changes at reversals: it is no equation in x, v, states.
     """
     if language not in FUNCTION_NAMES:
-        known = ", ".join((*FUNCTION_NAMES, *PARAMETER_LANGUAGES))
-        raise UsageError(f"'{language}' is no language of export; choose {known}.")
+        offered = ", ".join((*FUNCTION_NAMES, *PARAMETER_LANGUAGES))
+        raise UsageError(f"'{language}' is no language of export; choose {offered}.")
     _check_is_equation(result)
     model, functions = model_of(result).bound, FUNCTION_NAMES[language]
     terms, states, starts = list[str](), dict[str, str](), list[str]()

@@ -134,7 +134,8 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     table = tables.read_table(path)
     if reading.is_expression(table, how.angle):
         table = reading.with_expression(table, str(how.angle), how.units)
-    named = [column for value in how.constants.values() if (column := table.match(value)) is not None]
+    of_columns = (value for value in how.constants.values() if isinstance(value, str))
+    named = [column for value in of_columns if (column := table.match(value)) is not None]
     chosen = choose_columns(table, how, [*input_columns(how.inputs, table), *named])
     records = [_read(table, columns, how) for columns in chosen]
     # A run that hardly swings does not show that it is in degrees; another one of the file does.

@@ -13,6 +13,7 @@ from sysid_trib._version import __version__
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
+from sysid_trib.records.constants import CONSTANT
 from sysid_trib.records.decay import Decays, as_runs, root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.files import FORMAT_VERSION
@@ -108,7 +109,9 @@ def identification(
     symbols = list(library.symbols)
     coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
     recorded = as_runs(decay, driven=True)[0].variables.items()
-    coords |= force_labels(library.forces, {str(k): str(v.attrs.get("units", "")) for k, v in recorded})
+    # A constant, such as the gain of a loop, is a number of the formula, and no unit of a coefficient.
+    units = {str(k): str(v.attrs.get("units", "")) for k, v in recorded if CONSTANT not in v.attrs}
+    coords |= force_labels(library.forces, units)
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
 

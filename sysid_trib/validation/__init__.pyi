@@ -1,6 +1,7 @@
 from sysid_trib.motion_fit.bands import prediction_bands as prediction_bands
 from sysid_trib.motion_fit.innovations import innovations as innovations
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound as cramer_rao_bound
+from sysid_trib.validation.collinearity import identifiability as identifiability
 from sysid_trib.validation.draws import curve_bands as curve_bands, posterior as posterior
 from sysid_trib.validation.identify import run_agreement as run_agreement
 from sysid_trib.validation.next_run import plan as plan

@@ -36,7 +36,7 @@ from sysid_trib.simulation.initial_conditions import (
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import findings, verdict
-from sysid_trib.validation.identifiability import identifiability
+from sysid_trib.validation.collinearity import identifiability
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
