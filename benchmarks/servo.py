@@ -169,27 +169,16 @@ def halves() -> None:
 
 
 def free() -> None:
-    """Each swing with the torque off predicted by the others, from the start that was measured."""
-    swings = {}
-    for file in sorted(FOLDER.glob("free_swing_kp*.csv")):
-        record = st.read_record(file, angle="position (rad)")
-        still = xr.zeros_like(record.angle).assign_attrs(role="input", between="held", units="1")
-        swings[file.stem] = record.assign(dict.fromkeys(("goal", "kp", "on"), still))
-    joint = library()
-    for law in (("lambda", "zeta"), ("lambda", "zeta", "load_friction"), ("lambda", "zeta", "load_squared")):
-        forces = joint.select(("gravity", "tilt", *law))
+    """Each swing with the torque off predicted by the others; its start alone is fitted to it."""
+    files = sorted(FOLDER.glob("free_swing_kp*.csv"))
+    swings = [st.free_decay(st.read_record(file, angle="position (rad)")) for file in files]
+    joint = st.load_library("joints")
+    method = st.methods.Trajectory(random_force="off", constraints={"gravity": 1.0})
+    for law in (("lambda", "zeta"), ("lambda", "zeta", "weight_friction")):
         errors = []
-        for name, swing in swings.items():
-            others = [other for key, other in swings.items() if key != name]
-            without = [o.drop_vars(("goal", "kp", "on")) for o in others] if not forces.inputs else others
-            target = swing.drop_vars(("goal", "kp", "on")) if not forces.inputs else swing
-            method = st.methods.Trajectory(
-                random_force="off", starts="measured", constraints={"gravity": 1.0}
-            )
-            result = st.identify(without, forces, method)
-            errors += absolute_error(result, [target])
-        print(
-            f"free swings, {', '.join(law):40s} MAE (mrad) {', '.join(f'{e:.1f}' for e in errors)}, mean "
-            f"{np.mean(errors):.1f}",
-            flush=True,
-        )
+        for at, swing in enumerate(swings):
+            others = [other for place, other in enumerate(swings) if place != at]
+            result = st.identify(others, joint.select(("gravity", *law)), method)
+            errors.append(1e3 * float(np.abs(st.predict(result, swing).residual).mean()))
+        each = ", ".join(f"{error:.1f}" for error in errors)
+        print(f"free swings, {', '.join(law):40s} MAE (mrad) {each}; mean {np.mean(errors):.1f}", flush=True)

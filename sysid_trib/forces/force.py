@@ -115,13 +115,12 @@ class Force:
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "Force":
-        """The force with numbers in the place of the coefficients that its formula holds."""
+        """The force with numbers for the coefficients that its formula holds, held as shape parameters."""
         if not self.uses:
             return self
-        bound = self
-        for symbol in self.uses:
-            bound = bound.with_instead(symbol, repr(float(coefficients.get(symbol, 0.0))))
-        return replace(bound, uses=())
+        values = ((symbol, float(coefficients.get(symbol, 0.0))) for symbol in self.uses)
+        held = {symbol: Shape(value, -np.inf, np.inf) for symbol, value in values}
+        return replace(self, shape={**self.shape, **held}, uses=())
 
     @cached_property
     def surfaces(self) -> tuple[Formula, ...]:

@@ -246,6 +246,8 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
         shapes=parameters.shapes,
         random_force=method._random_force,
         constraints=held,
+        # Where formulas hold other coefficients each round of Direct takes those of the last one, slowly.
+        refine=not guessed.used or is_fitted(method._random_force),
     )
     try:
         return direct.identify(runs, guessed if len(guessed) else parameters.library)
