@@ -17,6 +17,7 @@ from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.constants import constants_of
 from sysid_trib.records.inputs import KnownInput, inputs_of
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.validation.samples import held_against
 
 LIBRARY = """
 title = "A servo"
@@ -40,15 +41,9 @@ def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("servo")
     (place / "servo.toml").write_text(LIBRARY, encoding="utf-8")
     forces = st.load_library(place / "servo.toml").select(FORCES)
-    for seed, (kp, motion) in enumerate((kp, motion) for kp in (100, 400) for motion in GOALS):
-        on = np.where((motion == "lift") & (TIME > 3.5), 0.0, 1.0)
-        known = {
-            "goal": KnownInput(TIME, GOALS[motion], "linear"),
-            "kp": KnownInput(TIME, np.full_like(TIME, kp), "held"),
-            "on": KnownInput(TIME, on, "held"),
-        }
-        moved = st.simulate(st.Model(forces, TRUTH, W), TIME, 0.0, inputs=known)
-        position = moved.angle.values + NOISE * np.random.default_rng(seed).standard_normal(len(TIME))
+    for kp, motion in ((kp, motion) for kp in (100, 400) for motion in GOALS):
+        moved = stored(forces, kp, motion, {})
+        position, on = moved.angle.values, moved["on"].values
         columns = np.column_stack([TIME, position, GOALS[motion], np.full_like(TIME, kp), on])
         header = "time (s),position (rad),goal position (rad),kp,torque on"
         file = place / f"kp{kp}_{motion}.csv"
@@ -238,6 +233,31 @@ def test_a_start_as_measured_fits_nothing_to_the_record(joint, runs):
     assert predicted.residual_rms.item() < 3.0 * NOISE
     with pytest.raises(UsageError, match="no warm-up"):
         st.predict(result, runs[3], starts="measured", warm_up=1.0)
+
+
+def test_two_motors_are_told_apart_by_all_of_their_runs(joint):
+    forces = joint.select(FORCES)
+    other = [stored(forces, kp, motion, {"load_friction": 0.4}) for kp in (100, 400) for motion in GOALS]
+    first = [stored(forces, kp, motion, {}) for kp in (100, 400) for motion in GOALS]
+    method = st.methods.Trajectory(random_force="off", starts="measured")
+    tree = held_against(first, other, forces, method, constraints=HELD)
+    differs = dict(zip(tree.force.values.tolist(), tree.differs.values.tolist(), strict=True))
+    assert differs.pop("load_friction")
+    assert not any(differs.values())
+    assert tree.difference.sel(force="load_friction").item() == pytest.approx(-0.15, abs=0.01)
+
+
+def stored(forces, kp, motion, changed) -> xr.Dataset:
+    """A run of a motor in memory."""
+    on = np.where((motion == "lift") & (TIME > 3.5), 0.0, 1.0)
+    known = {
+        "goal": KnownInput(TIME, GOALS[motion], "linear"),
+        "kp": KnownInput(TIME, np.full_like(TIME, kp), "held"),
+        "on": KnownInput(TIME, on, "held"),
+    }
+    moved = st.simulate(st.Model(forces, TRUTH | changed, W), TIME, 0.0, inputs=known)
+    noise = np.random.default_rng([kp, len(motion), len(changed)]).standard_normal(len(TIME))
+    return moved.assign(angle=moved.angle + NOISE * noise)
 
 
 @pytest.mark.slow

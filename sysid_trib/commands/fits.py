@@ -245,7 +245,11 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
     sides = _sides(given.records)
     asked = asked_model(given)
     tell("reading")
-    (first, of_first), (second, of_second) = (read_decays(given.but(records=side)) for side in sides)
+    (first, of_first), (second, of_second) = (
+        read_decays(given.but(records=side), driven=True) for side in sides
+    )
+    if given.laws and is_driven([*first, *second]):
+        raise UsageError("--laws of a difference is of free decays; leave it out of driven records.")
     sums, others = ({run.attrs.get("record_checksum") for run in side} for side in (first, second))
     if sums & others - {None}:
         raise UsageError("A record is given in both samples; their differences would share its noise.")

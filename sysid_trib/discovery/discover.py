@@ -31,6 +31,7 @@ from sysid_trib.forces.selection import (
 from sysid_trib.likelihood import start_model
 from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.likelihood.trials import DEFAULTS, Settings
+from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import without_old_arguments
 from sysid_trib.records import smoothing
 from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
@@ -136,8 +137,28 @@ def discover(
             "A candidate is weighed by the restoring force, which this body has none of; identify it with "
             "forces that may act, and compare the residuals."
         )
+    if candidates.used or model_forces.used:
+        # A candidate has a coefficient and shapes of its own: those of the start model are numbers to it.
+        coefficients = _of_start_model(decay, model_forces, reference_frequency, constraints)
+        model_forces, candidates = (
+            replace(library, forces=tuple(force.with_numbers(coefficients) for force in library))
+            for library in (model_forces, candidates)
+        )
     how = (reference_frequency, refit, time_limit, settings, tell)
     return _discovery(decay, model_forces, candidates, constraints, holdout, how)
+
+
+def _of_start_model(
+    decay: Decays,
+    library: ForceLibrary,
+    reference_frequency: float | None,
+    constraints: ConstraintTable,
+) -> dict[str, float]:
+    """Return the coefficients of the start model by Direct, for formulas that hold them."""
+    held = {name: value for name, value in constraints.items() if name in library.symbols}
+    direct = Direct(reference_frequency, random_force="off", refine=False, constraints=held)
+    result = direct.identify(decay, library)
+    return dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
 
 
 # Part of the residual of the search's own start model below which that of the plain one stands for it.

@@ -128,6 +128,13 @@ class Force:
         formulas = (self.formula, *self.state.values())
         return tuple(dict.fromkeys(surface for f in formulas for surface in f.surfaces))
 
+    def with_numbers(self, coefficients: Mapping[str, float]) -> "Force":
+        """The force with numbers written in the place of the coefficients that its formula holds."""
+        written = self
+        for symbol in self.uses:
+            written = written.with_instead(symbol, f"{coefficients.get(symbol, 0.0):.6g}")
+        return replace(written, uses=())
+
     def with_instead(self, name: str, text: str, over: float = 1.0) -> "Force":
         """The force with an expression in the place of a name; rates of states are divided by a number."""
         state, memory, start = (

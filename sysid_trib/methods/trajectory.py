@@ -27,6 +27,7 @@ from sysid_trib.motion_fit.least_squares import (
     nearby_best,
     stopped_by_bounds,
 )
+from sysid_trib.motion_fit.moving_samples import points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
@@ -152,8 +153,12 @@ class Trajectory(Constrained):
         # In its own quantity the record is fitted by the free motion alone.
         stochastic_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
         stochastic_too = stochastic_too and not self.warm_up
-        quick = _quick(self, problem, runs) if self.start is None or stochastic_too else None
-        first = _first_values(self, problem, quick)
+        begun = self
+        if self.start is None and not stochastic_too and problem.driven and library.used:
+            # Direct takes samples at rest as well, and the coefficients in formulas from round to round.
+            begun = replace(self, start=_regressed_start(problem))
+        quick = _quick(self, problem, runs) if begun.start is None or stochastic_too else None
+        first = _first_values(begun, problem, quick)
         if stochastic_too:
             return stochastic_identification(self, *_with_random_force(self, problem, first, quick))
         fit = self._fitted_freely(problem, first)
@@ -230,6 +235,16 @@ def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
     return held
 
 
+def _regressed_start(problem: FitProblem) -> Model:
+    """The model of a regression over the samples of driven runs that move."""
+    parameters = problem.parameters
+    library, held = parameters.library, parameters.constraints.fixed
+    found = regressed(points_of(problem.runs, library), library, held)
+    coefficients = {symbol: found.coefficients.get(symbol, 0.0) for symbol in library.symbols}
+    frequency = parameters.reference_frequency or found.frequency
+    return Model(library, coefficients, frequency, dict(parameters.shapes))
+
+
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
     """The direct identification, first guess and colour of the sensor's noise.
 
@@ -246,8 +261,6 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
         shapes=parameters.shapes,
         random_force=method._random_force,
         constraints=held,
-        # Where formulas hold other coefficients each round of Direct takes those of the last one, slowly.
-        refine=not guessed.used or is_fitted(method._random_force),
     )
     try:
         return direct.identify(runs, guessed if len(guessed) else parameters.library)

@@ -155,8 +155,8 @@ def grown(problem: FitProblem, values: Array) -> Array:
 
 
 # Further starts about a fit of driven motions that leaves more than noise; how far they are away, in standard
-# errors; and the relative step at which their fits are done.
-FURTHER_STARTS, START_DISTANCE, ROUGHLY = 3, 2.0, 1e-4
+# errors; the relative step at which their fits are done, and the evaluations that they may take.
+FURTHER_STARTS, START_DISTANCE, ROUGHLY, FEW_EVALUATIONS = 2, 2.0, 1e-3, 12
 # A start whose fit leaves less by this part of the sum of squares is a better one.
 BETTER_BY = 1e-3
 
@@ -176,7 +176,8 @@ def nearby_best(fit: Fit) -> Fit:
         root = covariance_root(best.clustered_covariance(24)[np.ix_(free, free)])
         direction = random.standard_normal(len(free))
         start = best.values[free] + START_DISTANCE * root @ direction
-        tried = fitted(best.problem, best.parameters.expand(start), tolerance=ROUGHLY)
+        of_start = best.parameters.expand(start)
+        tried = fitted(best.problem, of_start, tolerance=ROUGHLY, most_evaluations=FEW_EVALUATIONS)
         if sum_of_squares(tried) < (1.0 - BETTER_BY) * sum_of_squares(best):
             best = tried
     return best if best is fit else fitted(best.problem, best.values)
@@ -209,7 +210,14 @@ def missed(problem: FitProblem, values: Array) -> float:
     return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)
 
 
-def fitted(problem: FitProblem, values: Array, *, tolerance: float | None = None, ridge: float = 0.0) -> Fit:
+def fitted(
+    problem: FitProblem,
+    values: Array,
+    *,
+    tolerance: float | None = None,
+    ridge: float = 0.0,
+    most_evaluations: int = MAX_EVALUATIONS,
+) -> Fit:
     """Parameters of least whitened residual.
 
     Parameters
@@ -223,6 +231,8 @@ def fitted(problem: FitProblem, values: Array, *, tolerance: float | None = None
         where left out.
     ridge : float
         Weight of the distance from the first guess, of the sizes of the sensitivities there (Tikhonov).
+    most_evaluations : int
+        Of the residuals.
     """
     parameters = problem.parameters
     tolerance = tolerance or (CONVERGED_DRIVEN if problem.driven else CONVERGED)
@@ -256,7 +266,7 @@ def fitted(problem: FitProblem, values: Array, *, tolerance: float | None = None
         xtol=tolerance,
         ftol=tolerance,
         gtol=0.01 * tolerance,
-        max_nfev=MAX_EVALUATIONS,
+        max_nfev=most_evaluations,
     )
     values = parameters.expand(np.asarray(minimum.x, dtype=float))
     # The distance from the first guess is no residual of the record.

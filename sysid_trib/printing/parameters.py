@@ -52,7 +52,7 @@ def parameters_of(result: xr.Dataset) -> dict[str, Any]:
         "signal_unit": signal_units(result),
         "reference_frequency": result.reference_frequency.item(),
         "forces": forces,
-        "shapes": shapes,
+        **({"shapes": shapes} if shapes else {}),
         "frequencies": frequencies,
         "covariance": {"names": [*symbols, "asymptotic_frequency"], "values": covariance.tolist()},
     }

@@ -1,8 +1,7 @@
 """Which parameters the motions of driven records cannot separate, and what motion would."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -11,9 +10,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.motion_fit.moving_samples import MovingSamples, columns_of, points_of, regressed
 from sysid_trib.records.decay import Decays, as_runs
-from sysid_trib.records.inputs import inputs_of, values_of_inputs
-from sysid_trib.records.smoothing import first_frequency, nominal_frequency, smooth
 from sysid_trib.results.variables import described
 
 FREQUENCY = "frequency"
@@ -25,17 +23,8 @@ LARGEST = 1e4
 SAME = 1e3
 # A parameter takes part in a combination that is not known by this part of it.
 MEMBER = 0.2
-# Below this part of its largest a rate may be that of a body at rest, whose friction is a reaction.
-SLOW_PART = 0.02
 # By which a variable of the formulas is multiplied to try another motion; an advice is worth a factor.
 TRIED, WORTH = (0.0, 2.0), 3.0
-
-
-class Points(NamedTuple):
-    """Samples of the runs at which forces are compared, and the acceleration there."""
-
-    names: dict[str, Array]
-    acceleration: Array
 
 
 @dataclass(frozen=True)
@@ -89,63 +78,21 @@ def identifiability(
     Notes
     -----
     The columns are the forces along the smoothed records, without samples that may be at rest. Coefficients
-    in formulas of other forces are those of a regression without these. The inflation is the root of the
+    in formulas of other forces are those of a regression. The inflation is the root of the
     variance inflation factor (Belsley, Kuh and Welsch 1980).
     """
     runs = as_runs(decay, driven=True)
     held = Constraints(constraints).fixed
     offered = forces_to_identify(library, None, sensors=True)
-    points = _points(runs, offered)
-    known = _regressed(points, offered, held)
-    forces = [force for force in offered.bound({**held, **known}) if force.symbol not in held]
+    points = points_of(runs, offered)
+    known = regressed(points, offered, held).coefficients
+    forces = [force for force in offered.bound(known) if force.symbol not in held]
     names = (*(force.symbol for force in forces), FREQUENCY)
-    columns = _columns(points, forces)
+    columns = columns_of(points, forces)
     inflation = _inflation(columns)
     found = _combinations(points, forces, names)
     result = xr.Dataset(described("identifiability", {"inflation": inflation}), {"parameter": list(names)})
     return result.assign_attrs(sentences="\n".join(combination.sentence for combination in found))
-
-
-def _points(runs: Sequence[xr.Dataset], library: ForceLibrary) -> Points:
-    """Samples of all runs in motion, thinned out to a few thousand."""
-    w = nominal_frequency(first_frequency(runs))
-    tables, accelerations = list[dict[str, Array]](), list[Array]()
-    for run in runs:
-        time = run.time.values.astype(float)
-        tau = w * (time - time[0])
-        x, v, _, _ = smooth(tau, run.angle.values.astype(float))
-        moving = np.abs(v) > SLOW_PART * np.max(np.abs(v))
-        # So many samples of a run tell what all do.
-        moving &= np.arange(len(time)) % max(1, len(time) // 1000) == 0
-        given = values_of_inputs(inputs_of(run), library.channels, time - time[0], w)
-        every = {"x": x, "v": v, "t": time - time[0], **given}
-        tables.append({name: values[moving] for name, values in every.items()})
-        accelerations.append(np.gradient(v, tau)[moving])
-    names = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
-    return Points(names, np.concatenate(accelerations))
-
-
-def _columns(points: Points, forces: Sequence[Force]) -> Array:
-    """Forces at the samples, then the acceleration, which the frequency scales; (sample, parameter)."""
-    columns = [*(_along(force, points.names) for force in forces), points.acceleration]
-    return np.stack(columns, axis=1)
-
-
-def _along(force: Force, names: Mapping[str, Array]) -> Array:
-    """Return a force at samples; what depends on history is taken with its states at zero."""
-    inputs = {channel.name: names[channel.name] for channel in force.channels}
-    return force.value(names["x"], names["v"], names["t"], hidden=inputs)
-
-
-def _regressed(points: Points, library: ForceLibrary, held: Mapping[str, float]) -> dict[str, float]:
-    """Coefficients by a regression without the forces that hold coefficients of others."""
-    plain = [force for force in library if not force.uses and force.symbol not in held]
-    known = -points.names["x"]
-    for force in library:
-        if force.symbol in held:
-            known = known - held[force.symbol] * _along(force, points.names)
-    values, *_ = np.linalg.lstsq(_columns(points, plain), known, rcond=1e-6)
-    return dict(zip((force.symbol for force in plain), values.tolist(), strict=False))
 
 
 def _inflation(columns: Array) -> Array:
@@ -162,9 +109,9 @@ def _of_unit_size(columns: Array) -> Array:
     return np.asarray(columns / np.where(size > 0.0, size, 1.0))
 
 
-def _combinations(points: Points, forces: Sequence[Force], names: Sequence[str]) -> list[Combination]:
+def _combinations(points: MovingSamples, forces: Sequence[Force], names: Sequence[str]) -> list[Combination]:
     """Parameters that are not separated, the worst first, each in one combination."""
-    columns, left, found = _columns(points, forces), np.ones(len(names), bool), list[Combination]()
+    columns, left, found = columns_of(points, forces), np.ones(len(names), bool), list[Combination]()
     while left.sum() > 1:
         places = np.flatnonzero(left)
         inflation = _inflation(columns[:, places])
@@ -183,7 +130,7 @@ def _combinations(points: Points, forces: Sequence[Force], names: Sequence[str])
     return found
 
 
-def _advice(points: Points, forces: Sequence[Force], members: Array, worst: float) -> str:
+def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, worst: float) -> str:
     """What other motion separates parameters best: one variable of their formulas at zero, or doubled."""
     among = {name for at in members if at < len(forces) for name in forces[at].formula.names}
     best, said = worst, ""
@@ -193,11 +140,12 @@ def _advice(points: Points, forces: Sequence[Force], members: Array, worst: floa
                 continue
             other = {**points.names, name: factor * points.names[name]}
             # The equation with these coefficients is not solved anew: only the columns are looked at.
-            tried = Points(
-                {key: np.append(values, other[key]) for key, values in points.names.items()},
-                np.append(points.acceleration, points.acceleration),
+            tried = replace(
+                points,
+                names={key: np.append(values, other[key]) for key, values in points.names.items()},
+                acceleration=np.append(points.acceleration, points.acceleration),
             )
-            inflation = float(_inflation(_columns(tried, forces))[members].max())
+            inflation = float(_inflation(columns_of(tried, forces))[members].max())
             if inflation < best:
                 best, said = inflation, _motion_with(name, factor)
     return said if best * WORTH <= worst else ""
