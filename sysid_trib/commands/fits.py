@@ -18,7 +18,7 @@ from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods.scope import Method, with_random_force
-from sysid_trib.methods.trajectory import STARTS, StartsOption
+from sysid_trib.methods.trajectory import KINDS_OF_STARTS, StartsOption
 from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks, difference_json
@@ -112,9 +112,9 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
 
 def checked_starts(word: str, *, driven: bool) -> StartsOption:
     """How runs begin; refused where it is no such word, or of free decays."""
-    if word not in STARTS:
-        raise UsageError(f"--starts '{word}' must be {' or '.join(STARTS)}.")
-    if word != STARTS[0] and not driven:
+    if word not in KINDS_OF_STARTS:
+        raise UsageError(f"--starts '{word}' must be {' or '.join(KINDS_OF_STARTS)}.")
+    if word != KINDS_OF_STARTS[0] and not driven:
         raise UsageError("--starts is of driven records (--input); the start of a decay is fitted.")
     return word  # type: ignore[return-value]
 

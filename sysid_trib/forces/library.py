@@ -83,7 +83,7 @@ def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) 
 USUAL_INPUT = "u"
 MAX_BYTES = 1_000_000
 # Names in a formula; not the exponent of a number such as 1e-3.
-WORDS = re.compile(r"(?<![\w.])[A-Za-z_]\w*", re.ASCII)
+NAMES_IN_FORMULAS = re.compile(r"(?<![\w.])[A-Za-z_]\w*", re.ASCII)
 # Libraries that include one another, one in the other.
 MOST_INCLUDED = 8
 
@@ -205,7 +205,7 @@ def _expressions(table: object, source: str) -> dict[str, str]:
             raise LibraryError(
                 f"{where}: '{name}' must be a formula in quotes of at most {MAX_LENGTH} characters."
             )
-    needs = {name: {*WORDS.findall(text)} & table.keys() for name, text in table.items()}
+    needs = {name: {*NAMES_IN_FORMULAS.findall(text)} & table.keys() for name, text in table.items()}
     whole: dict[str, str] = {}
     try:
         for name in TopologicalSorter(needs).static_order():
@@ -227,7 +227,7 @@ def with_expressions(text: str, expressions: Mapping[str, str]) -> str:
         expression = expressions[word[0]]
         return expression if expression.isidentifier() else f"({expression})"
 
-    return WORDS.sub(written, text)
+    return NAMES_IN_FORMULAS.sub(written, text)
 
 
 def _expanded(entry: Mapping[str, Any], expressions: Mapping[str, str]) -> dict[str, Any]:

@@ -39,7 +39,7 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
 from sysid_trib.simulation.model import FREQUENCY, Model
 
-STARTS = ("fitted", "measured")
+KINDS_OF_STARTS = ("fitted", "measured")
 StartsOption: TypeAlias = Literal["fitted", "measured"]
 # A motion that leaves more than this part of a record does not follow it.
 LARGEST_UNFOLLOWED = 0.7
@@ -115,7 +115,7 @@ class Trajectory(Constrained):
             raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
         if not self.warm_up >= 0.0:
             raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
-        if self.starts not in STARTS:
+        if self.starts not in KINDS_OF_STARTS:
             raise UsageError(f"starts='{self.starts}' is neither 'fitted' nor 'measured'.")
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
@@ -207,7 +207,7 @@ class Trajectory(Constrained):
             rounds = 0
         # What a model of driven motions leaves besides noise is no measure of how well a run was measured: a
         # run that hardly moves would decide alone.
-        if problem.driven and not _leaves_noise(fit):
+        if problem.driven and not _residual_is_white(fit):
             rounds = 0
             # One run of a record that is followed has one minimum.
             if len(problem.records) > 1:
@@ -239,9 +239,9 @@ def _regressed_start(problem: FitProblem) -> Model:
     """The model of a regression over the samples of driven runs that move."""
     parameters = problem.parameters
     library, held = parameters.library, parameters.constraints.fixed
-    found = regressed(points_of(problem.runs, library), library, held)
-    coefficients = {symbol: found.coefficients.get(symbol, 0.0) for symbol in library.symbols}
-    frequency = parameters.reference_frequency or found.frequency
+    regression = regressed(points_of(problem.runs, library), library, held)
+    coefficients = {symbol: regression.coefficients.get(symbol, 0.0) for symbol in library.symbols}
+    frequency = parameters.reference_frequency or regression.frequency
     return Model(library, coefficients, frequency, dict(parameters.shapes))
 
 
@@ -322,7 +322,7 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
     return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
 
 
-def _leaves_noise(fit: Fit) -> bool:
+def _residual_is_white(fit: Fit) -> bool:
     """True if what the motions leave of each run is white."""
     residuals = fit.problem.residuals(fit.values)
     return min(white_p_value(residual) for residual in residuals) >= WHITE_LEVEL

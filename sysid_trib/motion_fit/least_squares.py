@@ -158,7 +158,7 @@ def grown(problem: FitProblem, values: Array) -> Array:
 # errors; the relative step at which their fits are done, and the evaluations that they may take.
 FURTHER_STARTS, START_DISTANCE, ROUGHLY, FEW_EVALUATIONS = 2, 2.0, 1e-3, 12
 # A start whose fit leaves less by this part of the sum of squares is a better one.
-BETTER_BY = 1e-3
+BETTER_START_BY = 1e-3
 
 
 def nearby_best(fit: Fit) -> Fit:
@@ -178,7 +178,7 @@ def nearby_best(fit: Fit) -> Fit:
         start = best.values[free] + START_DISTANCE * root @ direction
         of_start = best.parameters.expand(start)
         tried = fitted(best.problem, of_start, tolerance=ROUGHLY, most_evaluations=FEW_EVALUATIONS)
-        if sum_of_squares(tried) < (1.0 - BETTER_BY) * sum_of_squares(best):
+        if sum_of_squares(tried) < (1.0 - BETTER_START_BY) * sum_of_squares(best):
             best = tried
     return best if best is fit else fitted(best.problem, best.values)
 

@@ -13,11 +13,11 @@ from sysid_trib.records.inputs import inputs_of, values_of_inputs
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency, smooth
 
 # Below this part of its largest a rate may be that of a body at rest, whose friction is a reaction.
-SLOW_PART = 0.02
+AT_REST_PART = 0.02
 # So many samples of a run tell what all do.
-MOST_SAMPLES = 1000
+SAMPLES_OF_A_RUN = 1000
 # Rounds in which coefficients in the formulas of other forces follow.
-ROUNDS = 3
+REGRESSION_ROUNDS = 3
 
 
 @dataclass(frozen=True)
@@ -54,8 +54,8 @@ def points_of(runs: Sequence[xr.Dataset], library: ForceLibrary) -> MovingSample
         time = run.time.values.astype(float)
         tau = w * (time - time[0])
         x, v, _, _ = smooth(tau, run.angle.values.astype(float))
-        moving = np.abs(v) > SLOW_PART * np.max(np.abs(v))
-        moving &= np.arange(len(time)) % max(1, len(time) // MOST_SAMPLES) == 0
+        moving = np.abs(v) > AT_REST_PART * np.max(np.abs(v))
+        moving &= np.arange(len(time)) % max(1, len(time) // SAMPLES_OF_A_RUN) == 0
         given = values_of_inputs(inputs_of(run), library.channels, time - time[0], w)
         every = {"x": x, "v": v, "t": time - time[0], **given}
         tables.append({name: values[moving] for name, values in every.items()})
@@ -89,7 +89,7 @@ def regressed(points: MovingSamples, library: ForceLibrary, held: Mapping[str, f
     """
     forces = [force for force in library if force.kind == "force"]
     known, frequency = {k: v for k, v in held.items() if k in library.symbols}, points.frequency
-    for number in range(ROUNDS if library.used else 1):
+    for number in range(REGRESSION_ROUNDS if library.used else 1):
         taken = [force.bound(known) for force in forces if number or not force.uses]
         free = [force for force in taken if force.symbol not in held]
         right = -np.asarray(points.names["x"])

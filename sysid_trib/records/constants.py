@@ -14,7 +14,7 @@ from sysid_trib.records.tables import FileTable
 # attrs[CONSTANT] of an input that does not vary within a run.
 CONSTANT = "constant"
 # A constant may vary by this part of its size, as a number that was rounded.
-ROUNDED = 1e-9
+CONSTANT_BUT_ROUNDED = 1e-9
 _NOTED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*[=:]\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)", re.I)
 
 
@@ -76,7 +76,7 @@ def _number(
     known = values[np.isfinite(values)]
     if not known.size:
         raise UsageError(f"{table.source}: column '{column.name}' holds no number for the constant {name}.")
-    if np.ptp(known) > ROUNDED * np.max(np.abs(known)):
+    if np.ptp(known) > CONSTANT_BUT_ROUNDED * np.max(np.abs(known)):
         finite = np.flatnonzero(np.isfinite(values))
         at = finite[np.flatnonzero(known != known[0])[0]]
         raise UsageError(
@@ -89,5 +89,5 @@ def _number(
 
 def _noted(table: FileTable) -> dict[str, float]:
     """Return the numbers that a file states once."""
-    found = (match for note in table.notes if (match := _NOTED.match(note)))
-    return {match["name"]: float(match["value"]) for match in found}
+    stated = (match for note in table.notes if (match := _NOTED.match(note)))
+    return {match["name"]: float(match["value"]) for match in stated}

@@ -110,8 +110,8 @@ def identification(
     coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
     recorded = as_runs(decay, driven=True)[0].variables.items()
     # A constant, such as the gain of a loop, is a number of the formula, and no unit of a coefficient.
-    units = {str(k): str(v.attrs.get("units", "")) for k, v in recorded if CONSTANT not in v.attrs}
-    coords |= force_labels(library.forces, units)
+    of_inputs = {str(k): str(v.attrs.get("units", "")) for k, v in recorded if CONSTANT not in v.attrs}
+    coords |= force_labels(library.forces, of_inputs)
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
 

@@ -14,17 +14,17 @@ from sysid_trib.motion_fit.moving_samples import MovingSamples, columns_of, poin
 from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.results.variables import described
 
-FREQUENCY = "frequency"
+FREQUENCY_PARAMETER = "frequency"
 # Parameters whose errors are so many times those that they would have alone are not separated.
 INSEPARABLE = 10.0
-# What is told of an inflation that is larger: the columns are the same.
-LARGEST = 1e4
-# From this inflation on no number is told.
-SAME = 1e3
+# What is stated of an inflation that is larger: the columns are the same.
+MOST_INFLATED = 1e4
+# From this inflation on no number is stated.
+ALIKE_FROM = 1e3
 # A parameter takes part in a combination that is not known by this part of it.
-MEMBER = 0.2
+MEMBER_PART = 0.2
 # By which a variable of the formulas is multiplied to try another motion; an advice is worth a factor.
-TRIED, WORTH = (0.0, 2.0), 3.0
+TRIED_FACTORS, WORTH_FACTOR = (0.0, 2.0), 3.0
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Combination:
     inflation : float
         The largest ratio of an error to the one that the parameter would have alone.
     advice : str
-        What motion separates them; empty where none was found.
+        What motion separates them; empty where there is none.
     """
 
     members: tuple[str, ...]
@@ -50,7 +50,11 @@ class Combination:
         """What is said of it."""
         names = " and ".join([", ".join(self.members[:-1]), self.members[-1]])
         said = f"These runs do not separate {names}"
-        said += "" if self.inflation >= SAME else f" (errors {self.inflation:.0f} times those of each alone)"
+        said += (
+            ""
+            if self.inflation >= ALIKE_FROM
+            else f" (errors {self.inflation:.0f} times those of each alone)"
+        )
         return f"{said}; {self.advice} does." if self.advice else f"{said}."
 
 
@@ -87,20 +91,20 @@ def identifiability(
     points = points_of(runs, offered)
     known = regressed(points, offered, held).coefficients
     forces = [force for force in offered.bound(known) if force.symbol not in held]
-    names = (*(force.symbol for force in forces), FREQUENCY)
+    names = (*(force.symbol for force in forces), FREQUENCY_PARAMETER)
     columns = columns_of(points, forces)
     inflation = _inflation(columns)
-    found = _combinations(points, forces, names)
+    combinations = _combinations(points, forces, names)
     result = xr.Dataset(described("identifiability", {"inflation": inflation}), {"parameter": list(names)})
-    return result.assign_attrs(sentences="\n".join(combination.sentence for combination in found))
+    return result.assign_attrs(sentences="\n".join(combination.sentence for combination in combinations))
 
 
 def _inflation(columns: Array) -> Array:
-    """Error of each parameter over that it would have alone, (parameter,); infinite ones are `LARGEST`."""
+    """Error of each parameter over that it would have alone, (parameter,), at most `MOST_INFLATED`."""
     unit = _of_unit_size(columns)
     values, axes = np.linalg.eigh(unit.T @ unit)
-    inverse = np.sum(axes**2 / np.maximum(values, LARGEST**-2), axis=1)
-    return np.asarray(np.where(unit.any(axis=0), np.minimum(np.sqrt(inverse), LARGEST), LARGEST))
+    inverse = np.sum(axes**2 / np.maximum(values, MOST_INFLATED**-2), axis=1)
+    return np.asarray(np.where(unit.any(axis=0), np.minimum(np.sqrt(inverse), MOST_INFLATED), MOST_INFLATED))
 
 
 def _of_unit_size(columns: Array) -> Array:
@@ -111,23 +115,23 @@ def _of_unit_size(columns: Array) -> Array:
 
 def _combinations(points: MovingSamples, forces: Sequence[Force], names: Sequence[str]) -> list[Combination]:
     """Parameters that are not separated, the worst first, each in one combination."""
-    columns, left, found = columns_of(points, forces), np.ones(len(names), bool), list[Combination]()
-    while left.sum() > 1:
-        places = np.flatnonzero(left)
+    columns, open_, combinations = columns_of(points, forces), np.ones(len(names), bool), list[Combination]()
+    while open_.sum() > 1:
+        places = np.flatnonzero(open_)
         inflation = _inflation(columns[:, places])
         if inflation.max() < INSEPARABLE:
             break
         part = _of_unit_size(columns[:, places])
         _, axes = np.linalg.eigh(part.T @ part)
-        taking_part = np.abs(axes[:, 0]) >= MEMBER
+        taking_part = np.abs(axes[:, 0]) >= MEMBER_PART
         members, worst = places[taking_part], float(inflation[taking_part].max(initial=0.0))
         if len(members) < 2 or worst < INSEPARABLE:
             break
         advice = _advice(points, forces, members, worst)
-        found.append(Combination(tuple(names[at] for at in members), worst, advice))
+        combinations.append(Combination(tuple(names[at] for at in members), worst, advice))
         # Without one of them the others may be separated.
-        left[places[np.argmax(np.abs(axes[:, 0]))]] = False
-    return found
+        open_[places[np.argmax(np.abs(axes[:, 0]))]] = False
+    return combinations
 
 
 def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, worst: float) -> str:
@@ -135,7 +139,7 @@ def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, wors
     among = {name for at in members if at < len(forces) for name in forces[at].formula.names}
     best, said = worst, ""
     for name in sorted(among & points.names.keys() - {"t"}):
-        for factor in TRIED:
+        for factor in TRIED_FACTORS:
             if factor == 0.0 and name in ("x", "v"):
                 continue
             other = {**points.names, name: factor * points.names[name]}
@@ -148,7 +152,7 @@ def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, wors
             inflation = float(_inflation(columns_of(tried, forces))[members].max())
             if inflation < best:
                 best, said = inflation, _motion_with(name, factor)
-    return said if best * WORTH <= worst else ""
+    return said if best * WORTH_FACTOR <= worst else ""
 
 
 def _motion_with(name: str, factor: float) -> str:

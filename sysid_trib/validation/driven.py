@@ -1,7 +1,8 @@
 """Driven records: identified by the direct method and the trajectory, and predicted."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -99,12 +100,8 @@ def identified_driven(
     separated = identifiability(runs, library, constraints=direct.constraints)
     tell("direct")
     together = dict(enumerate(runs))
-    try:
+    with _saying(separated):
         best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
-    except DecayError as error:
-        if "are the same force" not in str(error) or not separated.attrs["sentences"]:
-            raise
-        raise DecayError(f"{error} {' '.join(separated.attrs['sentences'].splitlines())}") from None
     random_explains, stochastic = False, None
     # What is integrated is no record in which a random force could be told from noise.
     own_quantity = any(MEASURED in run for run in runs)
@@ -145,9 +142,18 @@ def identified_driven(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
             "of it (--window)."
         )
-    tree = _tree(kept, "direct" in kept and random_explains)
-    tree["identifiability"] = xr.DataTree(separated)
-    return tree
+    return _tree(kept, "direct" in kept and random_explains, separated)
+
+
+@contextmanager
+def _saying(separated: xr.Dataset) -> Iterator[None]:
+    """Say what motion separates forces, where they are refused as the same."""
+    try:
+        yield
+    except DecayError as error:
+        if "are the same force" not in str(error) or not separated.attrs["sentences"]:
+            raise
+        raise DecayError(f"{error} {' '.join(separated.attrs['sentences'].splitlines())}") from None
 
 
 def _without_bias(run: xr.Dataset) -> xr.Dataset:
@@ -245,7 +251,7 @@ def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
     return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 
 
-def _tree(models: dict[str, FollowedRuns], random_explains: bool) -> xr.DataTree:
+def _tree(models: dict[str, FollowedRuns], random_explains: bool, separated: xr.Dataset) -> xr.DataTree:
     names, results = list(models), [followed.result for followed in models.values()]
     sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
     compared = xr.Dataset(described("driven", sizes), {"model": names})
@@ -268,7 +274,8 @@ def _tree(models: dict[str, FollowedRuns], random_explains: bool) -> xr.DataTree
     records = with_motions(models)
     compared = compared.assign(findings.failure_of_models(records))
     groups = dict(zip(group_names("record", len(records)), records, strict=True))
-    return xr.DataTree.from_dict(dict(zip(names, results, strict=True)) | {"comparison": compared} | groups)
+    groups |= {"comparison": compared, "identifiability": separated}
+    return xr.DataTree.from_dict(dict(zip(names, results, strict=True)) | groups)
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
