@@ -180,7 +180,7 @@ def test_known_constants_stand_with_the_runs_and_leave_with_the_parameters(folde
 @pytest.mark.parametrize(
     ("given", "inputs", "said"),
     [
-        ("kp=position", "goal=goal position,on=torque on", "the constant kp changes within the run"),
+        ("kp=torque on", "goal=goal position,on=torque on", "the constant kp changes within the run"),
         ("kp=gain", "goal=goal position,on=torque on", "the constant kp is not known"),
         ("kp=1,2,3", "goal=goal position,on=torque on", "holds 3 values for 1 records"),
         ("kp=kp", "on=torque on", "holds the input goal, which this record lacks"),
