@@ -15,7 +15,6 @@ rigs          two runs of rigs that lack an effect: differences over total error
 pairs         pairs of equal and of unequal samples, the model complete and not
 profile       profile intervals of dahl.s, stribeck.s, lambda at its bound, beside errors
 curve_bands   simultaneous bands of a model's curves
-posterior     posteriors beside random-walk Metropolis, three records; --seeds: its steps
 backbone      bands of frequency and damping against amplitude, twelve kinds of forces
 laws          bands and errors of friction and restoring force as curves, five kinds of laws
 plan          discover, plan, run, discover again: whether what is stated comes true
@@ -44,7 +43,6 @@ NAMES = {
     "rigs": ("study.runs", 200),
     "spread": ("study.runs", 2000),
     "profile": ("study.intervals", 400),
-    "posterior": ("study.intervals", 30_000),
     "curve_bands": ("study.intervals", 400),
     "backbone": ("backbone", 20),
     "laws": ("laws", 40),

@@ -25,7 +25,7 @@ OURS = {"Direct": st.methods.Direct(W), "Trajectory": st.methods.Trajectory(W)}
 
 
 def failed(problem: Exception) -> str:
-    """What a method of others broke with."""
+    """Return the error of another method as text."""
     return f"{type(problem).__name__}: {problem}"[:60]
 
 

@@ -1,4 +1,4 @@
-"""How often the simultaneous 95 % bands of the backbone hold the whole curve, over 12 kinds of forces.
+"""Coverage of the simultaneous 95 % bands of the backbone, over 12 kinds of forces.
 
 python -m benchmarks backbone [--seeds N] [--only ripple]
 
@@ -71,7 +71,7 @@ def measured(clean: xr.Dataset, seed: int) -> xr.Dataset:
 
 
 def coverage(curves: xr.Dataset, truth: xr.Dataset) -> dict[str, tuple[bool, float, float]]:
-    """Of each curve: whether all of it is in the band, the part within 1.96 errors, the median half width."""
+    """Return whether each curve is inside the band, the part within 1.96 errors, the median half width."""
     u = truth.log_amplitude.values
     along = np.log(curves.amplitude.values)
     inside = (u >= along[0]) & (u <= along[-1])
@@ -93,7 +93,7 @@ def truth_of(clean: xr.Dataset) -> xr.Dataset:
 
 
 def cells(results: list[dict]) -> list[str]:
-    """Both curves of a kind: whole, pointwise, half width."""
+    """Return the cells of both curves of a kind: whole, pointwise, half width."""
     texts = []
     for name in CURVES:
         whole, pointwise, half = np.mean([result[name] for result in results], axis=0)
@@ -102,7 +102,7 @@ def cells(results: list[dict]) -> list[str]:
 
 
 def held(kind: str, clean: xr.Dataset, truth: xr.Dataset, density: float, seed: int) -> dict:
-    """What bands of one record hold, and their time."""
+    """Return the coverage of the bands of one record, and their time."""
     decay = measured(motion(kind, density, seed) if density else clean, seed)
     curves, seconds = timed(lambda: st.backbone(decay), time.process_time)
     return coverage(curves, truth) | {"seconds": seconds}

@@ -22,29 +22,15 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import psutil
+import xarray as xr
 
 import sysid_trib as st
 from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.errors import RecordError
 
-STUDY = """
-title = "the paper's experiment"
-records = {records}
-seed = 1
-reference_frequency = 9.91
-[coefficients]
-lambda = -2.3e-5
-zeta = {{ low = 9e-3, high = 10e-3 }}
-delta = 0.037
-nu = -0.4
-epsilon = 0.3
-[sampling]
-duration = 25
-rate = 100
-[noise]
-deviation = 1e-4
-"""
-FORCES = ["lambda", "zeta", "delta", "nu", "epsilon"]
+PAPER = {"lambda": -2.3e-5, "zeta": 9.5e-3, "delta": 0.037, "nu": -0.4, "epsilon": 0.3}
+LIBRARY = st.load_library("contact_forces").select(list(PAPER))
+TIMES = np.arange(0.0, 25.0, 0.01)
 METHODS = {
     "averaging": st.methods.Averaging(),
     "direct": st.methods.Direct(),
@@ -57,16 +43,22 @@ REFUSED_RECORDS = 100_000
 
 
 def task(*labels: str) -> st.campaigns.Task:
-    """Identification by some methods, none held against another."""
-    library = st.load_library("contact_forces").select(FORCES)
-    return st.campaigns.Task("identify", library, {label: METHODS[label] for label in labels}, judged=False)
+    """Identification by some methods, not cross-checked, of records that are drawn by their number."""
+    chosen = {label: METHODS[label] for label in labels}
+    return st.campaigns.Task("identify", LIBRARY, chosen, judged=False, read=drawn)
 
 
-def study(folder: Path, records: int) -> Path:
-    """A study of so many runs of the paper's experiment."""
-    place = folder / f"{records}.toml"
-    place.write_text(STUDY.format(records=records))
-    return place
+def numbered(records: int) -> list[str]:
+    """The names of so many records."""
+    return [str(at) for at in range(records)]
+
+
+def drawn(name: str) -> list[xr.Dataset]:
+    """Draw a run of the paper's experiment by its number."""
+    random = np.random.default_rng([1, int(name)])
+    model = st.Model(LIBRARY, PAPER | {"zeta": random.uniform(9e-3, 10e-3)}, 9.91)
+    angle = st.simulate(model, TIMES, 0.3).angle.values + 1e-4 * random.standard_normal(TIMES.size)
+    return [st.free_decay(xr.Dataset({"angle": ("time", angle)}, {"time": TIMES}))]
 
 
 def one_row(**cells: object) -> pd.DataFrame:
@@ -76,14 +68,13 @@ def one_row(**cells: object) -> pd.DataFrame:
 
 def speed(folder: Path, records: int) -> pd.DataFrame:
     """Seconds in this process, by one worker and by two."""
-    drawn, all_methods = st.campaigns.load_study(study(folder, records)), task(*METHODS)
-    few = st.campaigns.load_study(study(folder, 20))
+    all_methods = task(*METHODS)
     # Compiled motions and imports are not the campaign's.
-    st.campaign(few, all_methods, output=folder / "few.zarr", workers=0)
+    st.campaign(numbered(20), all_methods, output=folder / "few.zarr", workers=0)
     spent = {}
     for workers in (0, 1, 2):
         start = time.perf_counter()
-        st.campaign(drawn, all_methods, output=folder / f"speed{workers}.zarr", workers=workers)
+        st.campaign(numbered(records), all_methods, output=folder / f"speed{workers}.zarr", workers=workers)
         spent[workers] = time.perf_counter() - start
     names = ("this process (s)", "1 worker (s)", "2 workers (s)")
     ratios = {"2 / process": spent[2] / spent[0], "1 / 2": spent[1] / spent[2]}
@@ -104,8 +95,7 @@ def memory(folder: Path, records: int) -> pd.DataFrame:
                 continue
         seen.append((done or 0.0, known))
 
-    drawn = st.campaigns.load_study(study(folder, records))
-    st.campaign(drawn, task("direct"), output=folder / "memory.zarr", workers=2, tell=tell)
+    st.campaign(numbered(records), task("direct"), output=folder / "memory.zarr", workers=2, tell=tell)
     settled = next(known for done, known in seen if done * records >= SETTLED_RECORDS)
     last = seen[-2][1]
     heads = [f"after {SETTLED_RECORDS} records (MB)", f"after {records:,} (MB)"]
@@ -116,13 +106,11 @@ def memory(folder: Path, records: int) -> pd.DataFrame:
 
 def kills(folder: Path) -> pd.DataFrame:
     """Killed at random moments and gone on with: equal to one that never was."""
-    place, random = study(folder, KILLED_RECORDS), np.random.default_rng(3)
-    whole = st.campaign(
-        st.campaigns.load_study(place), task("direct"), output=folder / "whole.zarr", workers=0
-    )
+    random, records = np.random.default_rng(3), numbered(KILLED_RECORDS)
+    whole = st.campaign(records, task("direct"), output=folder / "whole.zarr", workers=0)
     part, done, readable, killed = folder / "part.zarr", [], 0, 0
     for _ in range(KILLS):
-        command = [sys.executable, "-m", "benchmarks", "campaign", "--call", str(place), str(part)]
+        command = [sys.executable, "-m", "benchmarks", "campaign", "--call", str(part)]
         before = written(part)
         process = subprocess.Popen(command, start_new_session=True)
         more = int(random.integers(0, 2 * KILLED_RECORDS // KILLS))
@@ -138,7 +126,7 @@ def kills(folder: Path) -> pd.DataFrame:
             store = st.campaigns.open_store(part).load()
             readable += 1
             done.append(counts_of(store)["done"])
-    resumed = st.campaign(st.campaigns.load_study(place), task("direct"), output=part, workers=2)
+    resumed = st.campaign(records, task("direct"), output=part, workers=2)
     same = resumed.drop_vars("seconds").load().identical(whole.drop_vars("seconds").load())
     stays = len(list(part.rglob("*.partial")))
     at_each = ", ".join(map(str, done))
@@ -165,19 +153,17 @@ def worker_kills(folder: Path, records: int, every: float) -> pd.DataFrame:
 
     threading.Thread(target=kill, daemon=True).start()
     start = time.perf_counter()
-    drawn = st.campaigns.load_study(study(folder, records))
-    store = st.campaign(drawn, task("direct"), output=folder / "workers.zarr", workers=2)
+    store = st.campaign(numbered(records), task("direct"), output=folder / "workers.zarr", workers=2)
     ended.set()
     counts, spent = counts_of(store), time.perf_counter() - start
     return one_row(records=records, killed=len(killed), done=counts["done"], lost=counts["lost"], s=spent)
 
 
 def scheduler_load(folder: Path) -> pd.DataFrame:
-    """What records cost that are refused at once: a block is sent, scheduled, received and written."""
+    """Measure the cost of records that fail at once: a block is sent, scheduled, received and written."""
     names = [f"{at}.csv" for at in range(REFUSED_RECORDS)]
-    library = st.load_library("contact_forces").select(FORCES)
     nothing = st.campaigns.Task(
-        "identify", library, {"direct": METHODS["direct"]}, judged=False, read=_refuse
+        "identify", LIBRARY, {"direct": METHODS["direct"]}, judged=False, read=_refuse
     )
     start = time.process_time()
     st.campaign(names, nothing, output=folder / "refused.zarr", workers=2)
@@ -193,8 +179,7 @@ def _refuse(path: str) -> list:
 
 def campaign(asked: Namespace) -> None:
     if asked.call:
-        place, part = asked.call
-        st.campaign(st.campaigns.load_study(place), task("direct"), output=part, workers=2)
+        st.campaign(numbered(KILLED_RECORDS), task("direct"), output=asked.call[0], workers=2)
         return
     parts = {
         "speed": lambda folder: speed(folder, asked.seeds),

@@ -1,4 +1,4 @@
-"""What whole processes cost: processor time, memory, and how long they are silent.
+"""Cost of whole processes: processor time, memory, and the longest silence.
 
 python -m benchmarks cost [--only PART] [--samples N]
 
@@ -70,13 +70,13 @@ def decay(place: Path, samples: int, periods: float, forces: dict[str, float], s
 
 
 def direct(place: str) -> None:
-    """What the second pair of columns of `samples` measures."""
+    """Run the direct identification for the second pair of columns of `samples`."""
     record = st.free_decay(st.read_record(place))
     st.identify(record, st.load_library().select(FORCES), st.methods.Direct())
 
 
 def search(place: str, kept: str) -> None:
-    """What `discover` measures; it keeps the size before the search, and the verdict."""
+    """Run `discover`; keep the memory before the search, and the verdict."""
     record = st.free_decay(st.read_record(place))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     every = st.forces.ForceLibrary("all", (*st.load_library(), *st.load_library("candidate_effects")))

@@ -1,4 +1,4 @@
-"""How often two right methods are said to disagree, and whether the error of their difference is right.
+"""Rate of false disagreement between two correct methods, and calibration of the error of their difference.
 
 python -m benchmarks differences [--seeds 50] [--only WORDS]
 

@@ -55,7 +55,7 @@ FRESH = 100
 
 
 def offered(*symbols: str) -> ForceLibrary:
-    """These forces of the libraries of the package."""
+    """Return these forces of the libraries of the package."""
     known: dict[str, Any] = {}
     for name in LIBRARIES:
         for force in st.load_library(name):
@@ -64,7 +64,7 @@ def offered(*symbols: str) -> ForceLibrary:
 
 
 def cpu(call: Callable[[], Any]) -> tuple[Any, float]:
-    """What a call returns, and the processor's time (s)."""
+    """Return the result of a call, and its processor time (s)."""
     return timed(call, time.process_time)
 
 
@@ -136,7 +136,7 @@ def emps() -> None:
     for further in FURTHER:
         library = offered("free_axis", "gain", "zeta", "lambda", "bias", *further)
         tree, seconds = cpu(lambda those=library: st.identify(record, those, constraints={"free_axis": 1.0}))
-        compared = tree["comparison"].to_dataset()
+        compared = tree["judged"].to_dataset()
         for name in compared.model.values.tolist():
             found = per_input(tree[name].to_dataset()).sel(quantity=list(SAID))
             pairs = zip(found.value.values, found.standard_error.values, strict=True)
@@ -179,7 +179,7 @@ def frame() -> None:
     library = offered("base_spring", "base_damping", "lambda")
     methods = [kind(own=("lambda",)) for kind in (st.methods.Direct, st.methods.Trajectory)]
     tree, seconds = cpu(lambda: st.identify(runs, library, methods, constraints={"base_spring": 1.0}))
-    compared = tree["comparison"].to_dataset()
+    compared = tree["judged"].to_dataset()
     for name in compared.model.values.tolist():
         result = tree[name].to_dataset()
         w, of_w = result.reference_frequency.item(), result.reference_frequency_standard_error.item()

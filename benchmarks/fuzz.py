@@ -71,7 +71,7 @@ WATCHED: "list[Watch]" = []
 
 
 def random_of(kind: str, seed: int, number: int) -> np.random.Generator:
-    """What a case is drawn from: its kind, the seed and its number alone."""
+    """Return the random generator of a case, from its kind, the seed and its number."""
     return np.random.default_rng([seed, *kind.encode(), number])
 
 
@@ -168,7 +168,7 @@ def watched(kind: str, seed: int, number: int, folder: Path) -> dict[str, Any]:
 
 
 def cases_of(kind: str, seed: int, first: int, count: int, folder: Path) -> Iterator[dict[str, Any]]:
-    """How each case of a kind ended; one that ended its process is a fault, too."""
+    """Yield the outcome of each case of a kind; a process that dies is a fault, too."""
     spawn, left = multiprocessing.get_context("spawn"), list(range(first, first + count))
     lost = {"end": "fault ended its process", "said": "", "where": "", "seconds": 0.0, "bytes": 0}
     while left:

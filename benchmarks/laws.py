@@ -39,13 +39,13 @@ def simulated(kind: str) -> tuple[xr.Dataset, st.forces.ForceLibrary]:
 
 
 def law_held(kind: str, clean: xr.Dataset, library: st.forces.ForceLibrary, noise: float, seed: int) -> dict:
-    """Whether the preferred method's bands of one record hold the true laws; errors and time."""
+    """Return whether the bands of the preferred method contain the true laws; errors and time."""
     draw = np.random.default_rng(seed).standard_normal(clean.sizes["time"])
     decay = st.free_decay(clean.assign(angle=clean.angle + noise * RELEASE * draw))
     tree, seconds = timed(lambda: st.laws(decay), time.process_time)
     result, found = (
         st.best(tree),
-        {"seconds": seconds, "direct": tree["comparison"].attrs["answer"] == "direct"},
+        {"seconds": seconds, "direct": tree["judged"].attrs["preferred"] == "direct"},
     )
     for law, variable, symbol in (
         ("friction", "speed", "friction"),

@@ -251,7 +251,7 @@ def row_of_answer(
 
 
 def predicted(records) -> Iterator[list[str]]:
-    """Of each record what `row` says, of another run of it too; its answer on the whole is printed."""
+    """Yield the rows of each record, and of another run of it; print the preferred method."""
     for title, file, columns, window, system, forces, other in records:
         decay = st.free_decay(st.read_record(records_folder() / file, **columns), window=window)
         library, methods = methods_of(system, forces)

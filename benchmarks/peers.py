@@ -1,4 +1,4 @@
-"""What others do with a free decay, each behind `(library, w, time, angle) -> values, standard errors`.
+"""Other methods for a free decay, each behind `(library, w, time, angle) -> values, standard errors`.
 
 The forces are those of a library and w is known to all. Errors are nan where a method states none. pysindy
 identifies the same forces alone: what the direct method is compared with.
@@ -27,7 +27,7 @@ Answer = tuple[np.ndarray, np.ndarray]
 
 
 def without_errors(values: np.ndarray) -> Answer:
-    """Of a method that states none."""
+    """Return values without standard errors."""
     return values, np.full(len(values), np.nan)
 
 
@@ -122,7 +122,7 @@ def bumps(radius: int, count: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def smallest_radius(angle: np.ndarray) -> int:
-    """Where the error of the quadrature, as a function of the radius, stops to fall: chosen blindly.
+    """Return the radius at which the error of the quadrature stops falling.
 
     The rows' own sums of bumps times the record that no smooth motion has: those at a frequency of aliasing
     (Bortz, Messenger, Dukic 2023, section 2.3). Its logarithm has a corner, found by two straight lines.

@@ -19,8 +19,7 @@ from scipy.stats import beta
 import sysid_trib as st
 from benchmarks.study.common import added, read
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.trials import from_unit
-from sysid_trib.validation.rivals import ODDS
+from sysid_trib.questions.rivals import ODDS
 
 LIMITS, DURATION, RATE, NOISE, MOST_RUNS = (0.1, 0.8), 12.0, 50.0, 2e-3, 5
 # Release of the first run (rad), frequency (rad/s); strengths that are drawn, over what that run detects.
@@ -47,7 +46,7 @@ def named(tree: xr.DataTree) -> list[str]:
 
 
 def odds_came(tree: xr.DataTree, symbol: str, models: list[str]) -> bool:
-    """Whether the right name has the odds against each other model that the plan was about."""
+    """Return whether the right name has the planned odds against each other model."""
     if not tree["steps"].attrs["count"]:
         return False
     step = tree["steps"].to_dataset().isel(step=-1)
@@ -69,7 +68,7 @@ def hidden_in(seed: int, drawn: bool) -> tuple[str, st.Model]:
     offered = [*library, *st.load_library("candidate_effects")]
     while True:
         force = offered[rng.integers(len(offered))]
-        shapes = {f"{force.symbol}.{n}": float(from_unit(s, rng.uniform())) for n, s in force.shape.items()}
+        shapes = {f"{force.symbol}.{n}": float(s.at(rng.uniform())) for n, s in force.shape.items()}
         if force.symbol == "zeta" or not shown.testable.sel(candidate=force.symbol):
             continue
         size = shown.detectable.sel(candidate=force.symbol).item() * np.exp(rng.uniform(*np.log(STRENGTHS)))
@@ -86,7 +85,7 @@ def hidden_in(seed: int, drawn: bool) -> tuple[str, st.Model]:
 
 
 def step(seed: int, drawn: bool) -> tuple[str, list[tuple[float, int, int, bool]]]:
-    """What is hidden, and of two runs of a plan what is stated and came true, and whether it is the best."""
+    """Return the hidden effect, and for two runs of a plan the stated and the observed outcome."""
     (symbol, model), rng = hidden_in(seed, drawn), np.random.default_rng([seed, 3])
     first = decay_of(model, FIRST, DURATION, 1000 * seed)
     tree, said = st.discover(first), []

@@ -118,7 +118,7 @@ class DenseRows:
         return float(found.fun), found.x.tolist()
 
     def gains(self) -> list[float]:
-        """By how much the deviance is lower with each of `KINDS` beside white acceleration."""
+        """Return the fall of the deviance with each of `KINDS` in addition to white acceleration."""
         white = self._sized(self.in_proportion(np.ones_like(self.tau)))
         alone, (size,) = self.least([white], [(float(size),) for size in range(-10, 14, 2)])
         starts = [(size, size + more) for more in SIZES]

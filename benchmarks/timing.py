@@ -1,4 +1,4 @@
-"""How long simulations and identifications take: medians of repeated calls in one process.
+"""Times of simulations and identifications: medians of repeated calls in one process.
 
 python -m benchmarks simulator
 python -m benchmarks timing [--quick] [--only methods|random-force|discover]
@@ -48,7 +48,7 @@ SWING, SWING_NOISE = {"zeta": 5e-5, "delta": 2e-4, "nu": 1e-2, "epsilon": -0.1},
 
 
 def calls(sampling_rate: float) -> dict[str, tuple[Callable, int]]:
-    """What is timed on the paper's run at a sampling rate, and how often."""
+    """Return the timed calls on the paper's run at a sampling rate, and their numbers."""
     run = paper_run(sampling_rate=sampling_rate)
     record, library = run.decay(0), run.model.library
     time, angle = run.time, record.angle.values
@@ -80,7 +80,7 @@ def swing(periods: int, wander: float) -> xr.Dataset:
 
 
 def identified(decay: xr.Dataset, forces: Iterable[str], random_force: str) -> None:
-    """What `sysid-trib identify` does with a record."""
+    """Do the work of `sysid-trib identify` on a record."""
     library = load_library("contact_forces").select(forces)
     pair = (method(random_force=random_force) for method in (Averaging, Direct))
     cross_check(decay, *(method.identify(decay, library) for method in pair))
@@ -250,7 +250,7 @@ def driven():
 
 
 def conserved():
-    """What is lost over 10,000 periods without friction, and by dry friction in each half period."""
+    """Report the energy lost over 10,000 periods without friction, and by dry friction per half period."""
     model = Model(SIX, {"alpha": 0.2, "nu": -0.4, "epsilon": 0.3}, W)
     found = trajectory(model, np.linspace(0.0, 20_000 * np.pi / W, 20_001), 0.3, 1.0)
     x, v = found.angle, found.rate / W

@@ -131,10 +131,8 @@ described(results)
 
 # %%
 tree = st.cross_check(decay, results["averaging, bias removed"], direct)
-print(
-    tree["comparison"].attrs["verdict"], "- the record is explained:", tree["comparison"].attrs["explained"]
-)
-tree["comparison"].to_dataset()[["difference", "standard_error", "z"]].to_dataframe()
+print(tree["agreement"].attrs["verdict"], "- the verdict on the record:", tree["judged"].attrs["verdict"])
+tree["agreement"].to_dataset()[["difference", "standard_error", "z"]].to_dataframe()
 
 # %% [markdown]
 # ## Fig. 7: three forces lose the phase, five keep it

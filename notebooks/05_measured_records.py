@@ -61,10 +61,10 @@ def identified(decay: xr.Dataset, symbols: str) -> xr.DataTree:
     first, second = (st.identify(decay, library, method) for method in (m.Averaging(), m.Direct()))
     tree = st.cross_check(decay, first, second)
     display(tables.coefficients({"averaging": first, "direct": second}))
-    checked = tree["comparison"].ds
-    residuals = ", ".join(f"{ratio:.3g}" for ratio in checked.residual_over_noise.values)
-    explained, p = checked.attrs["explained"], checked.p_value.item()
-    print(f"Record explained: {explained}; the RMS residuals are {residuals} times the noise.")
+    judged, checked = tree["judged"].ds, tree["agreement"].ds
+    residuals = ", ".join(f"{ratio:.3g}" for ratio in judged.residual_over_noise.values)
+    verdict, p = judged.attrs["verdict"], checked.p_value.item()
+    print(f"Verdict: {verdict}; the RMS residuals are {residuals} times the noise.")
     print(f"The methods {checked.attrs['verdict']} (p = {p:.2g}).")
     return tree
 

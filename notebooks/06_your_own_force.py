@@ -170,9 +170,9 @@ checks = {
     ),
 }
 for label, tree in checks.items():
-    checked = tree["comparison"].ds
-    residuals = ", ".join(f"{ratio:.3g}" for ratio in checked.residual_over_noise.values)
-    print(f"{label}: explained: {checked.attrs['explained']}; RMS residuals {residuals} times the noise")
+    judged = tree["judged"].ds
+    residuals = ", ".join(f"{ratio:.3g}" for ratio in judged.residual_over_noise.values)
+    print(f"{label}: {judged.attrs['verdict']}; RMS residuals {residuals} times the noise")
 display(st.plots.overview(checks["s as found"]))
 
 # %% [markdown]
@@ -252,7 +252,7 @@ display(residuals.round(2).to_frame("RMS residual of the trajectory, over the no
 
 # %%
 tree = st.cross_check(cooling, found["averaging, s held at that"], found["direct, s held at that"])
-ratios = tree["comparison"].residual_over_noise.to_series()
+ratios = tree["judged"].residual_over_noise.to_series()
 print("RMS residuals over the noise:", ", ".join(f"{label} {ratio:.3g}" for label, ratio in ratios.items()))
 
 # %% [markdown]

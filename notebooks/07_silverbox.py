@@ -132,8 +132,8 @@ if path is not None:
     part = train.isel(time=slice(SAMPLES if QUICK else 2 * SAMPLES))
     methods = [kind(random_force="off") for kind in (st.methods.Direct, st.methods.Trajectory)]
     tree = st.identify(part, library_of(["gain", "zeta", "epsilon", "even_spring"]), methods)
-    compared = tree["comparison"].ds
-    print(tree["comparison"].attrs["verdict_on_record"], compared.residual_over_motion.values)
+    compared = tree["agreement"].ds
+    print(tree["judged"].attrs["verdict"], tree["judged"].residual_over_motion.values)
     if "difference" in compared:
         display(compared[["difference", "standard_error", "z"]].to_dataframe())
     display(st.plots.overview(tree))

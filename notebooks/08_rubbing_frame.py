@@ -51,10 +51,10 @@ if folder is not None:
     runs = [read(load) for load in LOADS]
     methods = [kind(own=("lambda",)) for kind in (st.methods.Direct, st.methods.Trajectory)]
     tree = st.identify(runs, library, methods, constraints={"base_spring": 1.0})
-    compared = tree["comparison"]
-    answer = tree[compared.attrs["answer"]].to_dataset()
-    left = float(compared.residual_over_motion.sel(model=compared.attrs["answer"]))
-    print(f"{compared.attrs['answer']}: {compared.attrs['verdict_on_record']}, {100 * left:.2g} % are left")
+    judged = tree["judged"]
+    answer = tree[judged.attrs["preferred"]].to_dataset()
+    left = float(judged.residual_over_motion.sel(model=judged.attrs["preferred"]))
+    print(f"{judged.attrs['preferred']}: {judged.attrs['verdict']}, {100 * left:.2g} % are left")
     display(st.plots.overview(tree))
 
 # %% [markdown]

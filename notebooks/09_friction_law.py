@@ -55,9 +55,9 @@ if "string" in files:
     decay = st.free_decay(st.read_record(files["string"]), window=window)
     print(decay.attrs["free_decay"])
     tree = st.laws(decay, "pendulum")
-    checked = tree["comparison"].ds
-    print(f"Preferred: {checked.attrs['answer']}. {checked.attrs['reason']}")
-    print(f"Residual over the noise: {checked.residual_over_noise.to_series().round(2).to_dict()}")
+    judged = tree["judged"].ds
+    print(f"Preferred: {judged.attrs['preferred']}. {judged.attrs['reason']}")
+    print(f"Residual over the noise: {judged.residual_over_noise.to_series().round(2).to_dict()}")
     display(st.plots.laws(tree))
 
 # %% [markdown]

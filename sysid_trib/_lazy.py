@@ -8,6 +8,8 @@ from importlib.util import resolve_name
 from pathlib import Path
 from typing import Any
 
+from sysid_trib.errors import did_you_mean
+
 
 def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """`__getattr__`, `__dir__` and `__all__` of a package, as its stub `__init__.pyi` lists its names.
@@ -28,9 +30,11 @@ def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callabl
 
     def load(name: str) -> Any:
         if name not in homes:
-            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+            # Names that begin with an underscore are asked for by tools, which read no sentence.
+            nearest = "" if name.startswith("_") else did_you_mean(name, homes)
+            raise AttributeError(f"module {package!r} has no attribute {name!r}.{nearest}")
         home, attribute = homes[name]
-        # What comes from the package itself is one of its modules.
+        # A name from the package itself is one of its modules.
         value = (
             import_module(f"{home}.{attribute}")
             if home == package

@@ -14,12 +14,17 @@ Variables: TypeAlias = dict[str, Variable]
 
 # Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
 DEPENDENCE = 1e-11
-# Of columns of unit length: a smaller weight is rounding.
+# Smallest weight of columns of unit length; a smaller one is rounding.
 SMALLEST_PART = 1e-8
 
 
+def root_mean_square(values: ArrayLike) -> float:
+    """RMS of numbers."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
 def cell_middles(edges: Array) -> Array:
-    """Middles of cells that lie evenly about zero, (cell,), without what rounding leaves of zero."""
+    """Return the middles of cells that lie evenly about zero, (cell,), with an exact zero."""
     middle = 0.5 * (edges[1:] + edges[:-1])
     return 0.5 * (middle - middle[::-1])
 
@@ -110,7 +115,7 @@ def dependent_columns(table: Array) -> list[tuple[int, ...]]:
     for i in (group[0] for group in groups):
         weights, residual = _fitted(unit[i], [unit[j] for j in basis])
         if residual < DEPENDENCE:
-            # Of columns that do not depend on each other there is one combination.
+            # Independent columns have one combination.
             combined.append(tuple(sorted((*np.array(basis)[np.abs(weights) > SMALLEST_PART].tolist(), i))))
         else:
             basis.append(i)
@@ -118,7 +123,7 @@ def dependent_columns(table: Array) -> list[tuple[int, ...]]:
 
 
 def _fitted(column: Array, others: list[Array]) -> tuple[Array, float]:
-    """Weights of others in a column of unit length, and the norm of what they leave of it."""
+    """Return the weights of other columns in a column of unit length, and the norm of the residual."""
     if not others:
         return np.zeros(0), 1.0
     matrix = np.column_stack(others)

@@ -113,7 +113,7 @@ def _run() -> tuple[int, str]:
 
 
 def _leave_standard_output() -> None:
-    """What is left in the buffer must not fail once more at exit."""
+    """Redirect standard output, so that buffered text cannot fail again at exit."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -127,7 +127,7 @@ def _memory_is_short() -> bool:
 
 
 def _internal(error: Exception) -> str:
-    """A fault of this package, but still no traceback: a line that finds the place."""
+    """Describe a fault of this package in one line that finds the place, without a traceback."""
     import traceback
 
     frame = traceback.extract_tb(error.__traceback__)[-1]

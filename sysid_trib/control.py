@@ -250,3 +250,7 @@ def _slopes(force: Force, model: Model) -> Array | None:
                 if not abs(rise / step - slopes[0] @ u) <= tolerance:
                     return None
     return slopes
+
+
+def __dir__() -> list[str]:
+    return __all__

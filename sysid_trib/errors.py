@@ -1,4 +1,4 @@
-"""What is said to the user: the errors one can meet, and how far long work is."""
+"""Errors for the user, and the progress of long work."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -43,12 +43,12 @@ class SimulationError(SysidTribError):
 
 
 def printable(text: str) -> str:
-    """One line without control characters: a file's column names may hold any."""
+    """Return one line without control characters, which names of columns may contain."""
     return "".join(c if c.isprintable() else "?" for c in " ".join(text.split()))
 
 
 def readable(name: str) -> str:
-    """A name that the system gave, as text: what is no letter in it becomes a question mark."""
+    """Return a name from the system as text; undecodable characters become question marks."""
     return name.encode("utf-8", "replace").decode()
 
 

@@ -16,7 +16,7 @@ TIME = np.arange(0.0, 20.0, 0.01)
 
 @dataclass(frozen=True)
 class Ending:
-    """How a command ended."""
+    """Exit status and output of a command."""
 
     status: int
     out: str

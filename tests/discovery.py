@@ -8,12 +8,12 @@ import xarray as xr
 from helpers import FIVE, Array, W, decay
 
 from sysid_trib import Model, load_library
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.start_model import fit_start_model
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, credible, probabilities
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.start_model import fit_start_model
-from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.simulation.simulate import trajectory
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
@@ -76,5 +76,5 @@ def deviations(model: FittedModel, truth: Mapping[str, float]) -> Array:
 
 
 def active(candidates: ForceLibrary) -> ForceLibrary:
-    """The same forces, free to drive."""
+    """Return the same forces without the restriction to dissipation."""
     return replace(candidates, forces=tuple(replace(force, passive=False) for force in candidates))

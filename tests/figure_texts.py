@@ -41,7 +41,7 @@ def smallest_sign(text):
 
 
 def faults(figure):
-    """What is wrong with a figure: too high; texts too small, cut by its edge, or over each other."""
+    """Return the faults of a figure: too high; texts too small, cut by its edge, or overlapping."""
     figure.set_dpi(DPI)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()

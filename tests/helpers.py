@@ -11,8 +11,8 @@ from scipy.stats import binom, chi2
 from sysid_trib import Model, load_library, methods
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.printing import Layer
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.simulation.simulate import simulate, trajectory
 
 Array = NDArray[np.float64]
@@ -128,13 +128,13 @@ def rms(values: Array, axis: int = 0) -> Array:
 
 
 def rms_range(count: int, chance: float = 1e-4) -> tuple[float, float]:
-    """What the RMS of `count` standard normal numbers does not leave, but by this chance on either side."""
+    """Return the range of the RMS of `count` standard normal numbers, with this chance on either side."""
     low, high = chi2.ppf([chance, 1.0 - chance], count)
     return float(np.sqrt(low / count)), float(np.sqrt(high / count))
 
 
 def share_range(count: int, probability: float, chance: float = 1e-4) -> tuple[float, float]:
-    """What the share of hits of this probability in `count` trials does not leave."""
+    """Return the range of the fraction of hits of this probability in `count` trials."""
     low, high = binom.ppf([chance, 1.0 - chance], count, probability)
     return float(low / count), float(high / count)
 

@@ -1,8 +1,15 @@
-"""The house in numbers: `python tests/house.py` prints the lines of code of each room and their arrows."""
+"""The house in numbers: `python tests/house.py` prints the lines of code of each room and their arrows.
+
+`python tests/house.py --write` stores the measures of `house_measures.toml`, which `test_house.py` reads.
+"""
 
 import ast
+import io
 import re
 import statistics
+import sys
+import tokenize
+import tomllib
 from collections import Counter
 from functools import cache
 from pathlib import Path
@@ -10,6 +17,20 @@ from pathlib import Path
 import sysid_trib
 
 PACKAGE = Path(sysid_trib.__file__).parent
+MEASURES = Path(__file__).with_name("house_measures.toml")
+# By how much a measure may grow in one landing.
+SLACK = 0.02
+# Modules whose reading is measured: a method, the answer to one record, and its printer.
+READ = ("methods.direct", "validation.identify", "printing.identification")
+LAYOUT_TOKENS = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENCODING,
+    tokenize.ENDMARKER,
+}
 
 
 @cache
@@ -100,14 +121,151 @@ def unreachable(doors):
     return sorted({f"{module}: {name}" for (module, name), *_ in rest})
 
 
-def code_lines(tree, text):
-    """Lines of a module that are neither blank nor a comment nor a docstring."""
-    lines = {i for i, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"}
+def docstring_lines(tree):
+    """Line numbers of the docstrings of a module, its classes and its functions."""
+    lines = set()
     for node in ast.walk(tree):
         holds = isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef)
         if holds and ast.get_docstring(node, clean=False) is not None:
-            lines -= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
-    return len(lines)
+            lines |= set(range(node.body[0].lineno, node.body[0].end_lineno + 1))
+    return lines
+
+
+def code_lines(tree, text):
+    """Lines of a module that are neither blank nor a comment nor a docstring."""
+    lines = {i for i, line in enumerate(text.splitlines(), 1) if line.strip() and line.strip()[0] != "#"}
+    return len(lines - docstring_lines(tree))
+
+
+def code_tokens(tree, text):
+    """Tokens of a module without comments, docstrings, line ends and indentation."""
+    docstrings = docstring_lines(tree)
+    tokens = tokenize.generate_tokens(io.StringIO(text).readline)
+    return sum(token.type not in LAYOUT_TOKENS and token.start[0] not in docstrings for token in tokens)
+
+
+def dotted(name):
+    """Name of a module within the package, as it is imported: "methods.direct"."""
+    return name.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
+
+
+def room_of_dotted(module):
+    return module.partition(".")[0]
+
+
+@cache
+def trees():
+    """Trees of the modules by their dotted names."""
+    return {dotted(name): tree for name, (tree, _) in modules().items()}
+
+
+def is_folder(module):
+    """True for a package, such as "methods"."""
+    return bool(module) and (PACKAGE / module.replace(".", "/")).is_dir()
+
+
+def imported_names(module):
+    """Each name that a module imports from the package: (module it comes from, name, name here)."""
+    for node in ast.walk(trees()[module]):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sysid_trib"):
+            source = node.module.removeprefix("sysid_trib").lstrip(".")
+            yield from ((source, alias.name, alias.asname or alias.name) for alias in node.names)
+
+
+def imported_modules(module):
+    """Modules that a module imports, also within functions."""
+    found = set()
+    for source, name, _ in imported_names(module):
+        for candidate in (f"{source}.{name}".lstrip("."), source):
+            if candidate in trees():
+                found.add(candidate)
+                break
+    return found
+
+
+def reading(start):
+    """Code lines that must be read to follow a module: its own and those of all it imports.
+
+    The `__init__.py` of a package counts only where the module itself imports the package.
+    """
+    lines = {dotted(name): code_lines(*module) for name, module in modules().items()}
+    seen, waiting = set(), [start]
+    while waiting:
+        module = waiting.pop()
+        if module not in seen:
+            seen.add(module)
+            waiting += [m for m in imported_modules(module) if module == start or not is_folder(m)]
+    return sum(lines[module] for module in seen)
+
+
+def names_across_walls():
+    """Names of each room that other rooms use: room to "module:name"."""
+    used = {}
+
+    def note(module, source, name):
+        if room_of_dotted(source) != room_of_dotted(module):
+            used.setdefault(room_of_dotted(source), set()).add(f"{source}:{name}")
+
+    for module, tree in trees().items():
+        modules_here = {}
+        for source, name, name_here in imported_names(module):
+            whole = f"{source}.{name}".lstrip(".")
+            if whole in trees() or is_folder(whole):
+                modules_here[name_here] = whole
+            elif source:
+                note(module, source, name)
+        for node in ast.walk(tree):
+            owner = getattr(node, "value", None)
+            if isinstance(node, ast.Attribute) and getattr(owner, "id", None) in modules_here:
+                note(module, modules_here[owner.id], node.attr)
+    return used
+
+
+def named_numbers():
+    """Numbers that have a name in a module, alone or in a tuple."""
+    count = 0
+    for tree in trees().values():
+        for node in tree.body:
+            if isinstance(node, ast.Assign | ast.AnnAssign):
+                values = node.value.elts if isinstance(node.value, ast.Tuple) else [node.value]
+                count += sum(is_number(value) for value in values)
+    return count
+
+
+def is_number(node):
+    value = getattr(node, "value", None) if isinstance(node, ast.Constant) else None
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def docstrings_with_what():
+    """First lines of docstrings that begin with "What" instead of a verb or a noun."""
+    nodes = [node for tree in trees().values() for node in ast.walk(tree)]
+    texts = [ast.get_docstring(n) for n in nodes if isinstance(n, ast.FunctionDef | ast.ClassDef)]
+    return sum((text or "").startswith("What ") for text in texts)
+
+
+@cache
+def measures():
+    """Return the measures that may grow by `SLACK` at most."""
+    tokens = sum(code_tokens(*module) for module in modules().values())
+    lines = sum(code_lines(*module) for module in modules().values())
+    tables = [path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.toml")]
+    aliases = re.compile(r"^\w+: TypeAlias = tuple\[", re.MULTILINE)
+    return {
+        "tokens": tokens,
+        "tokens of TOML": sum(len(re.findall(r"[\w.]+|[^\s\w]", text)) for text in tables),
+        "tokens a line": round(tokens / lines, 2),
+        **{f"lines to read for {module}": reading(module) for module in READ},
+        "names across walls": sum(map(len, names_across_walls().values())),
+        "named numbers": named_numbers(),
+        "positional tuple aliases": sum(len(aliases.findall(text)) for _, text in modules().values()),
+        "docstrings that begin with What": docstrings_with_what(),
+    }
+
+
+def stored_measures():
+    """Return the measures at the last landing."""
+    return tomllib.loads(MEASURES.read_text(encoding="utf-8"))
 
 
 def lines_beside(folder):
@@ -124,7 +282,7 @@ def import_lines(name):
 
 @cache
 def numbers():
-    """What the house is measured by."""
+    """Return the measures of the structure."""
     code = {name: code_lines(*module) for name, module in modules().items()}
     lines = [count for name, count in code.items() if not name.endswith("__init__.py")]
     return {
@@ -149,5 +307,9 @@ if __name__ == "__main__":
     rooms = Counter()
     for name, module in modules().items():
         rooms[room_of(name) if "/" in name else "(loose)"] += code_lines(*module)
-    for title, count in [*rooms.most_common(), *numbers().items()]:
+    for title, count in [*rooms.most_common(), *numbers().items(), *measures().items()]:
         print(f"{count:>8}  {title}")
+    for room, names in sorted(names_across_walls().items(), key=lambda item: -len(item[1])):
+        print(f"{len(names):>8}  names of {room} in other rooms")
+    if "--write" in sys.argv:
+        MEASURES.write_text("".join(f'"{title}" = {value}\n' for title, value in measures().items()))

@@ -17,7 +17,7 @@ def reference_motion(coefficients, w, time, start=(0.3, 0.0), rtol=1e-12, more=N
 
 
 def motion_and_stop(coefficients, w, time, start=(0.3, 0.0), rtol=1e-12, more=None):
-    """The same, and when the motion stops for good (s)."""
+    """Return the motion, and its stop time (s)."""
     c = {k: coefficients.get(k, 0.0) for k in ("lambda", "zeta", "delta", "alpha", "nu", "epsilon")}
 
     def push(tau, x, v, sv, sx):

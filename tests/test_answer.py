@@ -10,7 +10,7 @@ from helpers import measured
 import sysid_trib as st
 from sysid_trib.printing.exported import csv_text, latex_text
 from sysid_trib.printing.identification import identification_json
-from sysid_trib.validation.findings import error_parts
+from sysid_trib.results.judged import error_parts
 from sysid_trib.validation.verdict import identifications
 
 NOISE = 3e-4
@@ -88,8 +88,8 @@ def test_what_is_given_carries_its_parts_and_its_verdict(checked):
 def test_a_model_that_diverges_is_withheld_everywhere(checked):
     tree = checked.copy(deep=True)
     failure = ("model", ["its motion diverges", ""])
-    tree["comparison"] = tree["comparison"].to_dataset().assign(failure=failure)
-    tree["comparison"].attrs["answer"] = "direct"
+    tree["judged"] = tree["judged"].to_dataset().assign(failure=failure)
+    tree["judged"].attrs["preferred"] = "direct"
     data = identification_json(tree)
     assert data["methods"]["averaging"]["coefficients"] == {}
     assert data["methods"]["averaging"]["reference_frequency"] is None

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.printing.equation import model_code
+from sysid_trib.printing.code import model_code
 
 DAHL = """
 [[force]]

@@ -11,7 +11,8 @@ from scipy.interpolate import PchipInterpolator
 import sysid_trib as st
 from sysid_trib.cycles.backbone import CURVES
 from sysid_trib.forces.library import parse_library
-from sysid_trib.validation.lack_of_fit import departure_sentence, departures, lack_of_fit
+from sysid_trib.printing.verdict import amplitude_range
+from sysid_trib.validation.lack_of_fit import departures, lack_of_fit
 
 W, PER_PERIOD = 2.0 * np.pi, 40
 
@@ -34,7 +35,7 @@ def decay_of(clean, **options):
 
 
 def holds(band, curve, name):
-    """Whether the whole of a curve is in the band of another."""
+    """Return whether the whole curve is in the band of another."""
     inside = (curve.amplitude > band.amplitude[0]) & (curve.amplitude < band.amplitude[-1])
     amplitude, value = curve.amplitude.values[inside], curve[name].values[inside]
     low, high = (
@@ -124,12 +125,14 @@ def test_a_model_leaves_the_band_where_it_is_wrong():
     lack = lack_of_fit(decay, results)
     assert departures(lack, "drag") == []
     wrong = departures(lack, "viscous")
-    assert {curve for curve, *_ in wrong} == {"damping_ratio"}
-    _, largest, (_, high) = wrong[0]
-    assert largest < -2.0
-    assert np.isinf(high)
-    assert departure_sentence(wrong, "rad").startswith("in damping from 0.")
-    assert departure_sentence(wrong, "rad").endswith(" rad up")
+    assert {departure.curve for departure in wrong} == {"damping_ratio"}
+    assert wrong[0].deviation < -2.0
+    assert np.isinf(wrong[0].high)
+    stored = lack.sel(model="viscous", curve="damping_ratio")
+    assert stored.departure.item() == wrong[0].deviation
+    assert stored.departure_low.item() == wrong[0].low
+    assert amplitude_range(wrong[0].low, wrong[0].high, "rad").startswith("above 0.")
+    assert not lack.departure.sel(model="drag").any()
 
 
 @pytest.mark.slow

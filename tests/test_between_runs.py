@@ -1,4 +1,4 @@
-"""What varies between runs: exact cases, statistics over seeds, other people's numbers, refusals."""
+"""Variation between runs: exact cases, statistics over seeds, published numbers, refusals."""
 
 import numpy as np
 import pandas as pd
@@ -131,7 +131,7 @@ def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sente
 def test_what_is_no_set_of_runs_is_refused():
     with pytest.raises(UsageError, match="Two runs at least"):
         st.campaigns.between_runs(runs_of([1.0], [0.1]))
-    with pytest.raises(UsageError, match="wants identifications"):
+    with pytest.raises(UsageError, match="needs identifications"):
         st.campaigns.between_runs([xr.Dataset()])
     with pytest.raises(UsageError, match="no free coefficient in common"):
         st.campaigns.between_runs([])

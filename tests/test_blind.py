@@ -11,9 +11,9 @@ from benchmarks.blind.draws import shapes
 from benchmarks.blind.effects import FORCES, SENSORS, make
 from benchmarks.blind.generator import Motion, Oscillator, motion
 from sysid_trib import Model, discover, load_library, simulate
+from sysid_trib.discovery.engine.trials import DEFAULTS
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.trials import DEFAULTS
 
 SIX, CANDIDATES = load_library(), load_library("candidate_effects")
 BASE = {"lambda": 2e-4, "zeta": 0.005, "delta": 0.03, "nu": -0.4, "epsilon": 0.3}
@@ -66,7 +66,7 @@ def test_a_blind_record_is_named_from_its_files(number):
 
 
 def test_a_slope_by_a_shape_that_is_no_number_is_refused(tmp_path):
-    """Of v^p at p = 1 the force has values, and its slope by p has none where v is negative."""
+    """At p = 1 the force v^p has values, but no slope by p where v is negative."""
     place = tmp_path / "own.toml"
     place.write_text(
         '[[force]]\nsymbol = "own"\nformula = "v**p"\n'

@@ -9,7 +9,7 @@ import pytest
 from command_line import run
 
 from sysid_trib import load_library
-from sysid_trib.commands.app import COMMANDS
+from sysid_trib.commands.options import COMMANDS, OPTIONS_OF, defaults_of, rows_of_command
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing.identification import identification_table
@@ -89,15 +89,15 @@ def test_json_follows_the_schema(twin):
     check = found["cross_check"]
     assert check["verdict"] == "agree"
     assert check["p_value"] > 0.01
-    assert {*PAPER_COEFFICIENTS, "asymptotic frequency"} == set(check["differences"])
+    assert {*PAPER_COEFFICIENTS, "asymptotic frequency"} == set(check["quantity"])
     # The twin's models never leave the noise: a time that is not finite is null.
-    assert check["models"]["direct"]["departure_time"] is None
+    assert found["judged"]["direct"]["departure_time"] is None
     assert "simulation of the PDMS" in found["record"]["source"]
 
 
 def test_result_file(twin, tree):
-    curves = {"backbone", "lack_of_fit"}
-    assert set(tree.children) == {"record", "envelope", "averaging", "direct", "comparison"} | curves
+    curves = {"backbone", "lack_of_fit", "consequences"}
+    assert set(tree.children) == {"record", "envelope", "averaging", "direct", "judged", "agreement"} | curves
     for method, found in twin[1]["methods"].items():
         for symbol, one in found["coefficients"].items():
             assert tree[method].ds.coefficient.sel(force=symbol).item() == one["value"]
@@ -121,9 +121,9 @@ def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
     told = run(*asked, "--set", "jenkins.s=0.05").out
     assert re.search(r"jenkins\.s +shape parameter +0\.05 \(held\)", told)
     assert "--set jenkins.s=0.05" in told.split("Next: ")[1]
-    assert "The record is explained" in told
+    assert "The model explains the record" in told
     # At the library's own value the same record is not explained, and that is said.
-    assert "The record is explained" not in run(*asked).out
+    assert "The model explains the record" not in run(*asked).out
     wrong = run(*asked, "--set", "jenkins.q=0.05")
     assert wrong.status == 2
     assert "jenkins.s" in wrong.complaint
@@ -210,3 +210,8 @@ def test_examples_that_are_quick_work(tmp_path):
 @pytest.mark.in_full
 def test_all_examples_work(tmp_path):
     _works(EXAMPLES, tmp_path)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_has_a_type_and_a_text_of_help(command):
+    assert set(defaults_of(OPTIONS_OF[command])) == set(rows_of_command(command))

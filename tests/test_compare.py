@@ -17,8 +17,8 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.methods import Averaging, Direct, LogarithmicDecrement
 from sysid_trib.printing.comparison import comparison_blocks
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.judged import column_power, comparison_of
 from sysid_trib.validation.compare import every_method
-from sysid_trib.validation.findings import column_power
 from sysid_trib.validation.holdout import split
 
 FORCES = load_library()
@@ -36,12 +36,12 @@ def paper():
 
 
 def table():
-    return paper()[0]["comparison"].to_dataset()
+    return comparison_of(paper()[0])
 
 
 def of(found, method):
-    """A method's row; `sel(method=...)` is an option of xarray."""
-    return found.sel({"method": method})
+    """Return the row of a method."""
+    return found.sel(model=method)
 
 
 def test_true_models_predict_to_the_noise():
@@ -96,8 +96,8 @@ class Wild:
 
 def test_a_model_that_runs_away_and_a_method_that_breaks():
     record = RUN.decay(7)
-    found = compare(record, FORCES, [Wild(), Wild(broken=True), Direct()])["comparison"].ds
-    assert found.method.values.tolist() == ["wild", "wild (broken)", "direct"]
+    found = comparison_of(compare(record, FORCES, [Wild(), Wild(broken=True), Direct()]))
+    assert found.model.values.tolist() == ["wild", "wild (broken)", "direct"]
     assert of(found, "wild").reason.item() == "its model diverges"
     assert of(found, "wild (broken)").reason.item() == "failed: LinAlgError, singular"
     assert np.isnan(of(found, "wild").residual_rms.item())
@@ -107,11 +107,11 @@ def test_a_missing_force_is_told():
     """Errors have a part of the model then, in tables and figures alike."""
     library = FORCES.select(["lambda", "zeta", "epsilon"])
     tree = compare(RUN.decay(7), library, [Direct(), Averaging()])
-    table = tree["comparison"].ds
+    table = comparison_of(tree)
     assert table.residual_over_noise.values.min() > 3.0
-    assert "a force is missing or has another form" in " ".join(sentences_of(comparison_blocks(tree)))
+    assert "a force is missing or has a different form" in " ".join(sentences_of(comparison_blocks(tree)))
     best = of(table, table.attrs["best"])
-    for label in table.method.values.tolist():
+    for label in table.model.values.tolist():
         row, result = of(table, label), tree[label].to_dataset()
         assert (result.standard_error > result.error_of_noise).any()
         if label != table.attrs["best"]:
@@ -133,8 +133,8 @@ def test_a_prediction_that_is_good_by_accident_is_told():
     methods = {name: every_method()[name] for name in ("averaging", "averaging (printed rule)", "direct")}
     tree = compare(RUN.decay(7), FORCES.select(["lambda", "zeta"]), methods)
     told = " ".join(sentences_of(comparison_blocks(tree)))
-    assert "predicted best by averaging (printed rule)" in told
-    assert "by accident" in told
+    assert "Averaging (printed rule) predicts the held-out part best" in told
+    assert "a coincidence" in told
     # Its frequency may be far off: coefficients refer to that of the model that misses the record least.
     least = re.search("times that of (.+?): its prediction", told)[1]
     assert f"rad/s (w of {least})" in told
@@ -161,8 +161,8 @@ def test_alpha_from_the_frequency_without_contact():
     ("record", "library", "methods", "reason"),
     [
         ([], FORCES, [Direct()], "No run is given"),
-        ("run.csv", FORCES, [Direct()], "A decay is a Dataset"),
-        (None, "contact_forces", [Direct()], "ForceLibrary"),
+        ("run.csv", FORCES, [Direct()], "not the name of a file; read it"),
+        (None, "contact_force", [Direct()], "Did you mean 'contact_forces'"),
         (None, FORCES, [Direct], "a method such as"),
         (None, FORCES, [], "at least one"),
     ],
@@ -207,7 +207,7 @@ SHORT = replace(paper_run(FIVE, duration=15.0, sampling_rate=50.0), start=0.6)
 
 @cache
 def two_runs():
-    """Of different lengths, amplitudes, sampling rates and noises."""
+    """Return runs of different lengths, amplitudes, sampling rates and noises."""
     return [RUN.decay(7), SHORT.decay(8, 3e-4)]
 
 
@@ -219,9 +219,9 @@ def of_two_runs():
 @pytest.mark.slow
 def test_several_runs_are_identified_together():
     tree = of_two_runs()
-    found = tree["comparison"].to_dataset()
+    found = comparison_of(tree)
     runs = {f"{name}_{at}" for name in ("record", "envelope") for at in (1, 2)}
-    assert set(tree.children) == {*runs, "comparison", *TOGETHER}
+    assert set(tree.children) == {*runs, "comparison", "judged", *TOGETHER}
     for label in TOGETHER:
         assert of(found, label).reason.item() == ""
     assert tree["direct"].to_dataset().equals(identify(two_runs(), FORCES, Direct()))
@@ -236,12 +236,12 @@ def test_several_runs_are_identified_together():
 
 def test_rms_are_over_the_runs_and_each_ones_noise():
     tree = of_two_runs()
-    found = tree["comparison"].to_dataset()
+    found = comparison_of(tree)
     noises = [sensor_noise(run) for run in two_runs()]
     assert found.run_noise.values.tolist() == noises == pytest.approx([1e-4, 3e-4], rel=0.1)
     for name in ("residual", "train", "holdout"):
         each = found[f"run_{name}_rms"]
-        assert each.dims == ("method", "run")
+        assert each.dims == ("model", "run")
         np.testing.assert_allclose(found[f"{name}_rms"], np.sqrt((each**2).mean("run", skipna=False)))
         ratio = np.sqrt(((each / noises) ** 2).mean("run", skipna=False))
         np.testing.assert_allclose(found[f"{name}_over_noise"], ratio)

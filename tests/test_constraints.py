@@ -34,7 +34,7 @@ def test_a_fixed_value_stays_one_with_a_frequency_without_contact(record):
 
 @METHODS
 def test_a_fixed_value_comes_back_exactly_and_conditions_the_others(record, method):
-    """What is known of one coefficient is passed on by the covariance of the unconstrained fit."""
+    """The covariance of the unconstrained fit gives the effect of a fixed coefficient on others."""
     truth, free = FIVE["epsilon"], method(reference_frequency=W).identify(record, FORCES)
     fixed = method(reference_frequency=W, constraints={"epsilon": truth}).identify(record, FORCES)
     held = fixed.sel(force="epsilon")
@@ -181,14 +181,6 @@ def test_what_a_method_cannot_hold_is_refused(record, method, asked, said):
         method(reference_frequency=W, constraints=asked).identify(record, FORCES)
 
 
-def test_old_arguments_are_parts_of_the_one_with_a_warning():
-    old = {"fix": {"lambda": 0.0}, "bounds": {"zeta": (0.0, None)}, "tie": {"nu": "2*delta"}}
-    with pytest.warns(DeprecationWarning, match="one argument now") as caught:
-        method = Direct(**old)
-    assert caught[0].filename == __file__
-    assert method == Direct(constraints={"lambda": 0.0, "zeta": (0.0, None), "nu": "2*delta"})
-
-
 @pytest.mark.slow
 def test_a_method_that_takes_no_constraint_keeps_its_row():
     ending = run("compare", *QUICK, "--fix", "lambda=0", "--tie", "zeta=delta**2", "--json")
@@ -228,7 +220,7 @@ def swing():
 
 @pytest.mark.parametrize("method", [Direct(random_force="off"), Trajectory(random_force="off")])
 def test_a_coefficient_that_one_s_own_library_states_is_held(swing, method, tmp_path):
-    """As `--system` holds it; a constraint says something else, and those of the package are free."""
+    """It is held as by `--system`; a constraint overrides it, and forces of the package are free."""
     (tmp_path / "own.toml").write_text(OWN)
     own = load_library(tmp_path / "own.toml")
 

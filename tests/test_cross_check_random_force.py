@@ -36,14 +36,14 @@ def pair(record):
 def test_the_error_of_a_difference_knows_the_random_force(record, pair):
     known = pair[1]
     averaged = Averaging(random_force="estimated").identify(record, FORCES)
-    compared = st.cross_check(record, averaged, known)["comparison"]
+    compared = st.cross_check(record, averaged, known)["agreement"]
     assert (compared.attrs["errors"], compared.attrs["verdict"]) == ("influence", "agree")
     # Where one method is efficient the variances subtract (Hausman 1978).
     variances = (result.standard_error.values**2 for result in (averaged, known))
     expected = np.sqrt(np.subtract(*variances))
     np.testing.assert_allclose(compared.standard_error[:-1], expected, rtol=0.35)
     off = averaged.assign(coefficient=averaged.coefficient + 8.0 * known.standard_error)
-    assert st.cross_check(record, off, known)["comparison"].attrs["verdict"] == "disagree"
+    assert st.cross_check(record, off, known)["agreement"].attrs["verdict"] == "disagree"
 
 
 @pytest.mark.in_full
@@ -51,7 +51,7 @@ def test_p_values_are_those_of_chance_where_the_motion_is_pushed():
     methods, p_values = (Averaging(random_force="estimated"), AUTO), []
     for seed in range(20):
         record = pushed(100 + seed)
-        compared = st.cross_check(record, *(m.identify(record, FORCES) for m in methods))["comparison"]
+        compared = st.cross_check(record, *(m.identify(record, FORCES) for m in methods))["agreement"]
         assert compared.attrs["errors"] == "influence"
         p_values.append(compared.p_value.item())
     assert min(p_values) > 1e-3
@@ -59,24 +59,24 @@ def test_p_values_are_those_of_chance_where_the_motion_is_pushed():
 
 
 def test_the_residual_beside_a_random_force_is_the_innovation(record, pair):
-    compared = st.cross_check(record, *pair)["comparison"]
+    compared = st.cross_check(record, *pair)["judged"]
     free, known = (compared.isel(model=at) for at in range(2))
     innovations = st.validation.innovations(record, pair[1])
-    assert known.residual_rms == innovations.innovation_rms
-    assert known.residual_over_noise == pytest.approx(1.0, abs=0.1)
-    assert known.residual_p_value > 1e-3
+    assert known.tested_rms == innovations.innovation_rms
+    assert known.tested_over_noise == pytest.approx(1.0, abs=0.1)
+    assert known.p_value > 1e-3
     assert np.isnan(known.departure_time)
     # The wander that a free motion leaves.
-    assert free.residual_over_noise > 1.2
-    assert free.residual_p_value < 1e-3
+    assert free.tested_over_noise > 1.2
+    assert free.p_value < 1e-3
 
 
 def test_two_methods_with_a_random_force_agree(record):
     start = {"start": MODEL, "random_force": "estimated"}
     pair = [st.identify(record, FORCES, method) for method in (Trajectory(**start), AUTO)]
-    compared = st.cross_check(record, *pair)["comparison"]
-    assert compared.attrs["verdict"] == "agree"
-    assert np.all(compared.residual_over_noise < 1.1)
+    tree = st.cross_check(record, *pair)
+    assert tree["agreement"].attrs["verdict"] == "agree"
+    assert np.all(tree["judged"].tested_over_noise < 1.1)
 
 
 def quiet(periods, per_period, seed):

@@ -24,7 +24,7 @@ def test_exact_without_noise(sampling_rate, phase):
     run = paper_run(sampling_rate=sampling_rate)
     angle = trajectory(run.model, run.time, 0.3 * np.cos(phase), -0.3 * W * np.sin(phase)).angle
     result = Direct(W).identify(decay(run.time, angle), run.model.library)
-    assert result.attrs["refined"] == "True"
+    assert result.refined
     np.testing.assert_allclose(values(result, FIVE), list(FIVE.values()), rtol=1e-7)
     assert result.coefficient.sel(force="alpha").item() == pytest.approx(0.0, abs=1e-10)
 
@@ -68,7 +68,7 @@ def test_refinement_removes_the_bias_of_smoothed_columns():
     unrefined = Direct(W, refine=False).identify(run.decay(), run.model.library)
     refined = Direct(W).identify(run.decay(), run.model.library)
     bias = [np.abs(values(r, STRONG) - list(STRONG.values())) / bound(run) for r in (unrefined, refined)]
-    assert (unrefined.attrs["refined"], refined.attrs["refined"]) == ("False", "True")
+    assert (unrefined.refined.item(), refined.refined.item()) == (False, True)
     assert np.max(bias[0]) > 1.0
     assert np.max(bias[1]) < 0.01
 
@@ -107,6 +107,6 @@ def run_with(symbol):
 def test_forces_with_a_shape_or_a_past_are_exact_without_noise(symbol):
     run, method = run_with(symbol)
     result = method.identify(run.decay(), run.model.library)
-    assert result.attrs["refined"] == "True"
+    assert result.refined
     truth = run.model.coefficients
     np.testing.assert_allclose(values(result, truth), list(truth.values()), rtol=1e-7)

@@ -27,11 +27,12 @@ from helpers import FIVE, NOISE, W, decay, rms, rms_range, share_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import discover
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.omnibus_test import independent_tests
 from sysid_trib.discovery.parts import verdict_of
 from sysid_trib.discovery.screen import screen
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood.trials import DEFAULTS, Settings, has_frequency_parameter
+from sysid_trib.forces.shape_parameters import has_frequency_parameter
 from sysid_trib.printing.discovery_tables import formula_text
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layout import value_with_error
@@ -137,7 +138,7 @@ def test_two_missing_effects_are_both_named():
 
 
 def test_names_that_were_not_compared_explain_nothing():
-    """Both are right, and nothing is left; but what else may stand in their place was not fitted."""
+    """Both names are right and the residual is noise, but their competitors were not fitted."""
     tree = discover(with_two(), BASE, FEW, settings=Settings(most_fits=3))
     assert set(tree["steps"].symbol.values) == {"cubic_damping", "even_spring"}
     assert tree.attrs["verdict"] == "unknown effect"
@@ -152,7 +153,7 @@ def test_a_search_ends_at_its_time_limit():
     run = with_two()
     tree = discover(run, BASE, FEW, time_limit=1e-3)
     assert tree.attrs["out_of_time"] == "0.001 s"
-    assert tree.attrs["converged"] == "False"
+    assert not tree["converged"]
     assert tree.attrs["verdict"] == "unknown effect"
     assert tree["steps"].attrs["count"] == 0
     told = " ".join(verdict_sentences(tree))
@@ -203,7 +204,7 @@ def test_discover_is_blind_to_the_last_third_unless_asked():
     assert again["record"].sizes["time"] == run.sizes["time"]
     for tree in (blind, again):
         assert tree.attrs["verdict"] == "explained"
-        assert tree.attrs["converged"] == "True"
+        assert tree["converged"]
         assert tree["steps"].symbol.values.tolist() == ["even_spring"]
         assert tree["steps"].prediction_z.item() > -DEFAULTS.refuted
         assert not tree["steps"].worsens_holdout.item()
@@ -228,7 +229,7 @@ MISSING = {
 
 @pytest.mark.in_full
 def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
-    """By the noise alone some half of 95 % intervals do."""
+    """With errors by the noise alone, about half of the 95 % intervals cover."""
     library, inside = BASE.select(KNOWN), []
     for seed, (symbol, coefficient) in enumerate(MISSING.items()):
         model = start_model([with_effect({symbol: coefficient}, seed=seed, base=KNOWN)], library)
@@ -262,7 +263,7 @@ def test_slow_noise_is_not_named(seed):
 
 
 def test_rounding_does_not_decide_how_many_tests_are_independent():
-    """Of candidates that are alike: a perturbation far below what matters changes little."""
+    """With similar candidates a tiny perturbation changes little."""
     random = np.random.default_rng(3)
     columns = random.standard_normal((60, 20)) @ random.standard_normal((20, 150))
     columns = np.column_stack([columns, columns + 1e-9 * random.standard_normal(columns.shape)])

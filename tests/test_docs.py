@@ -21,7 +21,7 @@ from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.identification import identification_json
 from sysid_trib.printing.laws import laws_json
 from sysid_trib.printing.layout import mapped
-from sysid_trib.validation.samples import held_against
+from sysid_trib.questions.difference import held_against
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -92,6 +92,18 @@ def test_sentences_of_the_first_pages_are_short_and_no_command_is_hidden(name):
     assert "<!-- output" not in text
 
 
+TASKS_OF_PYTHON = 6
+
+
+def test_a_task_in_python_takes_eight_lines_at_most():
+    text = (DOCS / "python.md").read_text(encoding="utf-8").partition("\n## What there is\n")[0]
+    tasks = text.split("\n## ")[1:]
+    assert len(tasks) == TASKS_OF_PYTHON
+    for task in tasks:
+        (code,) = (code for kind, code in BLOCK.findall(task) if kind == "python")
+        assert len(code.splitlines()) <= 8
+
+
 # Pages whose code takes seconds; that of the others is slow.
 QUICK_PAGES = {"adding_a_method", "forces", "start"}
 
@@ -155,10 +167,10 @@ def test_no_command_draws_over_a_picture_of_the_documentation():
     assert pictures.isdisjoint(st.plots.__all__)
 
 
-def test_no_method_is_chosen_by_a_keyword_of_xarrays_own():
+def test_no_page_selects_by_an_argument_that_xarray_has_itself():
     pages = [*DOCS.glob("*.md"), *(ROOT / "notebooks").glob("*.py"), ROOT / "README.md"]
     assert [page.name for page in pages if "sel(method=" in page.read_text(encoding="utf-8")] == []
-    assert 'sel({"method": "direct"})' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
+    assert 'sel(model="direct")' in (DOCS / "campaigns.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.slow
@@ -208,9 +220,8 @@ def _general(path, documented):
     for pattern, name in (
         (r"(?<=^methods\.)[^.]+", "METHOD"),
         (r"(?<=^coefficients\.)[^.]+", "FORCE"),
-        (r"(?<=^cross_check\.models\.)[^.]+", "METHOD"),
-        (r"(?<=^comparison\.models\.)[^.]+", "METHOD"),
-        (r"(?<=^cross_check\.differences\.)[^.]+", "QUANTITY"),
+        (r"(?<=^judged\.)[^.]+", "METHOD"),
+        (r"(?<=^cross_check\.quantity\.)[^.]+", "QUANTITY"),
         (r"(?<=^per_input\.)[^.]+", "QUANTITY"),
         (r"(?<=\.coefficients\.)[^.]+", "FORCE"),
     ):

@@ -1,4 +1,4 @@
-"""What a user of a driven record is told: the drive, forces that fit, errors that hold, what is next."""
+"""Advice on driven records: the input, forces that fit, errors, the next command."""
 
 from dataclasses import replace
 
@@ -42,11 +42,11 @@ def driven(seed: int, part: float) -> xr.Dataset:
 
 
 def answer(tree: xr.DataTree) -> xr.Dataset:
-    return tree[tree["comparison"].attrs["answer"]].to_dataset()
+    return tree[tree["judged"].attrs["preferred"]].to_dataset()
 
 
 def coverage(part: float, seeds: range) -> np.ndarray:
-    """How many of the 95 % intervals of each coefficient hold the truth."""
+    """Return the fraction of 95 % intervals of each coefficient that cover."""
     z = [scores(answer(st.identify(driven(seed, part), FORCES)), TRUTH) for seed in seeds]
     return np.mean(np.abs(z) < 1.96, axis=0)
 
@@ -54,18 +54,18 @@ def coverage(part: float, seeds: range) -> np.ndarray:
 @pytest.mark.slow
 def test_noise_of_the_measured_force_is_a_random_force_whose_fit_is_the_answer() -> None:
     tree = st.identify(driven(0, 0.03), FORCES)
-    compared = tree["comparison"]
-    assert compared.attrs["verdict_on_record"] == "explained with a random force"
-    assert compared.attrs["answer"] == "direct"
+    judged = tree["judged"].attrs
+    assert judged["verdict"] == "explained with a random force"
+    assert judged["preferred"] == "direct"
     assert np.abs(scores(answer(tree), TRUTH)).max() < 3.5
     # Both methods know it, and agree.
-    assert np.abs(compared.z.values).max() < 1.0
+    assert np.abs(tree["agreement"].z.values).max() < 1.0
 
 
 def test_what_a_model_lacks_is_no_random_force_and_widens_its_errors() -> None:
     library = FORCES.select(["gain", "lambda", "zeta"])
     tree = st.identify(driven(0, 0.01), library)
-    assert tree["comparison"].attrs["verdict_on_record"] in ("approximate", "not explained")
+    assert tree["judged"].attrs["verdict"] in ("approximate", "not explained")
     assert (answer(tree).error_of_model > 0.0).all()
 
 
@@ -108,7 +108,7 @@ def test_a_driven_rate_or_acceleration_is_compared_as_it_is(quantity, bias, nois
     record = st.read_record(measured(quantity, bias, tmp_path, noise), input="torque")
     tree = st.identify(record, FORCES)
     result = answer(tree)
-    assert tree["comparison"].attrs["verdict_on_record"] == "explained"
+    assert tree["judged"].attrs["verdict"] == "explained"
     assert result.attrs["compared_in"] == quantity
     assert np.abs(scores(result, TRUTH)).max() < 3.5
     assert abs(result.bias.item() - bias) < 4.0 * result.bias_standard_error.item()
@@ -135,7 +135,7 @@ def test_the_speed_of_a_motor_and_its_voltage_give_its_friction(tmp_path) -> Non
     asked = ("--angle", "v (mm/s)", "--input", "u (V)", "--between", "held", "--system", "axis")
     ending = run("identify", path, *asked)
     assert ending.status == 0, ending.err
-    assert "which compares the rate itself" in ending.out
+    assert "it is fitted to the rate itself" in ending.out
     assert "In the unit of the input u: mass (7.7" in ending.out
     # A body without a restoring force is searched for nothing: the result is kept.
     assert ending.out.splitlines()[-1].startswith("Next: sysid-trib identify")

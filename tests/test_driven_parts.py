@@ -63,7 +63,7 @@ def test_one_sample_that_leaps_is_named_and_left_out(whole: xr.Dataset, name: st
     tree = identified_driven(spoiled, FORCES, DIRECT, st.methods.Trajectory(random_force="off"))
     assert f"1 outlier of {name} left out" in tree["record"].attrs["free_decay"]
     assert " at 6 s" in tree["record"].attrs["free_decay"]
-    assert tree["comparison"].attrs["verdict_on_record"] == "explained"
+    assert tree["judged"].attrs["verdict"] == "explained"
     clean = st.identify(whole, FORCES, DIRECT)
     result = tree["direct"].to_dataset()
     assert np.abs(scores(result, TRUTH)).max() < 4.0

@@ -7,14 +7,14 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.discovery.engine.start_model import fit_start_model
 from sysid_trib.discovery.unseen import search_parts
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.start_model import fit_start_model
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.records.smoothing import first_frequency
-from sysid_trib.validation.findings import record_noise
+from sysid_trib.results.judged import record_noise
 
 W, NOISE = 9.9, 2e-4
 INPUTS, CONTACT = st.load_library("inputs"), st.load_library("contact_forces")
@@ -55,8 +55,8 @@ def test_a_search_begins_with_what_drives_and_finds_the_cubic_spring(driven):
     assert tree.attrs["verdict"] == "explained"
     # No spline knows the noise of a driven motion: it is said how much of it is left, and that this is white.
     said = verdict_sentences(tree)[0]
-    assert said.startswith("Explained: with epsilon the gap is 0.")
-    assert "% of the motion (RMS), and white. No further departure" in said
+    assert said.startswith("Explained: with epsilon the residual is 0.")
+    assert "% of the motion (RMS), and white. Neither the candidates nor the omnibus test" in said
     assert record_noise(tree) == pytest.approx(NOISE, rel=0.1)
     after = tree["after"].to_dataset()
     for symbol, true in TRUTH.items():
@@ -95,7 +95,7 @@ def test_a_long_driven_record_is_searched_in_stretches_and_a_decay_is_not():
     ("forces", "said"),
     [
         (library("gain base_spring", "zeta"), "which this record lacks"),
-        (library("gain free_axis", "zeta"), "restoring force, which this body has none of"),
+        (library("gain free_axis", "zeta"), "needs a restoring force, and this body has none"),
     ],
 )
 def test_what_a_search_cannot_take_is_refused(driven, forces, said):
@@ -108,11 +108,11 @@ def test_methods_of_inputs_stand_side_by_side_and_the_others_say_why_not(driven)
     methods = [st.methods.Direct(), st.methods.Trajectory(), st.methods.Averaging()]
     table = st.compare(driven, library("gain", "zeta epsilon"), methods)["comparison"].to_dataset()
     for label in ("direct", "trajectory"):
-        row = table.sel({"method": label})
+        row = table.sel(model=label)
         assert row.coefficient.sel(force="gain").item() == pytest.approx(0.05, rel=1e-3)
         assert row.holdout_over_noise.item() < 1.2
-    assert "takes free decays alone" in table.sel({"method": "averaging"}).reason.item()
-    assert table.attrs["white_residual"] == "yes"
+    assert "takes free decays alone" in table.sel(model="averaging").reason.item()
+    assert table.white_residual
 
 
 def on_a_belt(friction: float, speed: float) -> xr.Dataset:

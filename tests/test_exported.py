@@ -96,7 +96,7 @@ def test_a_table_for_latex(tree):
 
 
 def test_shapes_stand_in_table_csv_and_equation(tmp_path):
-    """With a value in all of them: an equation without one is none."""
+    """All of them have the value: an equation without it is incomplete."""
     library = tmp_path / "own.toml"
     peak = st.load_library("candidate_effects")["stribeck"]
     offered = st.forces.ForceLibrary("own", (*FORCES.select(["lambda", "zeta"]), peak))
@@ -161,7 +161,7 @@ def test_torques_and_friction_with_their_errors_stand_in_table_csv_and_latex(tmp
     assert "friction coefficient" in ending.out
     assert "inertia 0.01200 ± 0.00020 kg m2" in ending.out
     assert "N m s rad-1" in ending.out
-    assert "Errors hold that of the scale" in ending.out
+    assert "Errors include that of the scale" in ending.out
     rows = list(csv.DictReader(io.StringIO(places["csv"].read_text())))
     of_zeta, in_si = (
         [r for r in rows if r["quantity"] == "zeta" and r["unit"] == u] for u in ("1", "N m s rad-1")

@@ -24,7 +24,7 @@ FORCE = '[[force]]\nsymbol = "s"\n'
 
 
 def ends_of(tmp_path, kind, numbers):
-    """How cases of a kind end, but those that end well."""
+    """Return the cases of a kind that end in a fault."""
     cases = [run(kind, 0, number, tmp_path) for number in numbers]
     return [case for case in cases if case["end"].startswith(FAULTS)]
 

@@ -122,7 +122,7 @@ def test_a_state_that_switches_against_itself_is_refused():
 
 
 def test_friction_of_a_belt_is_identified_about_the_place_to_which_it_pulls():
-    """It moves the equilibrium by its coefficient, about which the phase of record and model counts."""
+    """The friction moves the equilibrium by its coefficient; phases count about it."""
     names = {"mu": 0.02, "viscous": 0.02}
     time = np.arange(0.0, 25.0, 0.01)
     angle = simulate(Model(LIBRARY, names, 8.87), time, 0.3).angle.values

@@ -6,7 +6,7 @@ from helpers import decay, density_that_wanders
 
 import sysid_trib as st
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.likelihood.random_force import RandomForce
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.simulation.initial_conditions import fit_start
 
 W, NOISE = 8.87, 2e-4

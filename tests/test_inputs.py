@@ -145,7 +145,7 @@ def test_runs_share_what_is_theirs_and_have_the_rest_of_their_own() -> None:
         assert result.force.values.tolist() == ["gain", "zeta", "epsilon", "lambda_1", "lambda_2"]
         truth = {s: TRUTH[s] for s in ("gain", "zeta", "epsilon")} | {"lambda_1": 0.004, "lambda_2": 0.008}
         assert np.abs(scores(result, truth)).max() < 4.5
-    assert tree["comparison"].attrs["verdict_on_record"] == "explained"
+    assert tree["judged"].attrs["verdict"] == "explained"
     predicted = st.predict(tree["trajectory"].to_dataset(), runs[1], run=1)
     assert predicted.residual_rms == pytest.approx(1e-4, rel=0.1)
     wrong = st.predict(tree["trajectory"].to_dataset(), runs[1], run=0)
@@ -372,7 +372,7 @@ def record() -> xr.Dataset:
 
 
 def fitted(run: xr.Dataset, warm_up: float) -> xr.Dataset:
-    """From a model that is off by a tenth."""
+    """Fit from a model that is wrong by a tenth."""
     shapes = SHAPES | {"bouc_wen_n.s": 0.055}
     near = {"gain": 0.055, "zeta": 0.02, "bouc_wen_n": 0.45}
     method = st.methods.Trajectory(
@@ -498,7 +498,7 @@ STEPPED = np.repeat(np.random.default_rng(1).standard_normal(40), 30)
 def test_an_input_is_smooth_between_its_samples_unless_it_moves_in_steps(
     name: str, values: np.ndarray, between: str, tmp_path: Path
 ) -> None:
-    """In memory, in files, and in a simulation alike."""
+    """The same holds in memory, in files, and in a simulation."""
     time = TIME[: len(values)]
     record = xr.Dataset({"angle": ("time", tones(time)), "u": ("time", values, {"role": "input"})})
     assert inputs_of(record.assign_coords(time=time))["u"].between == between, name

@@ -1,4 +1,4 @@
-"""What the compiler keeps on disk: a file that is cut short is compiled anew."""
+"""Cache of the compiler on disk: a damaged file is compiled again."""
 
 import importlib
 import os

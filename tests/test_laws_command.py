@@ -11,7 +11,7 @@ from command_line import run, write_csv
 import sysid_trib as st
 from sysid_trib.printing.laws import laws_blocks, laws_csv, laws_json, laws_latex
 from sysid_trib.reporting.page import page
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.smooth_laws import bands, shown
 
 FREQUENCY, AMPLITUDE, NOISE = 9.0, 0.3, 1e-4
@@ -60,12 +60,12 @@ def test_bands_hold_the_laws_that_made_the_record(tree):
 
 def test_json_has_the_names_of_the_variables_and_the_numbers_of_the_result(folder, tree):
     data = json.loads((folder / "laws.json").read_text(encoding="utf-8"))
-    assert data["answer"] == tree["comparison"].attrs["answer"] == "direct"
-    assert data["verdict_on_record"] == "explained"
+    assert data["answer"] == tree["judged"].attrs["preferred"] == "direct"
+    assert data["verdict"] == "explained"
     for name, method in data["methods"].items():
         for key in ("speed", "friction", "friction_low", "friction_high", "restoring", "displacement"):
             np.testing.assert_allclose(method[key], tree[name][key].values)
-    assert len(data["comparison"]["friction_z"]) == tree["comparison"].sizes["speed"]
+    assert len(data["agreement"]["friction_z"]) == tree["agreement"].sizes["speed"]
     assert data["feeds_energy"] == {"certainly": [], "seemingly": [], "beyond": []}
     assert data["test"][0]["residual_over_motion"] < 0.01
 
@@ -114,7 +114,7 @@ def test_the_equation_is_exported(folder):
 def test_a_table_shows_speeds_up_to_the_range_and_one_beyond(folder):
     ending = run("laws", folder / "run.csv", "--fix", "lambda=0")
     assert ending.status == 0
-    assert ending.out.startswith("The laws explain the record: what they leave is nothing but noise.\n")
+    assert ending.out.startswith("The laws explain the record: the residual is noise.\n")
     assert ending.out.count("visited     ") == 14
     assert ending.out.count("extrapolated") == 2
     assert "The methods agree" in ending.out
@@ -123,7 +123,7 @@ def test_a_table_shows_speeds_up_to_the_range_and_one_beyond(folder):
 
 def test_a_prediction_that_leaves_the_range_says_so(folder):
     ending = run("laws", folder / "run.csv", "--test", folder / "large.csv", "--quiet")
-    assert "beyond the 0.3 rad that the laws are known for" in ending.out
+    assert "beyond the 0.3 rad covered by the laws" in ending.out
 
 
 def test_a_displacement_is_shown_in_its_unit(folder):
@@ -199,7 +199,9 @@ def test_few_half_periods_give_the_laws_of_the_named_forces(tmp_path):
     write_csv(tmp_path / "short.csv", *record_of(time=np.arange(0.0, 2.3, 0.01)))
     ending = run("laws", tmp_path / "short.csv")
     assert ending.status == 0, ending.err
-    assert re.search(r"The record decides no curve\. [4-7] half periods are too few for a curve", ending.out)
+    assert re.search(
+        r"The record does not determine a curve\. [4-7] half periods are too few for a curve", ending.out
+    )
     assert "Next: sysid-trib identify " in ending.out
 
 
@@ -214,11 +216,9 @@ def test_figures_fit_a_column_and_a_page(tree):
 def test_latex_and_json_of_one_method_alone(tree):
     """A result whose averaging failed, as `laws` makes it."""
     alone = tree.copy(deep=True)
-    checked = alone["comparison"].to_dataset().sel(model=["direct"])
-    kept = checked.drop_vars([name for name in checked.data_vars if name.endswith(("_z", "_difference"))])
-    alone["comparison"] = alone["comparison"].copy()
-    alone["comparison"].dataset = kept.assign_attrs(first="direct", averaging_failed="no envelope")
-    del alone["averaging"]
+    alone["judged"].dataset = alone["judged"].to_dataset().sel(model=["direct"])
+    alone["judged"].attrs["averaging_failed"] = "no envelope"
+    del alone["averaging"], alone["agreement"]
     said = "\n".join(sentence for block in laws_blocks(alone) for sentence in block.sentences)
     assert "Averaging failed: no envelope. The laws are those of direct alone." in said
     assert list(laws_json(alone)["methods"]) == ["direct"]

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios
+from sysid_trib.discovery.engine.likelihood import likelihood
+from sysid_trib.discovery.engine.run_products import RunProducts, products_of, tried_ratios
+from sysid_trib.discovery.engine.trials import DEFAULTS
 from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.trials import DEFAULTS
 from sysid_trib.likelihood.weak_form import build_weak_form, noise_operator
 
 FORM = build_weak_form(np.arange(90) * 0.25)

@@ -22,13 +22,13 @@ def centre(found: dict) -> float:
 
 
 def refuted(found: dict) -> bool:
-    """Whether the forces offered are said not to explain the record, not even with a random force."""
+    """Return whether the forces do not explain the record, not even with a random force."""
     return found["verdict"] in ("approximate", "not explained") and found["random_force"] is None
 
 
 @pytest.mark.slow
 def test_a_pendulum_that_swings_far(data_folder):
-    """It hangs down at pi, gravity softens it, its bearing rubs, and a cubic force is not gravity."""
+    """The equilibrium is at pi, gravity softens the swing, the bearing rubs, and gravity is not cubic."""
     path = data_folder / "single_pendulum" / "free_swing.csv"
     found = identified(path, "--window", "15:75", "--forces", "lambda,zeta,delta,epsilon")
     assert centre(found) == pytest.approx(np.pi, abs=2e-3)

@@ -15,10 +15,11 @@ from helpers import FIVE, W, paper_run, sentences_of
 
 import sysid_trib as st
 from sysid_trib.commands import next_step as steps
-from sysid_trib.commands.app import COMMANDS, Asked, command_after, options_of
+from sysid_trib.commands.app import command_after
 from sysid_trib.commands.next_step import NEXT_COMMANDS, keep_next, next_step
+from sysid_trib.commands.options import COMMANDS, DiscoverOptions, ModelOptions, RecordOptions, SearchOptions
 from sysid_trib.printing.identification import identification_blocks
-from sysid_trib.validation.findings import holds
+from sysid_trib.results.judged import follows
 from sysid_trib.validation.identify import usual_methods
 
 FORCES = st.load_library()
@@ -44,12 +45,12 @@ def unexplained():
 
 
 def test_an_explained_record_leads_to_every_method():
-    assert holds(explained())
+    assert follows(explained())
     assert next_step(explained())[0] == "compare"
 
 
 def test_a_record_that_is_not_explained_leads_to_its_laws():
-    assert not holds(unexplained())
+    assert not follows(unexplained())
     assert next_step(unexplained())[0] == "laws"
 
 
@@ -60,10 +61,10 @@ def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
     swing = st.simulate(model, np.arange(0.0, 40.0, 0.02), 1.0, 0.0)
     swing["angle"] += 1e-3 * np.random.default_rng(1).standard_normal(swing.sizes["time"])
     tree = checked(st.free_decay(swing), FORCES.select(["lambda", "zeta"]), random_force="off")
-    keep_next(tree, Asked(options_of("records", "model", "start", "search")))
+    keep_next(tree, DiscoverOptions())
     assert "discover --system pendulum #" in tree.attrs["next"]
     # What swings is what the user says.
-    keep_next(tree, Asked(options_of("records", "model", "start", "search"), system="ship"))
+    keep_next(tree, DiscoverOptions(system="ship"))
     assert "laws --system ship" in tree.attrs["next"]
 
 
@@ -71,7 +72,7 @@ def test_the_next_command_takes_over_what_was_given(tmp_path):
     record = tmp_path / "a swing.csv"
     read = {"records": [record], "angle": "theta", "units": "deg", "window": "2:60"}
     model = {"forces": "zeta", "omega0": "8.87±0.02", "fix": ["zeta=0.01", "lambda=0"]}
-    given = Asked(options_of("records", "model"), **read, **model)
+    given = ModelOptions(**read, **model)
     compare = shlex.split(command_after("compare", {}, given))
     assert compare[:3] == ["sysid-trib", "compare", str(record)]
     for pair in (["--angle", "theta"], ["--window", "2:60"], ["--fix", "zeta=0.01"], ["--fix", "lambda=0"]):
@@ -114,10 +115,10 @@ def test_what_discover_names_is_identified_by_methods_that_can(symbol):
 
 def test_methods_that_agree_as_a_whole_are_not_said_to_agree_within_their_errors():
     tree = explained().copy(deep=True)
-    tree["comparison"].z[:] = [0.1, -2.8, 0.5, 0.0, 1.0, -1.0]
+    tree["agreement"].z[:] = [0.1, -2.8, 0.5, 0.0, 1.0, -1.0]
     text = " ".join(sentences_of(identification_blocks(tree)))
-    assert "Averaging and direct agree as a whole; zeta differs by 2.8 errors." in text
-    tree["comparison"].z[:] = 1.9
+    assert "Averaging and direct agree as a whole; zeta differs by 2.8 standard errors." in text
+    tree["agreement"].z[:] = 1.9
     assert "agree within their errors" in " ".join(sentences_of(identification_blocks(tree)))
 
 
@@ -130,7 +131,7 @@ def test_every_state_leads_to_a_command_of_the_program_and_the_graph_ends():
 def test_a_placeholder_is_marked_and_never_the_only_step(monkeypatch):
     monkeypatch.setattr(steps, "_tied", lambda tree: ["quintic", "epsilon"])
     tree = searched_in_vain().copy()
-    keep_next(tree, Asked(options_of("records", "start", "search"), records=[Path("a.csv")]))
+    keep_next(tree, DiscoverOptions(records=[Path("a.csv")]))
     (with_record,) = [line for line in tree.attrs["alternatives"].splitlines() if "CSV" in line.upper()]
     assert with_record.startswith("With the record that separates quintic and epsilon")
     assert with_record.endswith("discover a.csv '<SECOND_RECORD.csv>'")
@@ -139,7 +140,7 @@ def test_a_placeholder_is_marked_and_never_the_only_step(monkeypatch):
 
 def test_an_effect_that_no_candidate_names_does_not_lead_to_the_same_search():
     tree = searched_in_vain().copy()
-    given = Asked(options_of("records", "start", "search", "shown"), forces="zeta", plot=Path("figures"))
+    given = DiscoverOptions(forces="zeta", plot=Path("figures"))
     keep_next(tree, given)
     assert tree.attrs["verdict"] == "unknown effect"
     assert not tree.attrs["next"].startswith("sysid-trib discover")
@@ -155,7 +156,7 @@ def searched_in_vain():
 
 def test_paths_and_numbers_are_written_as_they_were_given(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["sysid-trib", "look", "./data//swing.csv"])
-    given = Asked(options_of("records"), records=[Path("data/swing.csv")], sampling_rate=10000.0)
+    given = RecordOptions(records=[Path("data/swing.csv")], sampling_rate=10000.0)
     assert command_after("identify", {}, given) == (
         "sysid-trib identify ./data//swing.csv --sampling-rate 10000"
     )
@@ -184,7 +185,7 @@ def test_a_short_record_is_refused_with_the_forces_that_it_decides(tmp_path):
 
 
 def test_what_a_command_was_given_reaches_a_worker():
-    given = Asked(options_of("records", "model"), forces="zeta")
+    given = ModelOptions(forces="zeta")
     sent = pickle.loads(pickle.dumps(given))
     # By what it is written as a store knows its campaign.
     assert (vars(sent), repr(sent)) == (vars(given), repr(given))
@@ -192,12 +193,12 @@ def test_what_a_command_was_given_reaches_a_worker():
 
 
 def test_a_file_that_begins_with_a_dash_is_no_option():
-    given = Asked(options_of("records"), records=[Path("-a.csv"), Path("b.csv")])
+    given = RecordOptions(records=[Path("-a.csv"), Path("b.csv")])
     assert command_after("identify", {}, given) == "sysid-trib identify ./-a.csv b.csv"
 
 
 def test_forces_of_one_s_own_that_were_candidates_are_known_to_the_next_command():
-    given = Asked(options_of("search", "model"), candidates="own.toml")
+    given = SearchOptions(candidates="own.toml")
     step = "identify", {"forces": "zeta,slip"}
     assert command_after(*step, given) == "sysid-trib identify --library own.toml --forces zeta,slip"
     assert "--candidates own.toml" in command_after("discover", {}, given)

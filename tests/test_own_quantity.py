@@ -61,7 +61,7 @@ def test_identify_says_in_what_it_compares(tmp_path):
     decay_of(tmp_path / "phone.csv", "rate", 3)
     ending = run("identify", tmp_path / "phone.csv", "--forces", "zeta,delta")
     assert ending.status == 0, ending.err
-    assert "Trajectory compares the rate itself, with a bias of" in ending.out
+    assert "Trajectory is fitted to the rate itself, with a bias of" in ending.out
 
 
 def test_an_accelerometer_on_a_pendulum_shows_its_angle_and_forces(tmp_path):

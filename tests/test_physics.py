@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from candidates import CANDIDATES
-from helpers import paper_run, rms_range
+from helpers import rms_range
 from known_results import PAPER, W, correlated, known
 from scipy.integrate import quad
 
@@ -16,7 +16,6 @@ from sysid_trib.physics.force_weights import crossovers, dissipated_energy, weig
 from sysid_trib.physics.model_estimate import arrest_time
 from sysid_trib.physics.si_units import physical_units
 from sysid_trib.simulation.simulate import simulate, trajectory
-from sysid_trib.validation.refits import sliding_coefficients
 
 INERTIA = 1.33e-6
 # Dry friction, so that the motion stops, and every pair of forces far from its limits.
@@ -258,23 +257,6 @@ def test_errors_of_stiffness_and_inertia():
     assert whole.inertia_standard_error.item() == pytest.approx(expected, rel=1e-6)
 
 
-# Sliding windows.
-
-
-def test_constant_coefficients_pass_and_a_drift_is_found():
-    time = np.arange(0.0, 25.0, 0.01)
-    steady = {"zeta": 0.006, "nu": -0.2}
-    library = load_library().select(["zeta", "nu"])
-    for drift, constant in ((0.0, True), (2e-4, False)):
-        model = Model(every_force(), {**steady, "drift": 2 * drift}, W)
-        noise = 1e-4 * np.random.default_rng(8).standard_normal(time.size)
-        decay = xr.Dataset({"angle": ("time", trajectory(model, time, 0.3).position + noise)}, {"time": time})
-        found = sliding_coefficients(decay, library, Direct(), window_periods=8).sel(force="zeta")
-        assert (found.p_value.item() > 0.01) == constant
-        assert (found.trend_p_value.item() > 0.01) == constant
-        assert abs(found.trend.item() - drift) < 4 * found.trend_standard_error.item() + 0.05 * drift
-
-
 # Printing and wrong requests.
 
 
@@ -285,7 +267,6 @@ def test_constant_coefficients_pass_and_a_drift_is_found():
         (lambda: weights(known(DRY), -0.3), "positive angles"),
         (lambda: physical_units(known(DRY), 0.0), "inertia"),
         (lambda: physical_units(known(DRY), 1.0, inertia_standard_error=-1.0), "standard error"),
-        (lambda: sliding_coefficients(paper_run().decay(), load_library(), Direct(), overlap=1.0), "overlap"),
     ],
 )
 def test_wrong_requests_are_usage_errors(call, message):

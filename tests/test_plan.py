@@ -13,8 +13,8 @@ from benchmarks.plan import step
 from sysid_trib import Model, free_decay, identify, plots, save, simulate
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
+from sysid_trib.questions.rivals import ODDS, Rival, informed, log_odds, parting_of
 from sysid_trib.validation import plan
-from sysid_trib.validation.rivals import ODDS, Rival, informed, log_odds, parting_of
 
 RUN = paper_run(FIVE, duration=15.0)
 SAME = {"amplitude": (0.3, 0.3), "duration": (15.0, 15.0), "sampling_rate": 100.0}
@@ -113,7 +113,7 @@ def test_two_models_are_told_apart_as_often_as_their_distance_says(distance):
 
 
 def test_more_repeats_never_tell_less():
-    """Of as many repeats the square of the distance is as many times what it is of one."""
+    """The square of the distance is proportional to the number of repeats."""
     left, right = np.array([told(3.0 * repeats, 0.7, 0.3) for repeats in (1, 2, 3, 5, 9)]).T
     assert np.all(np.diff(left) < 0.0)
     assert np.all(np.diff(right) > 0.0)
@@ -196,7 +196,7 @@ def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
     save(incomplete, tmp_path / "result.nc")
     limits = ("--amplitude", "0.1:0.3", "--duration", "5:15", "--rate", "100")
     ending = command("plan", tmp_path / "result.nc", *limits)
-    assert "what the model lacks, which no further run takes away: lambda 0.002," in ending.out, ending.err
+    assert "The model error (lambda 0.002," in ending.out, ending.err
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""What a backbone points to: systems ranked by prediction, forces that improve it, columns, and a scale."""
+"""Indications of a backbone: systems ranked by prediction, forces that improve it, columns, and a scale."""
 
 import numpy as np
 import pytest
@@ -79,7 +79,7 @@ def test_the_ship_model_has_no_dry_friction(data_folder):
     ship = run("look", data_folder / "roll_decay" / "model_test_21337.csv")
     assert ship.status == 0, ship.err
     assert ship.out.splitlines()[-1].endswith("--forces zeta,delta,epsilon --system ship")
-    assert "The columns phi and theta are those of a ship." in ship.out
+    assert "The columns phi and theta suggest a ship." in ship.out
 
 
 @pytest.mark.parametrize(

@@ -14,9 +14,9 @@ from statsmodels.tsa.statespace.kalman_smoother import SMOOTHER_ALL
 import sysid_trib as st
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.methods import Averaging, Direct, EnergyDecay, FeenyLiang, Trajectory, WuDecrement
 from sysid_trib.motion_fit.linearised import linearised_about
+from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
 
@@ -228,7 +228,7 @@ def test_direct_settles_on_records_that_friction_stops():
     for seed, motion in enumerate(motions):
         run = decay(time, motion, seed, NOISE).sel(time=slice(0.0, stop))
         result = st.identify(run, library, Direct(random_force="estimated"))
-        settled.append(result.attrs["refined"] == "True")
+        settled.append(bool(result.refined))
         z.append(scores(result, truth))
     # With the sign of the smoothed speed one in six did.
     assert sum(settled) >= 5

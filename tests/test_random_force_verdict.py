@@ -37,7 +37,7 @@ def pushed():
 
 
 def amplitude_p_value(decay, forces):
-    """Of the fit without a random force, by the averages over half periods."""
+    """Return the p-value of a dependence on the amplitude, for the fit without a random force."""
     result = st.identify(decay, forces, st.methods.Direct(random_force="off"))
     motion = fitted_motion(decay, result)
     free = xr.Dataset({"angle": ("time", motion.x)}, {"time": decay.time})
@@ -120,7 +120,7 @@ def checked(pushed):
 
 @pytest.mark.slow
 def test_a_cross_check_says_that_a_random_force_explains(checked):
-    assert checked["comparison"].attrs["verdict_on_record"] == "explained with a random force"
+    assert checked["judged"].attrs["verdict"] == "explained with a random force"
     assert {"random_force", "innovations", "prediction_bands"} <= set(checked.children)
     assert "neither angle" in verdict_sentence(checked)
     sentences = " ".join(sentences_of(identification_blocks(checked)))
@@ -143,11 +143,11 @@ def test_a_cross_check_says_that_a_force_is_missing():
     decay = pushed_record(damped)
     library = damped.library.select(["zeta"])
     tree = st.cross_check(decay, identified(decay, library, "off"), identified(decay, library))
-    assert tree["comparison"].attrs["verdict_on_record"] == "approximate"
+    assert tree["judged"].attrs["verdict"] == "approximate"
     assert "is approximate" in verdict_sentence(tree)
     told = " ".join(sentences_of(identification_blocks(tree)))
-    assert "sign of something missing: it depends on the" in told
-    assert "What is left, taken for a random force, has a density of " in told
+    assert "stands for a force that is missing: it depends on the" in told
+    assert "As a random force, the residual has a density of " in told
     assert "agree within their errors" not in told
 
 
@@ -168,7 +168,7 @@ def coloured(model, seed, density=0.0, time=TIME):
 
 def direct_verdict(decay):
     result = st.identify(decay, FORCES, st.methods.Direct(random_force="estimated"))
-    return st.cross_check(decay, result, result)["comparison"].attrs["verdict_on_record"]
+    return st.cross_check(decay, result, result)["judged"].attrs["verdict"]
 
 
 @pytest.mark.parametrize(

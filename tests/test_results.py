@@ -14,11 +14,14 @@ import sysid_trib
 import sysid_trib as st
 from sysid_trib import load_library
 from sysid_trib.commands.shown import write_record
+from sysid_trib.discovery.to_xarray import TABLES
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page
 from sysid_trib.results.files import load, save, write_figure
-from sysid_trib.results.schema import asymptotic_frequency, library_of, model_of
+from sysid_trib.results.models import library_of
+from sysid_trib.results.schema import asymptotic_frequency, model_of
+from sysid_trib.results.variables import RESULT_TABLES, scaling_of
 from sysid_trib.simulation.simulate import trajectory
 
 FORCES = load_library()
@@ -196,3 +199,22 @@ def test_what_is_no_record_is_named_with_what_shows_it(folder, name):
     ending = run("look", folder / name)
     assert SHOWN[name] in ending.complaint
     assert ending.status == 1
+
+
+def test_a_variable_scales_alike_in_every_table():
+    rows = [(name, row) for table in RESULT_TABLES.values() for name, row in table.items()]
+    rows += [(name, row) for table in TABLES.values() for name, row in table.items()]
+    assert [name for name, row in rows if len(row) > 3 and row[3] != scaling_of(name)] == []
+    # A frequency or a phase is no signal, though its unit is that of angles.
+    angular = [name for name, row in rows if name.endswith(("frequency", "phase")) and "rad" in row[1]]
+    assert {scaling_of(name) for name in angular} == {"fixed"}
+    assert (scaling_of("noise"), scaling_of("start_rate")) == ("unit", "unit")
+    assert scaling_of("reference_frequency_standard_error") == "fixed"
+
+
+def test_true_and_false_come_back_as_booleans(tmp_path):
+    made = Direct().identify(paper_run(duration=8.0).decay(1), st.load_library().select(["lambda", "zeta"]))
+    assert made.refined.dtype == bool
+    st.save(made, tmp_path / "result.nc")
+    read = st.load(tmp_path / "result.nc")["refined"]
+    assert (read.dtype, read.item()) == (bool, made.refined.item())

@@ -20,7 +20,7 @@ SEEDS = 15
 
 
 def two_runs(seed: int) -> list[xr.Dataset]:
-    """Of different lengths, amplitudes, sampling rates and noises."""
+    """Return runs of different lengths, amplitudes, sampling rates and noises."""
     return [LONG.decay(seed), SHORT.decay(1000 + seed, 3e-4)]
 
 
@@ -105,7 +105,7 @@ def test_difference_is_what_the_contact_adds():
 
 @pytest.mark.parametrize("nothing", [[], [LONG.decay(1).drop_vars("angle")], ["run.csv"]])
 def test_what_is_no_run_is_refused(nothing):
-    with pytest.raises(UsageError, match=r"No run is given|A decay is a Dataset"):
+    with pytest.raises(UsageError, match=r"No run is given|a Dataset with angle|read it"):
         identify(nothing, LIBRARY, Direct())
 
 

@@ -12,8 +12,8 @@ from sysid_trib import difference, identify, load, plots
 from sysid_trib.errors import UsageError
 from sysid_trib.methods import Direct
 from sysid_trib.printing.campaign import difference_blocks
+from sysid_trib.questions.difference import held_against
 from sysid_trib.validation import sensitivity
-from sysid_trib.validation.samples import held_against
 
 RUN = paper_run(FIVE, duration=15.0)
 LIBRARY = RUN.model.library
@@ -107,7 +107,7 @@ def test_a_coefficient_at_its_bound_is_pointed_out():
     runs = [RUN.decay(1)], [RUN.decay(2)]
     tree = held_against(*runs, LIBRARY, Direct(), constraints=below)
     text = "\n".join(sentence for block in difference_blocks(tree) for sentence in block.sentences)
-    assert "At a bound, where an error has but one side and z counts too much: zeta in " in text
+    assert "At a bound, where the error is one-sided and z is too large: zeta in " in text
 
 
 def test_no_test_rests_on_a_coefficient_at_its_bound():
@@ -139,8 +139,8 @@ def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     assert command("report", out, "-o", page).status == 0
     assert "st.difference(results[:1], results[1:])" in (tmp_path / "d.html").read_text()
     text = "\n".join(sentence for block in difference_blocks(kept) for sentence in block.sentences)
-    assert "Stiffness of a.csv over that of b.csv, less 1: " in text
-    assert "Errors of b.csv by the noise and by the model: " in text
+    assert "Stiffness of a.csv relative to b.csv, minus 1: " in text
+    assert "Standard errors of b.csv, by the noise and by the model: " in text
     several = command("difference", a, ":", b, c, "--json")
     data = json.loads(several.out)
     assert data["verdict"] != "no difference"

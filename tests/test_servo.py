@@ -14,10 +14,9 @@ import sysid_trib as st
 from benchmarks import servo
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.records.constants import constants_of
-from sysid_trib.records.inputs import KnownInput, inputs_of
+from sysid_trib.questions.difference import held_against
+from sysid_trib.records.inputs import KnownInput, constants_of, inputs_of
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.samples import held_against
 
 LIBRARY = """
 title = "A servo"

@@ -13,9 +13,9 @@ import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.law_difference import law_sentences
+from sysid_trib.questions.law_difference import ranges_of
 from sysid_trib.results.variables import group_names
 from sysid_trib.smooth_laws import bands
-from sysid_trib.smooth_laws.samples import ranges_of
 
 INERTIA, LOAD, RADIUS = (2e-3, 4e-5), (3.0, 0.06), (0.02, 4e-4)
 DRY = {"lambda": 1e-3, "zeta": 0.004, "delta": 0.02}
@@ -197,7 +197,7 @@ def test_where_laws_differ_is_where_the_band_excludes_zero():
 
 @pytest.mark.slow
 def test_equal_laws_differ_as_often_as_the_level_says():
-    """Over draws of two samples with the same law: 5 % of bands exclude zero, and p-values are uniform."""
+    """In draws of two samples with the same law 5 % of bands exclude zero, and p-values are uniform."""
     values = np.array([*DRY.values(), W])
     covariance = correlated(values, 0.01)
     covariance[-1] = covariance[:, -1] = 0.0

@@ -86,7 +86,7 @@ def test_formulas_of_a_library_of_ones_own():
 @pytest.mark.slow
 def test_friction_that_differs_between_directions_is_found():
     tree = identified("asymmetric")
-    assert "friction_even" in tree["comparison"].attrs["even"]
+    assert "friction_even" in tree["judged"].attrs["even"]
     part = tree["direct"].to_dataset()
     part = part.isel(speed=np.flatnonzero(part.speed_visited.values))
     wanted = truth("asymmetric", "friction", part.speed.values)
@@ -95,7 +95,7 @@ def test_friction_that_differs_between_directions_is_found():
 
 def test_few_half_periods_give_the_named_forces():
     tree = st.laws(record("paper", duration=2.5))
-    assert "too few for a curve" in tree["comparison"].attrs["reason"]
+    assert "too few for a curve" in tree["judged"].attrs["reason"]
     assert not any(force.startswith("friction_") for force in st.best(tree).force.values)
 
 

@@ -7,8 +7,8 @@ from helpers import decay
 import sysid_trib as st
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.printing.verdict import line_sentences, verdict_sentence
+from sysid_trib.results.judged import verdict_of
 from sysid_trib.validation.cross_check import cross_check
-from sysid_trib.validation.findings import verdict_of
 from sysid_trib.validation.lack_of_fit import spectral_line
 from sysid_trib.validation.residuals import fitted_motion
 from sysid_trib.validation.verdict import identifications
@@ -105,4 +105,4 @@ def test_intervals_hold_beside_hum(hum):
 
 
 def test_a_fit_of_the_motion_is_the_answer_beside_hum(hum):
-    assert hum[1]["comparison"].attrs["answer"] == hum[1]["comparison"].attrs["second"]
+    assert hum[1]["judged"].attrs["preferred"] == hum[1]["agreement"].attrs["second"]

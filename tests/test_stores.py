@@ -146,7 +146,6 @@ def test_conditions_of_any_letters_are_drawn_and_escaped(made, tmp_path):
     "words",
     [
         ["identify", "PIPE"],
-        ["campaign", "--study", "PIPE", "-o", "a.zarr"],
         ["report", "PIPE", "-o", "a.html"],
     ],
 )

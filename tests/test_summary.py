@@ -24,7 +24,7 @@ def single():
 
 def test_rows_are_coefficients_with_intervals_and_units(single):
     table = st.summary(single)
-    assert table.index.names == ["method", "quantity"]
+    assert table.index.names == ["model", "quantity"]
     assert list(table) == ["value", "standard_error", "low", "high", "unit"]
     assert table.loc["direct"].index.tolist() == [*single.force.values, *FREQUENCIES]
     zeta = table.loc[("direct", "zeta")]
@@ -43,7 +43,7 @@ def test_what_is_held_has_no_error(single):
 def test_both_methods_of_a_cross_check_and_both_samples_of_a_difference(single):
     averaging = Averaging().identify(RUN.decay(1), LIBRARY)
     checked = st.summary(st.cross_check(RUN.decay(1), averaging, single))
-    assert checked.index.unique("method").tolist() == ["averaging", "direct"]
+    assert checked.index.unique("model").tolist() == ["averaging", "direct"]
     found = st.difference(single, Direct().identify(RUN.decay(2), LIBRARY))
     table = st.summary(found)
     assert table.index.names == ["sample", "quantity"]
@@ -80,12 +80,12 @@ def test_models_of_a_discovery_and_methods_of_a_comparison():
     assert ("final model", "delta") in table.index
     assert ("start model", "delta") not in table.index
     compared = st.summary(st.compare(decay, LIBRARY))
-    assert {"direct", "averaging"} <= set(compared.index.unique("method"))
+    assert {"direct", "averaging"} <= set(compared.index.unique("model"))
 
 
 @pytest.mark.parametrize(
     "wrong", [xr.Dataset(), xr.DataTree(), RUN.decay(1)], ids=["empty", "tree", "record"]
 )
 def test_what_is_no_result_is_refused(wrong):
-    with pytest.raises(UsageError, match="summary wants a result"):
+    with pytest.raises(UsageError, match="summary needs a result"):
         st.summary(wrong)

@@ -1,4 +1,4 @@
-"""How sure coefficients are: profile likelihoods, and the same fit in every other defensible way."""
+"""Uncertainty of coefficients: profile likelihoods, and other defensible fits."""
 
 import json
 from dataclasses import replace
@@ -16,8 +16,8 @@ from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Direct
 from sysid_trib.printing import Layer
 from sysid_trib.printing.sureness import sureness_blocks
-from sysid_trib.validation import contour, curve_bands, posterior, profile, sensitivity
-from sysid_trib.validation.profiles import free_likelihood
+from sysid_trib.questions.profiles import free_likelihood
+from sysid_trib.validation import curve_bands, log_likelihood, profile, sensitivity
 
 RUN = paper_run(FIVE, duration=10.0)
 LIBRARY = RUN.model.library
@@ -71,11 +71,23 @@ def test_a_profile_ends_at_a_bound_and_comes_in_the_unit_of_the_record(decay):
     assert found.asymmetric.item()
 
 
-def test_no_draws_and_a_run_that_is_not_there_are_refused(decay, result):
-    with pytest.raises(UsageError, match="at least one draw"):
-        posterior(decay, result, draws=0)
+def test_a_run_that_is_not_there_is_refused(decay, result):
     with pytest.raises(UsageError, match="no run 5"):
         curve_bands(decay, result, run=5)
+
+
+def test_the_log_likelihood_is_highest_at_the_estimate_and_nothing_beyond_a_bound(decay):
+    bounded = identify(decay, LIBRARY, Direct(), constraints={"delta": (0.0, None)})
+    likelihood = log_likelihood(decay, bounded)
+    assert likelihood.names[:5] == tuple(bounded.force.values)
+    assert likelihood(likelihood.estimate) == 0.0
+    for step in np.sqrt(np.diag(likelihood.covariance)) * np.eye(len(likelihood.names)):
+        assert likelihood(likelihood.estimate + step) < 0.0
+    beyond = likelihood.estimate.copy()
+    beyond[likelihood.names.index("delta")] = -1e-6
+    assert likelihood(beyond) == -np.inf
+    with pytest.raises(UsageError, match="parameters"):
+        likelihood(beyond[1:])
 
 
 def test_a_motion_that_stops_has_the_likelihood_of_its_own_fit():
@@ -109,39 +121,18 @@ def test_bands_hold_whole_curves(decay, result):
 
 
 @pytest.mark.slow
-def test_contours_of_linear_parameters_are_the_ellipses_of_their_errors(decay, result):
-    found = contour(decay, result, ["nu", "epsilon"])
-    steps = (found.value - found.estimate) / found.standard_error
-    slope = found.correlation.item()
-    x, y = steps.values
-    ellipse = (x**2 - 2.0 * slope * x * y + y**2) / (1.0 - slope**2)
-    known = np.isfinite(found.deviance.values)
-    assert known.sum() > 80
-    assert found.deviance.values[known] == pytest.approx(ellipse[known], rel=0.05, abs=0.05)
-    with pytest.raises(UsageError, match="two parameters"):
-        contour(decay, result, ["nu"])
-
-
-@pytest.fixture(scope="module")
-def draws(decay, result):
-    return posterior(decay, result, draws=250)
-
-
-@pytest.mark.slow
-def test_a_posterior_of_linear_parameters_is_normal_with_their_errors(draws, result):
-    coefficient = draws["posterior"].coefficient.stack(all=("chain", "draw"))
-    assert coefficient.std("all").values == pytest.approx(result.standard_error.values, rel=0.1)
-    assert np.abs((coefficient.mean("all") - result.coefficient) / result.standard_error).max() < 0.3
-    assert draws["posterior"].attrs["pareto_k"] < 0.5
-    assert 1000 < draws["posterior"].attrs["effective_sample_size"] <= 2000
-
-
-@pytest.mark.slow
-def test_arviz_takes_a_posterior_as_it_is(draws):
-    arviz = pytest.importorskip("arviz")
-    table = arviz.summary(draws["posterior"].to_dataset(), var_names=["coefficient"])
-    assert table.index.tolist() == [f"coefficient[{symbol}]" for symbol in LIBRARY.symbols]
-    assert (table.r_hat.astype(float) < 1.05).all()
+def test_emcee_draws_the_posterior_from_the_log_likelihood(decay, result):
+    emcee = pytest.importorskip("emcee")
+    likelihood = log_likelihood(decay, result)
+    start = np.random.default_rng(1).multivariate_normal(likelihood.estimate, likelihood.covariance, size=32)
+    sampler = emcee.EnsembleSampler(32, len(likelihood.names), likelihood)
+    # The state of the global generator would make the draws of each run others.
+    sampler.random_state = np.random.RandomState(1).get_state()
+    sampler.run_mcmc(start, 400)
+    draws = sampler.get_chain(discard=100, flat=True)
+    expected = np.sqrt(np.diag(likelihood.covariance))
+    assert draws.std(axis=0) == pytest.approx(expected, rel=0.15)
+    assert np.abs((draws.mean(axis=0) - likelihood.estimate) / expected).max() < 0.3
 
 
 @pytest.mark.slow

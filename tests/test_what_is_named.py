@@ -1,4 +1,4 @@
-"""What a discovery may name: what predicts, what physics allows, what is likely, what is held."""
+"""Names of a discovery: prediction, physics, probability, held coefficients."""
 
 import json
 
@@ -22,9 +22,9 @@ from hypothesis.extra.numpy import arrays
 
 from sysid_trib import Model, identify, methods
 from sysid_trib.discovery.discover import discover
+from sysid_trib.discovery.engine.trials import DEFAULTS
 from sysid_trib.discovery.fits import credible, errors_off, probabilities
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood.trials import DEFAULTS
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.simulation.simulate import trajectory
@@ -39,14 +39,14 @@ def found_in(effects, candidates, *, start=0.3, seed=0, base=VISCOUS):
 
 @pytest.mark.parametrize("cubic", [0.3, -0.5])
 def test_a_cubic_spring_is_no_gravity(cubic):
-    """Of gravity the coefficient is 1: its column fits with another one as well."""
+    """Gravity has the coefficient 1; its column fits with another one as well."""
     found = found_in({"epsilon": cubic}, ["gravity", "epsilon"])
     assert found.effects == ("epsilon",)
     assert credible_set(found, "epsilon") == {"epsilon"}
 
 
 def test_a_pendulum_has_gravity_far_from_its_frequency():
-    """At 1.5 rad the swing is slower than the frequency to which the coefficient 1 refers by an eighth."""
+    """A swing of 1.5 rad is slower by an eighth than the frequency to which the coefficient 1 refers."""
     found = found_in({"gravity": 1.0}, ["epsilon", "gravity", "inertia"], start=1.5)
     assert found.effects == ("gravity",)
     assert coefficients_of(found.models[-1])["gravity"] == pytest.approx(1.0, abs=0.01)
@@ -98,7 +98,7 @@ def test_a_credible_set_is_the_smallest_that_is_probable_enough(costs):
 
 
 def test_a_likely_rival_is_in_the_set():
-    """At small amplitude gravity and a cubic force are one."""
+    """Gravity and a cubic force are the same at small amplitude."""
     base = {"zeta": 3e-3}
     run = with_effect({"gravity": 1.0}, seed=0, base=base)
     found = searched([run], library("epsilon", "gravity", "nu", "cubic_damping"), library(*base))

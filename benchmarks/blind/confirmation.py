@@ -38,8 +38,8 @@ from benchmarks.blind.generator import NoDecayError
 from benchmarks.blind.seen import CONTACT, offered
 from sysid_trib import free_decay, read_record
 from sysid_trib.discovery.discover import discover
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.results.effects import credible_set
 
 # Seconds of the processor after which a record is given up, and counted as a failure.
@@ -107,7 +107,7 @@ def _answers(case: Drawn) -> dict[str, Any]:
 
 
 def look(case: Drawn, settings: Settings) -> dict[str, Any]:
-    """What is named from the case's files."""
+    """Return the names that the program finds in the files of a case."""
     with tempfile.TemporaryDirectory() as folder:
         paths = []
         for number, angle in enumerate(case.angles):
@@ -130,7 +130,7 @@ def named(
     by_symbol = after.sel(force=list(base))
     return {
         "verdict": tree.attrs["verdict"],
-        "converged": tree.attrs["converged"],
+        "converged": bool(tree["converged"]),
         "failed_fits": tree.attrs["failed_fits"],
         "steps": [_step(steps.isel(step=i)) for i in range(steps.sizes.get("step", 0))],
         "base": dict(zip(base, by_symbol.coefficient.values.tolist(), strict=True)),

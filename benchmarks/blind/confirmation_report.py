@@ -1,4 +1,4 @@
-"""What the confirmation set says, against the bars: shares with 95 % binomial intervals, and each failure."""
+"""Report of the confirmation set against the bars: fractions with 95 % binomial intervals, and failures."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -10,7 +10,7 @@ from scipy.stats import binomtest
 from .effects import names
 
 Row = dict[str, Any]
-# z that the best two others leave, above which the record cannot be explained without the truth.
+# z of the truth beyond the best two candidates, above which no two candidates explain the record.
 CLEAR = 20.0
 # In the place of what is found where an error ended the search.
 FAILED = {"verdict": "none", "steps": []}
@@ -41,33 +41,34 @@ def _bars() -> list[tuple[str, str, str, str]]:
         found += [
             (f"truth in the 95 % set, z {name}", "93 to 99 %", some, "hit"),
             ("of these, without a random force", "", f"{some} and not pushed", "hit"),
-            ("of these, with one", "", f"{some} and pushed", "hit"),
+            ("of these, with a random force", "", f"{some} and pushed", "hit"),
             (f"mean size of the set, z {name}", "", some, "size"),
         ]
     found += [
         ("nothing named, z > 8", "", seen, "none"),
         ("named wrongly and not flagged, z > 8", "<= 1.5 %", seen, "wrong"),
-        ("unknown said, truth among the candidates, z > 8", "", seen, "unknown"),
+        ('"unknown", truth among the candidates, z > 8', "", seen, "unknown"),
     ]
-    for title, kind in (("left out", "left out"), ("of no library", "outside")):
-        of_kind, said = f"kind == '{kind}' and", f"unknown said, truth {title}, two others leave"
-        found.append((f"{said} z >= 20", ">= 97 %", f"{of_kind} by_two >= {CLEAR}", "unknown"))
-        found.append((f"{said} less", "", f"{of_kind} by_two < {CLEAR}", "unknown"))
+    for title, kind in (("left out", "left out"), ("in no library", "outside")):
+        of_kind, said = f"kind == '{kind}' and", f'"unknown", truth {title}'
+        clear = f"{said}, z >= 20 beyond any two candidates"
+        found.append((clear, ">= 97 %", f"{of_kind} by_two >= {CLEAR}", "unknown"))
+        found.append((f"{said}, smaller z", "", f"{of_kind} by_two < {CLEAR}", "unknown"))
     found.append(("strong effects: truth in its set", ">= 90 %", "kind == 'strong'", "hit"))
-    found.append(("strong effects: and no second named", ">= 90 %", "kind == 'strong'", "alone"))
+    found.append(("strong effects: truth in its set, no other named", ">= 90 %", "kind == 'strong'", "alone"))
     for kind, least in (("two", 90), ("three", 75)):
         some, title = f"kind == '{kind}' and {SEEN}", f"{kind} hidden: each in a set"
-        found += [(title, "", some, "hit"), (f"{title}, none besides", f">= {least} %", some, "alone")]
+        found += [(title, "", some, "hit"), (f"{title}, no other named", f">= {least} %", some, "alone")]
     return found
 
 
 def frame(rows: Sequence[Row]) -> pd.DataFrame:
-    """What is counted, a row for each record; one without a verdict is a miss in every share."""
+    """Return the counted values, a row for each record; a record without a verdict is a miss everywhere."""
     return pd.DataFrame([_counted(row if "found" in row else row | {"found": FAILED}) for row in rows])
 
 
 def hits_of(row: Row) -> list[bool]:
-    """Of each hidden effect, whether it is in the set of a step."""
+    """Return for each hidden effect whether it is in the set of a step."""
     sets = [{*step["ties"]} for step in row["found"]["steps"]]
     return [any(names(one["symbol"]) & tied for tied in sets) for one in row["hidden"]]
 
@@ -144,7 +145,7 @@ def _ends(rows: Sequence[Row], drawn: Sequence[Row], slow: float) -> list[tuple[
         "given up": late,
         "errors in the exact fit of the truth": len(rows) - len(drawn),
         "refused with an error of the package": sum("refused" in row for row in drawn),
-        "not converged": sum(row["found"]["converged"] != "True" for row in drawn if "found" in row),
+        "not converged": sum(str(row["found"]["converged"]) != "True" for row in drawn if "found" in row),
     }
     lines = [(title, f"{count} of {len(rows)}") for title, count in counts.items()]
     seconds = pd.Series([row["seconds"] for row in drawn if "seconds" in row])
@@ -160,7 +161,7 @@ def _ends(rows: Sequence[Row], drawn: Sequence[Row], slow: float) -> list[tuple[
 
 
 def reliability(ran: Sequence[Row]) -> list[tuple[float, bool, bool]]:
-    """Of each name its stated probability, whether it is right, and flagged; the truth being offered."""
+    """Return for each name its stated probability, whether it is right, and flagged."""
     points = []
     for row in ran:
         if row["kind"].startswith(("effect", "strong", "two", "three")):

@@ -59,7 +59,7 @@ class Experiment:
         return [self._run(effects, at) for at in range(len(self.starts))]
 
     def _run(self, effects: list[tuple[str, Shapes, float]], at: int) -> np.ndarray:
-        """The same pushes, noise and zero of the sensor whatever the effects are."""
+        """Simulate a run with the same impulses, noise and sensor zero for any effects."""
         pushes, sensor = (np.random.default_rng([self.seed, at, i]) for i in range(2))
         forces = [(make(symbol, p), c) for symbol, p, c in effects if symbol not in SENSORS]
         least = int(np.ceil(STEPS * self.step / (2.0 * np.pi)))

@@ -106,7 +106,7 @@ class _Follower:
         return found
 
     def released(self) -> bool:
-        """At v = 0: the branch on which the motion goes on (Filippov), if it does."""
+        """Return whether the motion continues from v = 0, and set its branch (Filippov)."""
         up, down = self.slope(self.tau, self.y, 1.0)[1], self.slope(self.tau, self.y, -1.0)[1]
         if up <= 0.0 <= down:
             self.s = 0.0

@@ -1,4 +1,4 @@
-"""What a record shows of an effect beside both noises, by exact fits of the truth.
+"""Significance of a hidden effect in a record with both noises, by exact fits of the truth.
 
 z is the root of the deviance that the truth gains on what the search sees, the first two thirds of each run.
 """
@@ -10,18 +10,18 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import free_decay, load_library
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import likelihood
+from sysid_trib.discovery.engine.model_fit import fit_model
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_rows import decimated
+from sysid_trib.discovery.engine.start_model import fit_start_model
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.discovery.screen import screen
 from sysid_trib.discovery.single_columns import each_column, projected
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.force import Force
 from sysid_trib.forces.library import library_of_text
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.model_fit import fit_model
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_rows import decimated
-from sysid_trib.likelihood.start_model import fit_start_model
-from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.validation.holdout import split
 
 from .effects import Shapes
@@ -55,13 +55,13 @@ def trial_of(symbol: str, shapes: Shapes) -> TrialEffect:
 
 
 def in_range(symbol: str, shapes: Shapes) -> bool:
-    """Whether the library's shape parameters may take these values."""
+    """Return whether the shape parameters are within the ranges of the library."""
     ranges = EVERY[symbol].shape if symbol in EVERY else {}
     return all(shape.low <= shapes[name] <= shape.high for name, shape in ranges.items())
 
 
 def as_seen(time: np.ndarray, angles: Sequence[np.ndarray]) -> list[xr.Dataset]:
-    """What of each run the search sees."""
+    """Return the part of each run that the search uses."""
     decays = [free_decay(xr.Dataset({"angle": ("time", angle)}, {"time": time})) for angle in angles]
     return [split(decimated(decay))[0] for decay in decays]
 
@@ -143,7 +143,7 @@ def left_by_two(full: FittedModel, truth: str, others: Sequence[Force]) -> list[
 
 
 def _explained(rest: np.ndarray, pair: tuple[int, int]) -> float:
-    """What two columns explain of the target, outside of those that are kept."""
+    """Return the fall of squares of the target by two columns, outside of the kept ones."""
     at = [1 + i for i in pair]
     right = rest[0, at]
     inner = rest[np.ix_(at, at)]
@@ -151,6 +151,6 @@ def _explained(rest: np.ndarray, pair: tuple[int, int]) -> float:
 
 
 def offered(base: Sequence[str], left_out: Sequence[str]) -> ForceLibrary:
-    """Both libraries without the forces of the model and those that are left out."""
+    """Return both libraries without the forces of the model and those that are left out."""
     forces = tuple(force for force in EVERY.values() if force.symbol not in {*base, *left_out})
     return ForceLibrary("candidates", forces, "libraries")

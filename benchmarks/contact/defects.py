@@ -1,4 +1,4 @@
-"""What befalls a motion, its samples and its rows, and files that are no text."""
+"""Defects of a motion, its samples and its rows, and of files that are no text."""
 
 import gzip  # noqa: F401
 import json  # noqa: F401
@@ -108,7 +108,7 @@ def packet_times(draw: Draw, m: Swing) -> Array:
 
 
 def pairs(draw: Draw, m: Swing, scale: float, count: int) -> Iterable[tuple[float, ...]]:
-    """What stands behind the time: angle, and time and angle of more runs."""
+    """Return the columns after the time: angle, and time and angle of further runs."""
     runs = [scale * (m.x + draw.noise(m.x.size, 1e-3)) for _ in range(count)]
     return zip(*[c for run in runs for c in (m.time, run)][1:], strict=True)
 

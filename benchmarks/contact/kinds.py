@@ -89,7 +89,7 @@ def drawn(name: str, folder: Path, seed: int, number: int) -> tuple[str, str]:
 
 
 def wrong(path: Path, right: Right) -> str:
-    """What is wrong in the reading of a file; nothing where nothing is."""
+    """Describe the error in the reading of a file; empty if there is none."""
     refused = not right.quantity
     try:
         records = read_records(path, Reading(**right.options))  # type: ignore[arg-type]

@@ -1,4 +1,4 @@
-"""What a file is made of: a motion, numbers drawn for it, rows of cells, and what is right of it."""
+"""Parts of a file: a motion, numbers drawn for it, rows of cells, and the right reading."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,7 +15,7 @@ GRAVITY = 9.81
 
 @dataclass(frozen=True)
 class Right:
-    """What is right of a file.
+    """Right reading of a file.
 
     Attributes
     ----------
@@ -77,11 +77,11 @@ class Swing:
     release: float = 0.0
 
     def right(self, quantity: str, unit: str, scale: float = 1.0, **more: object) -> Right:
-        """What is right of its file; `scale`: its unit of an angle of 1 rad."""
+        """Return the right reading of its file; `scale`: its unit of an angle of 1 rad."""
         return Right(quantity, unit, self.period, self.zeta, self.start * scale, **more)  # type: ignore[arg-type]
 
     def as_unit(self, unit: str, scale: float) -> Right:
-        """What is right of its file where the unit says whether it is an angle."""
+        """Return the right reading of its file, with the quantity by the unit."""
         if unit in ("mm", "cm", "V"):
             return self.right("displacement", unit, scale)
         return self.right("angle", "rad" if unit == "rad" else "deg")

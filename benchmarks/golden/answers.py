@@ -1,4 +1,4 @@
-"""What a command answers, as compact data, and in what two such answers differ."""
+"""Results of commands as compact data, and the differences between two such results."""
 
 import contextlib
 import json
@@ -30,22 +30,21 @@ def answer(case: Case) -> Answer:
 
 
 def _compact(found: Mapping[str, Any]) -> Answer:
-    words = {key: found[key] for key in ("verdict", "verdict_on_record", "answer", "best") if key in found}
+    words = {key: found[key] for key in ("verdict", "answer", "best") if key in found}
     values: dict[str, Any] = {}
     p_values: dict[str, Any] = {}
     models = found.get("methods") or {"model": found.get("model")}
     for name, method in models.items():
         words |= {f"{name} {key}": bool(method[key]) for key in ("failed", "failure") if key in method}
         values |= dict(_values(name, method))
-        p_of = {"hold-out": "holdout_p_value", "residual": "residual_p_value"}
-        p_values |= {f"{name} {word}": method[key] for word, key in p_of.items() if key in method}
+        p_values |= {f"{name} hold-out": method[k] for k in ("holdout_p_value",) if k in method}
     if found.get("random_force"):
         words["pushed"] = True
     check = found.get("cross_check") or {}
-    words |= {f"cross-check {key}": check[key] for key in ("verdict", "errors", "explained") if key in check}
+    words |= {f"cross-check {key}": check[key] for key in ("verdict", "errors") if key in check}
     p_values |= {"cross-check": check["p_value"]} if "p_value" in check else {}
-    for name, model in (check.get("models") or {}).items():
-        p_values[f"{name} residual"] = model.get("residual_p_value")
+    judged = found["judged"] if "answer" in found else {}
+    p_values |= {f"{name} residual": model["p_value"] for name, model in judged.items()}
     for number, step in enumerate(found.get("steps", ())):
         words[f"step {number}"] = step["symbol"]
         words[f"beside step {number}"] = sorted(one["symbol"] for one in step["indistinguishable_from"])
@@ -68,7 +67,7 @@ def _rounded(value: float | None) -> float | None:
 
 
 def differences(kept: Answer, found: Answer) -> list[str]:
-    """In what an answer differs from the kept one; nothing where both are the same."""
+    """Return the differences of a result from the kept one; empty if both are the same."""
     said = [*kept["words"], *(word for word in found["words"] if word not in kept["words"])]
     wrong = [
         f"{word}: {kept['words'].get(word)!r}, now {found['words'].get(word)!r}"

@@ -95,7 +95,7 @@ def motion(kind: str, way: str = "white", **others: float) -> Motion:
 
 
 def written(*motions: Motion) -> Callable[[Path], None]:
-    """What writes swing.csv, second.csv, ... and two libraries into a folder."""
+    """Return a function that writes swing.csv, second.csv, ... and two libraries into a folder."""
 
     def write(folder: Path) -> None:
         for name in ("own.toml", "few.toml"):
@@ -129,7 +129,7 @@ class Case:
 
     @property
     def needs(self) -> Path | None:
-        """What it reads beside the project."""
+        """Folder outside of the project that it reads."""
         return {"measured": SHARED / "data", "laboratory": SHARED / "contact"}.get(self.group)
 
 

@@ -29,7 +29,7 @@ OPTIONS = {
     "simulate": (*MOTION, "--random-force", "--seed"),
     "report": (),
     "forces": ("--json",),
-    "campaign": (*READING, *MODEL, *words("--task --study --conditions --scheduler --workers")),
+    "campaign": (*READING, *MODEL, *words("--task --conditions --scheduler --workers")),
 }
 SWITCHES = ("--json", "--explain", "--quiet")
 VALUES = words(

@@ -6,14 +6,12 @@ from pathlib import Path
 import numpy as np
 
 import sysid_trib as st
-from benchmarks.hostile.pieces import EXECUTED, NUMBERS, damaged, formula, number, pick, plain, text, words
+from benchmarks.hostile.pieces import EXECUTED, NUMBERS, damaged, formula, pick, plain, text, words
 from sysid_trib.forces.selection import load_system
 
 TEXTS = ("symbol", "name", "formula", "family", "meaning", "source", "kind")
 TABLES = ("state", "memory", "start", "shape")
 SYSTEM_KEYS = ("name", "meaning", "signal", "forces", "held", "impossible", "not_negative")
-STUDY_KEYS = ("title", "records", "seed", "library", "reference_frequency")
-STUDY_PARTS = ("coefficients", "shapes", "start", "sampling", "noise", "random_force")
 
 
 def quoted(given: str) -> str:
@@ -80,23 +78,6 @@ def system(random: np.random.Generator) -> str:
     return _table("[[system]]\n", entries)
 
 
-def study(random: np.random.Generator) -> str:
-    """Simulated records to be drawn."""
-    top = {"title": '"t"', "records": "3", "seed": "1", "reference_frequency": "9.91"}
-    parts = {
-        "coefficients": {"zeta": "0.01", "delta": "{ low = 0.01, high = 0.1 }"},
-        "sampling": {"duration": "5", "rate": "50"},
-        "noise": {"deviation": "1e-4"},
-    }
-    for _ in range(int(random.integers(0, 3))):
-        top[str(pick(random, (*STUDY_KEYS, "strange")))] = value(random)
-    for _ in range(int(random.integers(0, 4))):
-        part = parts.setdefault(str(pick(random, STUDY_PARTS)), {})
-        name = pick(random, words("zeta lambda nu duration rate deviation correlation angle density"))
-        part[str(name)] = value(random) if random.random() < 0.5 else repr(number(random))
-    return _table("", top) + "".join(_table(f"[{part}]\n", names) for part, names in parts.items())
-
-
 def _table(head: str, entries: dict[str, str]) -> str:
     return head + "".join(f"{name} = {given}\n" for name, given in entries.items())
 
@@ -126,9 +107,6 @@ def library_case(random: np.random.Generator, folder: Path) -> Callable[[], obje
 
 
 def toml_case(random: np.random.Generator, folder: Path) -> Callable[[], object]:
-    """A system, or a study whose first record is drawn."""
-    if random.random() < 0.5:
-        place = _written(system(random), folder / "a.toml", random)
-        return lambda: load_system(str(place))
-    place = _written(study(random), folder / "a.toml", random)
-    return lambda: st.campaigns.load_study(place).decay(0)
+    """Return the reading of a system."""
+    place = _written(system(random), folder / "a.toml", random)
+    return lambda: load_system(str(place))

@@ -1,4 +1,4 @@
-"""What hostile input is made of: numbers, words and texts that programs trip over, and damage to bytes."""
+"""Pieces of hostile input: difficult numbers, words and texts, and damage to bytes."""
 
 import numpy as np
 

@@ -50,7 +50,7 @@ def table(random: np.random.Generator) -> bytes:
 
 
 def options(random: np.random.Generator) -> dict[str, object]:
-    """How a file is to be read, mostly as it says itself."""
+    """Draw options for reading a file, mostly none."""
     if random.random() < 0.6:
         return {}
     choices = {

@@ -37,8 +37,8 @@ from benchmarks import peers
 from benchmarks.study import common
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Averaging, Direct, FrequencyShift, Trajectory
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.validation import cramer_rao_bound, run_agreement
 
 STRONG = SIX | {"lambda": 1e-3}
@@ -149,7 +149,7 @@ def of_study(asked: Namespace, title: str, runs: Sequence[Run], method, most: in
 
 
 def selection(seeds: int) -> str:
-    """How often significance keeps exactly the five true forces out of fourteen."""
+    """Report how often a significance level keeps exactly the five true forces out of fourteen."""
     forces = (*PAPER[0].model.library, *library_of_formulas(**EIGHT_MORE))
     offered, method = ForceLibrary("fourteen", forces), Direct(W, significance=0.01)
     results = [method.identify(records_of(PAPER, seed), offered) for seed in range(seeds)]
@@ -160,7 +160,7 @@ def selection(seeds: int) -> str:
 
 
 def shares(p_values: Sequence[float]) -> str:
-    """How many p-values are small, and whether they are common.uniform."""
+    """Report how many p-values are small, and whether they are uniform."""
     small = ", ".join(f"{100 * np.mean(np.array(p_values) < p):.0f} % < {p:g}" for p in (0.01, 0.05, 0.5))
     return f"{small}; common.uniform: p = {common.uniform(p_values):.2g}"
 

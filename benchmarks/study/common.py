@@ -1,4 +1,4 @@
-"""What the studies share: pushed records of a truth, rows over seeds, scores of estimates, tables."""
+"""Common parts of the studies: records of a truth, rows over seeds, scores of estimates, tables."""
 
 import json
 import time
@@ -67,7 +67,7 @@ class Pushed:
 
     @property
     def title(self) -> str:
-        """What tables and files call it."""
+        """Title in tables and files."""
         stops = " to its stop" if self.start < 0.1 else ""
         return f"wander {self.wander:g}, lambda {self.friction:g}{stops}, {self.per_period}, {self.noise}"
 
@@ -89,7 +89,7 @@ class Pushed:
 
     @property
     def stop(self) -> float:
-        """When the motion without kicks stops, s; infinite where it goes on."""
+        """Stop time of the motion without a random force, s; infinite if it goes on."""
         return float(st.simulate(self.model, self.time, self.start).stop_time.fillna(np.inf))
 
     def records(
@@ -196,7 +196,7 @@ Clock = Callable[[], float]
 
 
 def timed(call: Callable[[], Result], clock: Clock = time.perf_counter) -> tuple[Result, float]:
-    """What a call returns, and its time, s."""
+    """Return the result of a call, and its time, s."""
     begin = clock()
     result = call()
     return result, clock() - begin

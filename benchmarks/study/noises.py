@@ -1,4 +1,4 @@
-"""What is said of the noises of a record, and what is predicted with them.
+"""Noises of a record as identified, and predictions with them.
 
 verdicts: is "explained with a random force" said where it is true, and not where a force was left out? First
 motions with nothing beside the sensor's noise: they are explained. Then motions that are pushed by a white
@@ -35,8 +35,8 @@ from benchmarks.measured import BOTH, records_folder
 from benchmarks.random_force_kinds import FILM, RECORDS
 from benchmarks.study.common import METHODS, NOISE, Pushed, W, density_of, over_seeds, shown, time_of, tried
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.validation.holdout import first_held_out
 
 PER_PERIOD, ANGLE = 60, 0.3
@@ -63,17 +63,17 @@ def noise_at_swing(noise: str) -> float:
 
 
 def p_value(decay: xr.Dataset, result: xr.Dataset) -> float:
-    """Of a random force that depends on nothing; nan where no random force was found."""
+    """Return the p-value that a random force is independent of the motion; nan without a random force."""
     known = bool(random_force_of(result))
     return st.validation.random_force_dependence(decay, result).p_value.item() if known else np.nan
 
 
 def verdict_of(decay: xr.Dataset, method) -> dict:
-    """What is said of a record, and the p-value of a random force that depends on nothing (nan: none)."""
+    """Return the verdict on a record, and the p-value of a random force independent of the motion."""
     result = st.identify(decay, OFFERED, method)
     tree = st.cross_check(decay, result, result)
     p = tree["random_force"].p_value.item() if "random_force" in tree.children else np.nan
-    return {"verdict": tree["comparison"].attrs["verdict_on_record"], "p": p}
+    return {"verdict": tree["judged"].attrs["verdict"], "p": p}
 
 
 def with_effect(force: st.forces.Force, random: np.random.Generator, noise: float) -> st.Model | None:
@@ -185,7 +185,7 @@ def correlations(values: np.ndarray) -> np.ndarray:
 
 
 def across(decay: xr.Dataset, innovations: np.ndarray, filter_: np.ndarray) -> str:
-    """How large the film's swing across is, what of the innovations goes with it, and what is left."""
+    """Report the film's swing across, the part of the innovations that it explains, and the rest."""
     x, y = decay.angle.values, np.loadtxt(records_folder() / FILM)[:, 2]
     y = y - np.mean(y)
     columns = np.stack([y, np.gradient(y), y**2, x * y, x * y**2, x**2 * y, np.gradient(x) * y], axis=1)
@@ -201,7 +201,7 @@ def across(decay: xr.Dataset, innovations: np.ndarray, filter_: np.ndarray) -> s
 
 
 def one_ahead(record, asked: Namespace, method) -> list[str]:
-    """What is predicted wrongly one sample ahead in a measured record."""
+    """Report the one-step prediction errors of a measured record."""
     decay = replace(record, stride=STRIDES.get(record.title, record.stride)).decay()
     result = st.identify(decay, BOTH.select([*record.models.split(), *asked.also.split()]), method)
     ahead = st.validation.innovations(decay, result)

@@ -29,8 +29,8 @@ from test_between_runs import runs_of
 import sysid_trib as st
 from benchmarks.study.common import METHODS, Pushed, over_seeds, shown, uniform
 from sysid_trib.errors import SysidTribError
+from sysid_trib.questions.difference import held_against
 from sysid_trib.validation import run_agreement
-from sysid_trib.validation.samples import held_against
 
 LEVEL = 0.01
 RUNS = (Pushed(5.0), Pushed(5.0, start=0.25))
@@ -177,7 +177,7 @@ ISO = ("repeatability", "between_laboratory", "reproducibility")
 
 
 def holds(fit: xr.Dataset, name: str, truth: float) -> bool:
-    """Whether an interval holds the truth."""
+    """Return whether an interval contains the truth."""
     return bool(fit[f"{name}_lower"] <= truth <= fit[f"{name}_upper"])
 
 

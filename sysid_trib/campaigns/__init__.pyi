@@ -1,4 +1,4 @@
-from ..validation.between_runs import between_runs as between_runs
+from sysid_trib.campaigns.between_records import between_runs as between_runs
+
 from .store import open_store as open_store
-from .study import Study as Study, load_study as load_study
 from .task import Task as Task

@@ -19,8 +19,7 @@ import xarray as xr
 from sysid_trib.arrays import Index
 from sysid_trib.campaigns.rows import LOST, Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
-from sysid_trib.campaigns.study import CampaignRecords, record_at
-from sysid_trib.campaigns.task import Task, empty_row, rows_of
+from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
@@ -40,7 +39,7 @@ SAFE_PATH = "PYTHONSAFEPATH"
 
 def campaign(
     records: CampaignRecords,
-    task: Task,
+    task: Task | Name = "identify",
     *,
     output: str | os.PathLike[str],
     workers: int | str = 2,
@@ -51,10 +50,11 @@ def campaign(
 
     Parameters
     ----------
-    records : sequence of path or Dataset, or Study
-        Files, decays in memory, or simulated records drawn from a description (`load_study`).
-    task : Task
-        What is done with each.
+    records : sequence of path or record
+        Files, or decays in memory, `(t, angle)` too. What else names a record is a text that `Task.read`
+        makes decays of.
+    task : Task or str
+        What is done with each: `identify`, `compare`, `discover` with what is usual, or a `Task`.
     output : path-like
         The store. One that is there is gone on with: what is done in it is not done again, unless a record's
         file has changed since; more records may come to it.
@@ -69,14 +69,14 @@ def campaign(
     Returns
     -------
     Dataset
-        Over `record`, `method`, `force`: `coefficient` with `standard_error`; over `record` and `method`
+        Over `record`, `model`, `force`: `coefficient` with `standard_error`; over `record` and `model`
         reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors; over
         `record`: `status` (0 waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` of a
         record without numbers, `verdict`, `named` effects, `p_value` of the agreement of both methods,
         `seconds`; of `discover` besides `tied`, what those named cannot be separated from ("epsilon or
         gravity"), and over `record` and `force` the corrected `effect_p_value` of each that is named; of a
-        study `true_coefficient`. Values are read when they are used. `method` is an argument of xarray's
-        `sel`, so that a method is chosen by `store.sel({"method": "direct"})`.
+        study `true_coefficient`. Values are read when they are used. `store.sel(model="direct")` chooses the
+        model of one method.
 
     Raises
     ------
@@ -95,11 +95,14 @@ def campaign(
     if getattr(current_process(), "_inheriting", False):
         # A process that it started would begin it again, as its script is read there.
         raise UsageError(
-            'A script that starts processes wants if __name__ == "__main__": around its campaign; '
+            'A script that starts processes needs if __name__ == "__main__": around its campaign; '
             "or take workers=0."
         )
+    task = Task(task) if isinstance(task, str) else task
+    if not isinstance(task, Task):
+        raise UsageError(f"campaign needs a Task, or one of {', '.join(TASKS)}; not {task!r}.")
     if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
-        raise UsageError("A campaign wants a list of records, of one at least.")
+        raise UsageError("A campaign needs a list of records, of one at least.")
     # A link to a store stays one when records come to it.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):
@@ -135,7 +138,7 @@ def check_extra() -> None:
 def _finished_blocks(
     task: Task, blocks: Sequence[Index], record_at: Callable[[int], Any], *, workers: int | str, memory: str
 ) -> Iterator[tuple[Index, list[Row]]]:
-    """Numbers of the records of each block and their rows, in the order in which they are finished.
+    """Yield the record numbers and the rows of each block, in the order of completion.
 
     See `campaign` for workers and memory; a block that waits is read when it is sent.
     """
@@ -182,7 +185,7 @@ def _through(
 
 @contextmanager
 def _client(workers: int | str, memory: str) -> Iterator[Any]:
-    """A client of a scheduler that is there, or of a cluster of this machine."""
+    """Yield a client of an existing scheduler, or of a cluster of this machine."""
     import dask
     from distributed import Client, LocalCluster
 
@@ -227,7 +230,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 client.wait_for_workers(1, timeout=STARTS_WITHIN)
             except TimeoutError:
                 raise UsageError(
-                    f"No worker has started within {STARTS_WITHIN}; a script that starts processes wants "
+                    f"No worker has started within {STARTS_WITHIN}; a script that starts processes needs "
                     'if __name__ == "__main__": around its campaign. Else give them more memory, or take '
                     "workers=0."
                 ) from None
@@ -236,7 +239,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Threads that are begun here, and the processes that these start, do not see an interrupt.
+    """Hide interrupts from threads and processes that start in this context.
 
     It is for this process, which ends them; each of theirs would print a traceback.
     """
@@ -251,10 +254,10 @@ def _interrupts_held() -> Iterator[None]:
 
 @contextmanager
 def _without_current_folder() -> Iterator[None]:
-    """Processes that are begun here import nothing from the folder they are begun in, as they start.
+    """Keep processes that start in this context from importing from the current folder.
 
-    A file `signal.py` next to the records would be executed. What a script of the user imports they find by
-    the path of this process, which they are given.
+    A file `signal.py` next to the records would be executed. They get the path of this process, and find the
+    imports of the user's script by it.
     """
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"

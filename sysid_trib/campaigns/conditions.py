@@ -1,4 +1,4 @@
-"""What a campaign's records are held against: their estimates side by side, and a table of conditions."""
+"""Conditions of a campaign: estimates of its records side by side, and a table of conditions."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,13 +18,13 @@ RECORD = "record"
 
 
 def reported_method(store: xr.Dataset) -> str:
-    """Label of the identification by which a campaign's records are held against each other.
+    """Return the label of the identification that a campaign compares between records.
 
-    Of those that identify most forces the one that most often predicts best, or where none is said to, the
+    Among the methods that identify most forces, this is the one that most often predicts best, or else the
     last.
     """
     done = np.flatnonzero(store.status.values == IDENTIFIED)
-    labels = store.method.values.astype(str)
+    labels = store.model.values.astype(str)
     if not len(done):
         return str(labels[-1])
     known = np.isfinite(store.standard_error.values[done]).sum(axis=2)
@@ -56,7 +56,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
     units = store.signal_units.values[places].astype(str)
     usual = pd.Series(units).mode().get(0, "")
     places = places[units == usual]
-    done = store.isel(record=places).sel({"method": method})
+    done = store.isel(record=places).sel(model=method)
     reference = done.reference_frequency.values
     mean = float(np.nanmean(reference)) if np.any(np.isfinite(reference)) else np.nan
     degrees = done.speed_degree.values

@@ -1,4 +1,4 @@
-"""What a store holds of each record, a row of variables; and rows on disk: chunks, checksums, one writer.
+"""Rows of a store, one per record; and rows on disk: chunks, checksums, one writer.
 
 Zarr itself takes each chunk through threads of its own, which takes ten times as long as the file does.
 """
@@ -26,7 +26,7 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Of a record's time: enough to see how it decays, whether it stops, and what does not belong to it.
 OUTLINE_PARTS = 60
-TRUTH, TIED, EFFECT_P_VALUE = "true_coefficient", "tied", "effect_p_value"
+TIED, EFFECT_P_VALUE = "tied", "effect_p_value"
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
 # What may become of a record, by the number that the store has of it.
 STATUS = ("waiting", "done", "refused", "failed", "lost")
@@ -36,7 +36,10 @@ CHECKSUM = "checksum"
 
 
 # Dimensions beside the record, unit and meaning of each variable.
-VARIABLES = {name: (tuple(dims.split()), *of) for name, (dims, *of) in RESULT_TABLES["campaign"].items()}
+VARIABLES = {
+    name: (tuple(dims.split()), units, meaning)
+    for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
+}
 # As numpy has what is no number, texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
@@ -47,13 +50,13 @@ FILL = {"f": np.nan, "U": "", "i": 0}
 
 
 def empty(name: str, sizes: Mapping[str, int]) -> Array:
-    """What a variable is of a record of which nothing is known."""
+    """Return the fill value of a variable for a record without a result."""
     kind = STORED_KINDS.get(name, "f8")
     return np.full([sizes[dim] for dim in VARIABLES[name][0]], FILL[kind[0]], dtype=kind)
 
 
 def counts_of(store: xr.Dataset) -> dict[str, int]:
-    """How many records of a store are of each status."""
+    """Count the records of a store by status."""
     counted = np.bincount(store.status.values, minlength=len(STATUS))
     return dict(zip(STATUS, counted.tolist(), strict=True))
 
@@ -125,7 +128,7 @@ def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def labels_checksum(arrays: Mapping[str, Any]) -> int:
-    """CRC-32 of what all records share: methods, forces and their units."""
+    """Return the CRC-32 of the labels that all records share: methods, forces and their units."""
     checksum = 0
     for name, array in sorted(arrays.items()):
         if not is_per_record(array):
@@ -156,7 +159,7 @@ def is_per_record(array: Any) -> bool:
 
 
 def _bytes(column: Array) -> Array:
-    """The bytes of each record; what is not a number has many, of which one is taken."""
+    """Return the bytes of each record, with one representation for all kinds of nan."""
     if column.dtype.kind == "f":
         column = np.where(np.isnan(column), np.nan, column)
     return np.ascontiguousarray(column).reshape(len(column), -1).view(np.uint8)

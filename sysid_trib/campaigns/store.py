@@ -17,8 +17,15 @@ import xarray as xr
 from sysid_trib.arrays import Array, Index
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
-from sysid_trib.campaigns.study import CampaignRecords, Study, names_of, record_at
-from sysid_trib.campaigns.task import Task, checksum_of, empty_row, fingerprint
+from sysid_trib.campaigns.task import (
+    CampaignRecords,
+    Task,
+    checksum_of,
+    empty_row,
+    fingerprint,
+    names_of,
+    record_at,
+)
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.results.schema import force_labels
 
@@ -81,7 +88,7 @@ class Store:
                 raise _damaged(self.path, f"record {names[np.argmax(wrong)]} is not as it was written")
 
     def unfinished(self, records: CampaignRecords) -> tuple[list[Index], int, int]:
-        """What is still to be done of a campaign's records.
+        """Return the unfinished records of a campaign.
 
         Returns
         -------
@@ -133,7 +140,7 @@ class Store:
 
 
 def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> Store:
-    """The store of a campaign, to be written to: made, gone on with, or with further records.
+    """Open the store of a campaign for writing: create it, continue it, or add further records.
 
     Parameters
     ----------
@@ -208,7 +215,7 @@ def as_dataset(path: Path) -> xr.Dataset:
 
 
 def _damaged(path: Path, reason: object) -> RecordError:
-    """What is said of a store that is damaged."""
+    """Return the error of a damaged store."""
     return RecordError(
         f"{path}: a part of the store is damaged ({reason}); remove the store, and repeat the command."
     )
@@ -245,7 +252,7 @@ def _recover(path: Path) -> None:
 
 
 def _near(path: Path, ending: str) -> Path:
-    """A place next to that of a store."""
+    """Return a path next to that of a store."""
     return path.with_name(f".{path.name}.{ending}")
 
 
@@ -262,8 +269,6 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         if len(values):
             stored.new_array(group, name, (dim,), values.shape, values.dtype, len(values))[:] = values
     row = empty_row(task)
-    if isinstance(records, Study):
-        row[stored.TRUTH] = np.full(len(task.forces), np.nan)
     for name, empty in row.items():
         if not empty.size:
             continue

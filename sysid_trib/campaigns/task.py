@@ -1,10 +1,10 @@
-"""What a campaign does with each record, and the row of numbers that comes of it."""
+"""Task of a campaign for each record, and its row of numbers."""
 
 import hashlib
 import json
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from time import perf_counter
 from typing import Any, Literal, TypeAlias, get_args
 
@@ -12,53 +12,75 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib import forces
 from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
-from sysid_trib.campaigns.study import CampaignRecords, Study
 from sysid_trib.discovery.discover import discover
-from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.errors import SysidTribError, UsageError, readable
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
-from sysid_trib.records.decay import one_or_all
 from sysid_trib.records.free_decay import free_decays
+from sysid_trib.records.in_memory import one_record
 from sysid_trib.records.read import read_records
-from sysid_trib.results import effects, variables
+from sysid_trib.records.runs import RecordLike, one_or_all
+from sysid_trib.results import effects, judged, variables
 from sysid_trib.results.references import with_contactless_frequency
-from sysid_trib.validation import compare, cross_check, findings, verdict
+from sysid_trib.validation import compare, cross_check, verdict
 
 Name: TypeAlias = Literal["identify", "compare", "discover"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
+# Files, names that the task reads, or decays in memory.
+CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
 
 TASKS = get_args(Name)
 # Of what a store holds; one of another format is of another version.
-STORE_FORMAT = 2
+STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
 
 
+def names_of(records: CampaignRecords) -> list[str]:
+    """Return the names that records have in a store."""
+    return [readable(_name_of(item, at)) for at, item in enumerate(records)]
+
+
+def _name_of(record: Any, at: int) -> str:
+    """Return the name of the record at a place."""
+    if isinstance(record, str | os.PathLike):
+        return str(record)
+    return str(getattr(record, "attrs", {}).get("source", f"record {at}"))
+
+
+def record_at(records: CampaignRecords, at: int) -> str | xr.Dataset:
+    """Return a record as `rows_of` takes it."""
+    item = records[at]
+    return os.fspath(item) if isinstance(item, str | os.PathLike) else one_record(item, "campaign")
+
+
 def decays_of_file(path: str) -> list[xr.Dataset]:
-    """The free decays of a file, read as it says itself."""
+    """Return the free decays of a file, read without options."""
     return [decay for record in read_records(path) for decay in free_decays(record)]
 
 
 @dataclass(frozen=True)
 class Task:
-    """What a campaign does with each record.
+    """Task of a campaign for each record.
 
     Parameters
     ----------
     name : {"identify", "compare", "discover"}
-    library : ForceLibrary
-        The forces offered; of `discover` those of the start model.
+    library : ForceLibrary, str, or what `library` takes, optional
+        The forces offered, by default those of `contact_forces`; of `discover` those of the start model, by
+        default viscous friction.
     methods : mapping of str to method, optional
         By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
         `compare` every method.
-    candidates : ForceLibrary, optional
+    candidates : ForceLibrary, str, or what `library` takes, optional
         What may be missing, of `discover`; by default what the command offers.
     judged : bool, optional
         Whether the two methods of `identify` are held against each other, which gives a verdict and takes
@@ -78,7 +100,7 @@ class Task:
     """
 
     name: Name
-    library: ForceLibrary
+    library: ForceLibrary = field(default_factory=load_library)
     methods: Mapping[str, scope.Method] = field(default_factory=dict)
     candidates: ForceLibrary | None = None
     judged: bool | None = None
@@ -90,8 +112,9 @@ class Task:
     def __post_init__(self) -> None:
         if self.name not in TASKS:
             raise UsageError(f"task {self.name!r} is unknown: give {', '.join(TASKS)}.")
-        if not isinstance(self.library, ForceLibrary):
-            raise UsageError(f"A task wants a ForceLibrary, not {self.library!r}: load_library(...).")
+        object.__setattr__(self, "library", forces.as_library(self.library, "Task"))
+        if self.candidates is not None:
+            object.__setattr__(self, "candidates", forces.as_library(self.candidates, "Task, candidates=,"))
         if self.name == "discover" and self.candidates is None:
             object.__setattr__(self, "candidates", further_forces(load_library(), self.library))
         judged = not self.methods if self.judged is None else self.judged
@@ -100,7 +123,7 @@ class Task:
             usual = {"averaging": Averaging(), "direct": Direct()}
             object.__setattr__(self, "methods", compare.every_method() if self.name == "compare" else usual)
         if self.judged and len(self.methods) != 2:
-            raise UsageError("Two methods are held against each other; give two, or judged=False.")
+            raise UsageError("A cross-check needs two methods; give two, or judged=False.")
 
     @property
     def labels(self) -> list[str]:
@@ -115,12 +138,12 @@ class Task:
 
     @property
     def axes(self) -> dict[str, list[str]]:
-        """What the dimensions of a row count."""
-        names = {"method": self.labels, "force": list(self.forces.symbols), "edge": list(stored.EDGES)}
+        """Labels of the dimensions of a row."""
+        names = {"model": self.labels, "force": list(self.forces.symbols), "edge": list(stored.EDGES)}
         return names | {"shape_parameter": list(self.forces.shape_values())}
 
     def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
-        """What the task's own function gives of a record."""
+        """Return the result of the task's function for a record."""
         if self.name == "discover":
             assert self.candidates is not None
             return discover(decays, self.library, self.candidates, **self.options)
@@ -146,9 +169,9 @@ class Task:
 
 
 def empty_row(task: Task) -> stored.Row:
-    """A row of which nothing is known: nan, and empty texts."""
+    """Return a row without a result: nan, and empty texts."""
     sizes = {dim: len(names) for dim, names in task.axes.items()} | {"part": stored.OUTLINE_PARTS}
-    without = {stored.TRUTH} | (set() if task.name == "discover" else stored.OF_SEARCH)
+    without = set() if task.name == "discover" else stored.OF_SEARCH
     return {name: stored.empty(name, sizes) for name in stored.VARIABLES if name not in without}
 
 
@@ -158,8 +181,8 @@ def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
     Parameters
     ----------
     task : Task
-    records : sequence of str, Dataset, or (Study, int)
-        Files, decays, or numbers of a study.
+    records : sequence of str or Dataset
+        Files, or decays.
     """
     return [_row_of(task, record) for record in records]
 
@@ -168,14 +191,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
     start, row = perf_counter(), empty_row(task)
     try:
         row["record_checksum"] = checksum_of(record)
-        if isinstance(record, tuple):
-            study, at = record
-            # What a simulated record was drawn with.
-            truth = study.drawn(at)["coefficients"]
-            row[stored.TRUTH] = np.array([truth.get(symbol, np.nan) for symbol in task.forces.symbols])
-            decays: Sequence[xr.Dataset] = [study.decay(at)]
-        else:
-            decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
+        decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
         row |= {"signal_units": variables.signal_units(decays[0]), "outline": _outline(decays[0])}
         row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
     except SysidTribError as error:
@@ -212,25 +228,24 @@ def checksum_of(record: Any) -> str:
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     """The numbers of a result in the places of the store."""
-    row = {name: of for name, of in empty_row(task).items() if "method" in stored.VARIABLES[name][0]}
+    row = {name: of for name, of in empty_row(task).items() if "model" in stored.VARIABLES[name][0]}
     axes = task.axes
     for at, label in enumerate(task.labels):
         # What a record's text withholds is not kept either.
         given = label in tree.children and "covariance" in tree[label]
-        if given and not (task.judged and label in findings.failures(tree)):
+        if given and not (task.judged and label in judged.failures(tree)):
             result = tree[label].to_dataset()
             for name in (name for name, empty in row.items() if name in result and empty.size):
                 # Forces and shape parameters that the result lacks stay nan.
                 of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
                 row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
-    if "comparison" in tree.children and "p_value" in tree["comparison"]:
-        compared = tree["comparison"]
-        row |= {"p_value": float(compared.p_value), "verdict": str(compared.attrs.get("verdict_on_record"))}
+    if "agreement" in tree.children and "p_value" in tree["agreement"]:
+        row |= {"p_value": float(tree["agreement"].p_value), "verdict": judged.verdict_of(tree)}
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
         # Of a discovery, behind its verdict.
-        early = "" if tree.attrs["converged"] == "True" else " (its search ended before it had converged)"
+        early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
 
@@ -249,21 +264,17 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
 
 
 def fingerprint(records: CampaignRecords, task: Task) -> str:
-    """What a store must have been begun with to be gone on with; further records may come to it."""
+    """Return the text that identifies a campaign; further records may be added."""
     libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
     methods = {label: repr(method) for label, method in task.methods.items()}
     asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
     options = sorted((name, repr(value)) for name, value in task.options.items())
-    study, in_memory = None, []
-    if isinstance(records, Study):
-        study = asdict(records) | {"records": None}
-    else:
-        # Files say themselves when they change.
-        held = [item for item in records if isinstance(item, xr.Dataset)]
-        in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
+    # Files say themselves when they change.
+    held = [item for item in records if isinstance(item, xr.Dataset)]
+    in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
     # What is called, without its address in memory.
     inner = getattr(task.read, "func", task.read)
     given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
     read = f"{inner.__module__}.{inner.__qualname__} {given!r}"
-    content = [__version__, STORE_FORMAT, study, in_memory, libraries, asked, options, read]
+    content = [__version__, STORE_FORMAT, in_memory, libraries, asked, options, read]
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

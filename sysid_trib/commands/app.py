@@ -1,15 +1,14 @@
 """The commands as one program: their options and help, of a table (`commands.toml`), and what was given.
 
-What works is imported when it runs.
+Modules that compute are imported when a command runs.
 """
 
 import re
 import shlex
 import sys
-import tomllib
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from copy import copy
+from dataclasses import fields
 from importlib import import_module
 from inspect import Parameter, Signature
 from math import isfinite
@@ -20,110 +19,56 @@ import typer
 from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
+from sysid_trib.commands.options import (
+    COMMANDS,
+    OPTIONS_OF,
+    POSITIVE,
+    CommandOptions,
+    defaults_of,
+    rows_of,
+    rows_of_command,
+)
 from sysid_trib.errors import UsageError, readable
 
-# What the embedded example starts from: a search then has two elastic forces to find.
-EXAMPLE_FORCES = "lambda,zeta,delta"
-# No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
-LEAST, MOST = 1e-9, 1e9
-POSITIVE = (LEAST, MOST, "")
 PARAMETER = re.compile(r"[^\W\d]\w*(\.[^\W\d]\w*)?")
 PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
-PYTHON_TYPES: dict[str, Any] = {"text": str, "number": float, "count": int, "switch": bool, "file": Path}
-PYTHON_TYPES |= {"files": list[Path], "texts": list[str]}
-# What stands for an option that is left out, where it is not None.
-ABSENT: dict[str, Any] = {"files": [], "texts": [], "switch": False}
 
 
-def _whole(name: str, title: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """The row of an option with what the table leaves out."""
-    absent = ... if row.get("required") else ABSENT.get(row.get("kind", ""))
-    usual = {"title": title, "flag": f"--{name.replace('_', '-')}", "kind": "text"}
-    whole: dict[str, Any] = {**usual, "default": absent, **row}
-    if whole.get("within") == "positive":
-        whole["within"] = POSITIVE
-    return whole | {"help": whole["help"].format(example=EXAMPLE_FORCES)}
-
-
-def _parameter(name: str, row: Mapping[str, Any]) -> Parameter:
+def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Parameter:
     """An option as the argument of a function that typer reads, under the title of its group in the help."""
     usual = {"metavar": row.get("value"), "help": row["help"], "rich_help_panel": row["title"]}
     if row.get("positional"):
         # What cannot be read is refused where it is read.
-        read = typer.Argument(show_default=row["default"] != [], readable=False, **usual)
+        read = typer.Argument(show_default=default != [], readable=False, **usual)
     else:
         flags = ("-o", "--output") if row["flag"] == "-o" else (row["flag"], *row.get("formerly", ()))
         read = typer.Option(*flags, min=row.get("least"), **usual)
-    kind, absent = PYTHON_TYPES[row["kind"]], row["default"]
-    kind = kind | None if absent is None else kind
-    return Parameter(name, Parameter.KEYWORD_ONLY, default=copy(absent), annotation=Annotated[kind, read])
-
-
-TABLE = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
-# Rows of the commands by their names, and of the options by their names in groups by theirs.
-COMMANDS: dict[str, Any] = TABLE.pop("commands")
-Options = Mapping[str, Mapping[str, Any]]
-GROUPS: dict[str, Options] = {
-    group: {
-        name: _whole(name, rows["title"], TABLE[row][name] if isinstance(row, str) else row)
-        for name, row in rows.items()
-        if name != "title"
-    }
-    for group, rows in TABLE.items()
-}
-
-
-class Asked:
-    """What a command was given: the values of its options by their names, and these as `options`."""
-
-    def __init__(self, options: Options, **values: Any) -> None:
-        vars(self).update({name: copy(row["default"]) for name, row in options.items()} | values)
-        self.options = options
-
-    def __getattr__(self, name: str) -> Any:
-        """Refuse what is no option of the command."""
-        raise AttributeError(name)
-
-    def __repr__(self) -> str:
-        # By this a campaign knows its task again, in another process too.
-        return f"Asked({ {name: value for name, value in vars(self).items() if name != 'options'} })"
-
-    def but(self, **values: Any) -> "Asked":
-        """Options and values, some of them others."""
-        return Asked(**vars(self) | values)
-
-    def changed(self, names: Iterable[str]) -> list[str]:
-        """Flags of the options among these that have another value than their default."""
-        return [self.options[n]["flag"] for n in names if getattr(self, n) != self.options[n]["default"]]
-
-
-def options_of(*groups: str) -> Options:
-    """The options of groups by their names."""
-    return {name: row for group in groups for name, row in GROUPS[group].items()}
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=default, annotation=Annotated[kind, read])
 
 
 RECORDS = "records"
 # What the next command asks of the same records and forces.
-TAKEN_OVER = options_of(RECORDS, "model", "start", "search")
+TAKEN_OVER = rows_of(RECORDS, "model", "start", "search")
 
 
-def command_after(command: str, others: Mapping[str, str | None], given: Asked) -> str:
+def command_after(command: str, others: Mapping[str, str | None], given: CommandOptions) -> str:
     """A command with the options that were given before, and others in their place (`next_step.NextStep`)."""
-    known, options = options_of(*COMMANDS[command]["options"]), given.options
-    changed = {name: vars(given)[name] for name in options if name in TAKEN_OVER}
-    if "candidates" not in known and "library" in changed and not given.changed(["library"]):
+    known, defaults = rows_of_command(command), defaults_of(type(given))
+    taken = {name: value for name, value in vars(given).items() if name in TAKEN_OVER}
+    if taken.get("candidates") and "candidates" not in known and taken["library"] == defaults["library"]:
         # Forces that the package ships are known to every command, one's own candidates by their file.
-        changed["library"] = changed.get("candidates") or changed["library"]
+        taken["library"] = taken["candidates"]
     # As the user wrote them. A dash at the beginning of a word would be an option.
     written = {Path(word): word for word in sys.argv[1:]}
-    files = [written.get(file, str(file)) for file in changed.pop(RECORDS, [])]
+    files = [written.get(file, str(file)) for file in taken.pop(RECORDS, [])]
     words = [f"./{file}" if file.startswith("-") else file for file in files]
     words += [file for name, file in others.items() if name == RECORDS and file]
-    for name, value in changed.items():
-        if name in known and name.strip("_") not in others and value != options[name]["default"]:
-            for item in value if isinstance(value, list | tuple) else [value]:
+    for name, row in TAKEN_OVER.items():
+        value = taken.get(name)
+        if name in taken and name in known and name.strip("_") not in others and value != defaults[name]:
+            for item in value if isinstance(value, list) else [value]:
                 # A switch is its flag alone.
-                words += [options[name]["flag"], *([] if isinstance(item, bool) else [_as_given(item)])]
+                words += [row["flag"], *([] if isinstance(item, bool) else [_as_given(item)])]
     for name, value in others.items():
         if value is not None and name != RECORDS:
             words += [f"--{name.replace('_', '-')}", *filter(None, [value])]
@@ -233,7 +178,7 @@ def _options(
         False, "--version", callback=_show_version, is_eager=True, help="Show the version."
     ),
 ) -> None:
-    """Which forces act in an oscillator, learned from its free decay."""
+    """Identify the forces of an oscillator from its free decay."""
 
 
 def _add(name: str, home: str, options: list[str], help: str, examples: list[str]) -> None:
@@ -242,19 +187,22 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     The function of its name in the module `home`, which is imported when it runs, takes what says how far it
     is and what was given, and gives what prints.
     """
-    known = options_of(*options)
+    rows, options_class = rows_of_command(name), OPTIONS_OF[name]
 
     def run(**values: Any) -> None:
         from sysid_trib.commands import terminal
 
-        given = Asked(known, **values)
-        with terminal.working(values.get("records", ())) as tell:
-            terminal.check_values(given)
+        given = options_class(**values)
+        with terminal.working(values.get(RECORDS, ())) as tell:
+            terminal.check_values(given, rows)
             say = getattr(import_module(f"sysid_trib.commands.{home}"), name)(tell, given)
         say()
 
+    kinds = {option.name: option.type for option in fields(options_class)}
+    defaults = defaults_of(options_class)
+    parameters = [_parameter(option, row, kinds[option], defaults[option]) for option, row in rows.items()]
     run.__name__, run.__doc__ = name, help
-    run.__signature__ = Signature([_parameter(*item) for item in known.items()])  # type: ignore[attr-defined]
+    run.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     app.command(name, cls=GroupedCommand, help=help)(run)
 
 

@@ -1,28 +1,31 @@
-"""What is asked of a method or of a search: its forces, shapes, constraints and frequencies."""
+"""Options of a method or of a search: forces, shapes, constraints and frequencies."""
 
 from collections.abc import Collection
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from sysid_trib.commands import app
+from sysid_trib.commands.options import MOST, ModelOptions, RecordOptions, SearchOptions
 from sysid_trib.errors import UsageError
 from sysid_trib.forces import selection
-from sysid_trib.forces.constraints import Constraints
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, OPTIONS, RandomForceOption
+from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
-from sysid_trib.results.files import kind_of
-from sysid_trib.validation.findings import main_result
+from sysid_trib.results.judged import main_result
+from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.random_force import DENSITY_UNITS
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
     """The forces that are asked for, the linear elastic one among them where alpha is wanted.
 
-    What is asked for by name and the library lacks is taken from those that come with the package.
+    A named force that the library lacks is taken from the libraries of the package.
     """
     whole = load_library(library)
     symbols = list(whole.symbols)
@@ -42,20 +45,35 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
     return whole.select(symbols)
 
 
-def asked_model(given: app.Asked) -> app.Asked:
-    """What is to be identified, with what the system always has.
+@dataclass(frozen=True)
+class AskedModel:
+    """Return the model to be identified, with the forces that the system always has.
 
-    Parameters
+    Attributes
     ----------
-    given : Asked
-        What the command was given.
-
-    Returns
-    -------
-    Asked
-        It with the `library` of the forces, the `shapes` that are held, `constraints` and the `random_force`
-        as methods take them, and `contactless`, the frequency without contact and its error (rad/s) or None.
+    library : ForceLibrary
+        The forces.
+    shapes : dict of str to float
+        Shape parameters that are held.
+    constraints : ConstraintTable
+        With those of the system.
+    random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
+    reference_frequency : float or None, rad/s
+        None: fitted.
+    contactless : (float, float) or None, rad/s
+        Frequency without contact and its standard error.
     """
+
+    library: ForceLibrary
+    shapes: dict[str, float]
+    constraints: ConstraintTable
+    random_force: RandomForceOption
+    reference_frequency: float | None
+    contactless: tuple[float, float] | None
+
+
+def asked_model(given: ModelOptions) -> AskedModel:
+    """Return what is to be identified, with what the system always has."""
     moving = selection.load_system(given.system)
     contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
@@ -70,15 +88,19 @@ def asked_model(given: app.Asked) -> app.Asked:
     always = {symbol: value for symbol, value in moving.held.items() if symbol in unconstrained}
     constraints = Constraints({**moving.bounds(unconstrained), **always, **constraints.table})
     constraints.check(selection.forces_to_identify(offered, held, sensors=True))
-    random_force = parse_random_force(given.random_force)
-    asked = {"library": offered, "shapes": shapes, "constraints": constraints.table}
-    return given.but(**asked, contactless=contactless, random_force=random_force)
+    return AskedModel(
+        library=offered,
+        shapes=shapes,
+        constraints=constraints.table,
+        random_force=parse_random_force(given.random_force),
+        reference_frequency=held,
+        contactless=contactless,
+    )
 
 
-def driving_of(given: app.Asked) -> dict[str, str | int]:
+def driving_of(given: RecordOptions) -> dict[str, str | int]:
     """Return the columns of inputs by their names."""
-    text = vars(given).get("input_")
-    return named_inputs(text and text.split(","))
+    return named_inputs(None if given.input_ is None else given.input_.split(","))
 
 
 def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:
@@ -93,13 +115,13 @@ def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Const
 
 
 def asked_search(
-    given: app.Asked, inputs: Collection[str] = ()
+    given: SearchOptions, inputs: Collection[str] = ()
 ) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
-    """The start model, what it may lack, and how to search, as `discover` takes them.
+    """Return start model, candidates and options of the search, as `discover` takes them.
 
     Parameters
     ----------
-    given : Asked
+    given : SearchOptions
         Without forces the start model has viscous friction and inputs. Without candidates of its own it may
         lack the library's other forces and the usual effects. What the system always has is held, what it
         cannot have is not offered.
@@ -157,9 +179,9 @@ def parse_random_force(text: str) -> RandomForceOption:
         return word  # type: ignore[return-value]
     with suppress(ValueError):
         density = float(word)
-    if not 0.0 <= density <= app.MOST:
+    if not 0.0 <= density <= MOST:
         raise UsageError(
-            f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {app.MOST:g} "
+            f"--random-force '{word}' must be auto, estimated, off, or a density from 0 to {MOST:g} "
             f"{DENSITY_UNITS}."
         )
     return density
@@ -169,7 +191,7 @@ def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
     """The identification that stands for a saved result; refused where there is none."""
     answer = main_result(tree)
     if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} compares samples and is no model of either; give what identify wrote.")
+        raise UsageError(f"{result} compares samples and is no model of either; give a result of identify.")
     if answer is None:
         raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
     return answer

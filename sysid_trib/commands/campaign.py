@@ -1,39 +1,40 @@
-"""What `sysid-trib campaign` does, and what it does with each record, as its options have it."""
+"""Command `campaign`, and its options as the task of each record."""
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import fields
 from functools import partial
 from glob import glob, has_magic
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import xarray as xr
 
 from sysid_trib.campaigns import task
+from sysid_trib.campaigns.between_records import between_runs, without_collinear
 from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.rows import counts_of
-from sysid_trib.campaigns.study import load_study, names_of
-from sysid_trib.commands.app import GROUPS, Asked, options_of
+from sysid_trib.campaigns.task import names_of
 from sysid_trib.commands.asked import asked_model, asked_search
 from sysid_trib.commands.fits import methods_asked
+from sysid_trib.commands.options import GROUPS, CampaignOptions, ModelOptions
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import check_output, command_line, print_blocks, print_json
 from sysid_trib.errors import RecordError, Tell, UsageError
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
-from sysid_trib.validation.between_runs import between_runs, without_collinear
 
 
-def campaign(tell: Tell, given: Asked) -> Callable[[], None]:
+def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
     """Do a task with each record, and write what varies between them on a page."""
     check_extra()
-    records = _records(given.records, given.study, given.conditions)
+    records = _records(given.records, given.conditions)
     if given.output is None:
-        raise UsageError("A campaign wants a store: -o RESULTS.zarr.")
+        raise UsageError("A campaign needs a store: -o RESULTS.zarr.")
     if given.output.suffix != ".zarr":
         raise UsageError(f"{given.output}: the ending must be .zarr.")
     page = given.output.with_suffix(".html")
-    reads = [*([] if given.study else records), given.study, given.conditions]
+    reads = [*records, given.conditions]
     reads += [given.library, given.candidates, given.system]
     check_output(page, page.suffix, reads=[Path(name) for name in reads if name is not None])
     table = _conditions(given, names_of(records))
@@ -65,27 +66,26 @@ def campaign(tell: Tell, given: Asked) -> Callable[[], None]:
     return say
 
 
-def decays_of(given: Asked, path: str) -> Sequence[xr.Dataset]:
+def decays_of(given: ModelOptions, path: str) -> Sequence[xr.Dataset]:
     """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
     return read_decays(given.but(records=[Path(path)]))[0]
 
 
-def _task(given: Asked) -> task.Task:
+def _task(given: CampaignOptions) -> task.Task:
     """The task that the options ask for; an option that it does not have is refused."""
     name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
     # How a file is read depends neither on which others there are, nor on where its row goes.
-    known = options_of("records", "model")
-    of_reading = {name: value for name, value in vars(given).items() if name in known}
-    read = partial(decays_of, Asked(known, **of_reading | {"records": []}))
+    of_reading = {option.name: getattr(given, option.name) for option in fields(ModelOptions)}
+    read = partial(decays_of, ModelOptions(**of_reading | {"records": []}))
     of_model = [option for option in GROUPS["model"] if option not in GROUPS["start"]]
     # What the task would pass over in silence.
     if idle := given.changed(of_model if name == "discover" else GROUPS["search"]):
         raise UsageError(f"{idle[0]} is no option of --task {name}; leave it out, or give another task.")
     if name == "discover":
         if given.methods is not None:
-            raise UsageError("--methods are of identify and compare; discover has one of its own.")
+            raise UsageError("--methods is for identify and compare; discover has its own method.")
         start, offered, how = asked_search(given)
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     asked = asked_model(given)
@@ -97,7 +97,7 @@ def _task(given: Asked) -> task.Task:
     if misspelt := [label for label in wanted if label not in methods]:
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
     return task.Task(
-        name,
+        cast(task.Name, name),
         asked.library,
         {label: methods[label] for label in wanted},
         judged=name == "identify" and not given.methods,
@@ -107,12 +107,8 @@ def _task(given: Asked) -> task.Task:
     )
 
 
-def _records(patterns: list[Path], study: Path | None, conditions: Path | None) -> Any:
-    """Files, those of patterns among them, or a study; the table of conditions is no record."""
-    if study is not None:
-        if patterns:
-            raise UsageError("A campaign is over files or over a study: give one of them.")
-        return load_study(study)
+def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
+    """Return the files, those of patterns among them; the table of conditions is no record."""
     files: list[str] = []
     for pattern in map(str, patterns):
         those = sorted(glob(pattern)) if has_magic(pattern) and not Path(pattern).exists() else [pattern]
@@ -122,11 +118,11 @@ def _records(patterns: list[Path], study: Path | None, conditions: Path | None) 
     if folders := [file for file in files if Path(file).is_dir()]:
         raise UsageError(f"{folders[0]}: this is a folder; give its files: '{Path(folders[0]) / '*.csv'}'.")
     if not files:
-        raise UsageError("A campaign wants files ('data/*.csv') or --study FILE.")
+        raise UsageError("A campaign needs files: 'data/*.csv'.")
     return [file for file in dict.fromkeys(files) if conditions is None or Path(file) != conditions]
 
 
-def _conditions(given: Asked, names: list[str]) -> Any:
+def _conditions(given: CampaignOptions, names: list[str]) -> Any:
     """The table of conditions, if there is one."""
     if given.conditions is None:
         if given.laboratories is not None:
@@ -139,7 +135,7 @@ def _conditions(given: Asked, names: list[str]) -> Any:
 
 
 def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dataset | None:
-    """What varies between the records, by the identification that is reported; None of too few."""
+    """Return the variation between records by the reported identification; None if there are too few."""
     estimates = estimates_of(store, reported_method(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
         return None

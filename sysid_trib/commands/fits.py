@@ -1,6 +1,6 @@
-"""What `sysid-trib identify`, `discover`, `compare` and `difference` do: fits, and what they lack."""
+"""Commands `identify`, `discover`, `compare` and `difference`."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -8,9 +8,18 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.app import EXAMPLE_FORCES, Asked, parse_value_with_error, parse_window
-from sysid_trib.commands.asked import asked_constraints, asked_model, asked_search, driving_of
+from sysid_trib.commands.app import parse_value_with_error, parse_window
+from sysid_trib.commands.asked import AskedModel, asked_constraints, asked_model, asked_search, driving_of
 from sysid_trib.commands.next_step import keep_next
+from sysid_trib.commands.options import (
+    EXAMPLE_FORCES,
+    CompareOptions,
+    DestinationOptions,
+    DifferenceOptions,
+    DiscoverOptions,
+    IdentifyOptions,
+    MeasuredOptions,
+)
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.discovery.discover import discover as searched
@@ -19,19 +28,22 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods.scope import Method, with_random_force
 from sysid_trib.methods.trajectory import KINDS_OF_STARTS, StartsOption
-from sysid_trib.physics.si_units import SI, check_angle_unit, check_length_unit, check_measured, in_si_units
+from sysid_trib.physics.consequences import with_consequences
+from sysid_trib.physics.si_units import check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
 from sysid_trib.printing.campaign import difference_blocks, difference_json
+from sysid_trib.questions import profiles
+from sysid_trib.questions.difference import held_against
+from sysid_trib.questions.law_difference import laws_held_against
 from sysid_trib.records.signal import unit_of_signal
-from sysid_trib.results.files import kind_of
+from sysid_trib.results import judged
+from sysid_trib.results.kinds import SI, kind_of
 from sysid_trib.results.references import with_scale_error
 from sysid_trib.results.variables import record_groups
-from sysid_trib.smooth_laws.samples import laws_held_against
-from sysid_trib.validation import findings, profiles, refits
+from sysid_trib.validation import refits
 from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.identify import identify as identified, usual_methods
-from sysid_trib.validation.samples import held_against
 
 # The end of a refusal by `identify`.
 OR_FEWER = "give a longer record or fewer."
@@ -42,8 +54,8 @@ def names_in(text: str | None) -> list[str]:
     return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
 
 
-def _texts(given: Asked, tree: xr.DataTree) -> dict[Path | None, Callable[[], str]]:
-    """What stands in the files of text of a result, by their places."""
+def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Callable[[], str]]:
+    """Return the text files of a result, by their paths."""
     return {given.csv: partial(exported.csv_text, tree), given.latex: partial(exported.latex_text, tree)}
 
 
@@ -53,18 +65,16 @@ def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
     return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
 
 
-def identify(tell: Tell, given: Asked) -> Callable[[], None]:
+def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     """Identify the forces of records in two ways."""
     measured, calibration = measured_given(given), calibration_of(given)
     wanted = asked_model(given)
     profiled = names_in(given.profile)
-    if len(pairs := [name for name in profiled if ":" in name]) > 1:
-        raise UsageError(f"--profile draws contours of one pair, not of {' and '.join(pairs)}; ask for one.")
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     driven = is_driven(decays)
     if driven and (measured or given.methods_text):
-        raise UsageError("SI units and --methods-text are of free decays; leave them out of a driven record.")
+        raise UsageError("SI units and --methods-text are for free decays; omit them for a driven record.")
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
     if "inertia" in measured:
@@ -91,16 +101,16 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
         tell("prediction")
         of_test = given.but(records=[given.test], omega0=None, reference_frequency=None)
         others, _ = read_decays(of_test, as_it_is=True, driven=True)
-        answer = tree[tree["comparison"].attrs["answer"]].to_dataset()
-        how = {"warm_up": given.warm_up, "starts": starts}
-        predicted = [predict(answer, other, **how) for other in others]
+        answer = tree[judged.preferred_of(tree)].to_dataset()
+        predicted = [predict(answer, other, warm_up=given.warm_up, starts=starts) for other in others]
     _add_sureness(tree, decays, given.sensitivity, profiled, tell)
     if calibration[1]:
         tree = with_scale_error(tree, calibration[1] / calibration[0])
-    if measured and (result := findings.kept_results(tree).get(findings.answer_of(tree))) is not None:
+    if measured and (result := judged.kept_results(tree).get(judged.preferred_of(tree))) is not None:
         # What has a covariance of forces is an identification.
         converted = in_si_units(result, **measured).drop_dims("other_force")
-        tree[SI] = xr.DataTree(converted.assign_attrs(of_method=findings.answer_of(tree)))
+        tree[SI] = xr.DataTree(converted.assign_attrs(of_method=judged.preferred_of(tree)))
+    tree = with_consequences(tree)
     keep_next(tree, given)
     texts = _texts(given, tree)
     if given.methods_text is not None:
@@ -111,7 +121,7 @@ def identify(tell: Tell, given: Asked) -> Callable[[], None]:
 
 
 def checked_starts(word: str, *, driven: bool) -> StartsOption:
-    """How runs begin; refused where it is no such word, or of free decays."""
+    """Return how runs begin; raise an error for another word, or for free decays."""
     if word not in KINDS_OF_STARTS:
         raise UsageError(f"--starts '{word}' must be {' or '.join(KINDS_OF_STARTS)}.")
     if word != KINDS_OF_STARTS[0] and not driven:
@@ -132,35 +142,31 @@ def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
         raise DecayError(choice) from None
 
 
-def measured_given(given: Asked) -> dict[str, tuple[float, float]]:
-    """What gives SI units, with its errors; refused where it is too little for what it is for."""
-    known = {}
-    for name in ("inertia", "mass", "load", "radius"):
-        if (pair := parse_value_with_error(getattr(given, name), f"--{name}")) is not None:
-            known[name] = pair
+def measured_given(given: MeasuredOptions) -> dict[str, tuple[float, float]]:
+    """Return the values that give SI units, with errors; raise an error if one is missing."""
+    texts = {"inertia": given.inertia, "mass": given.mass, "load": given.load, "radius": given.radius}
+    pairs = {name: parse_value_with_error(text, f"--{name}") for name, text in texts.items()}
+    known = {name: pair for name, pair in pairs.items() if pair is not None}
     if known:
         check_measured(known.keys())
     return known
 
 
 def _add_sureness(
-    tree: xr.DataTree, decays: list[xr.Dataset], varied: bool, profiled: Iterable[str], tell: Tell
+    tree: xr.DataTree, decays: list[xr.Dataset], varied: bool, profiled: Sequence[str], tell: Tell
 ) -> None:
     """Add what is asked of how sure the answer is, as groups of the result."""
     if not (varied or profiled):
         return
-    answer = tree[findings.answer_of(tree)].to_dataset()
-    if names := [name for name in profiled if ":" not in name]:
-        tree["profile"] = profiles.profile(decays, answer, names, tell=tell)
-    for pair in profiled:
-        if ":" in pair:
-            tree["contour"] = profiles.contour(decays, answer, pair.split(":"), tell=tell)
+    answer = tree[judged.preferred_of(tree)].to_dataset()
+    if profiled:
+        tree["profile"] = profiles.profile(decays, answer, profiled, tell=tell)
     if varied:
         tree["sensitivity"] = refits.sensitivity(decays, answer, tell=tell)
 
 
 def _blocks(tree: xr.DataTree, sources: list[str], predicted: list[xr.Dataset]) -> list[Block]:
-    """What is printed of an identification, of free decays or with inputs."""
+    """Return the blocks of an identification, of free decays or with inputs."""
     sentences = record_sentences(tree, sources)
     of_kind = driven.driven_blocks if kind_of(tree) == "driven" else identification.identification_blocks
     return [*of_kind(tree, sentences), driven.prediction_block(predicted)]
@@ -171,11 +177,12 @@ def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
     return of_kind(tree) | driven.prediction_json(predicted) | sureness.sureness_json(tree)
 
 
-def discover(tell: Tell, given: Asked) -> Callable[[], None]:
+def discover(tell: Tell, given: DiscoverOptions) -> Callable[[], None]:
     """Search what a model lacks."""
     driving = driving_of(given)
-    of_example = {} if given.records or given.forces is not None else {"forces": EXAMPLE_FORCES}
-    start, offered, options = asked_search(given.but(**of_example), driving)
+    is_example = not given.records and given.forces is None
+    asked = given.but(forces=EXAMPLE_FORCES) if is_example else given
+    start, offered, options = asked_search(asked, driving)
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     seen, held, said = _held_out(decays, given.holdout)
@@ -190,7 +197,7 @@ def discover(tell: Tell, given: Asked) -> Callable[[], None]:
 
 
 def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dataset], list[xr.Dataset], str]:
-    """What is learned from, what is kept for prediction: a window of each decay, and its words."""
+    """Split decays into a part to learn from and a held-out window, with its description."""
     if window is None:
         return decays, [], ""
     low, high = parse_window(window, "--holdout")
@@ -211,13 +218,13 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
     return seen, held, said + (" of each run" if len(decays) > 1 else "")
 
 
-def methods_asked(asked: Asked) -> dict[str, Method]:
+def methods_asked(asked: AskedModel) -> dict[str, Method]:
     """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
     methods = every_method(asked.reference_frequency, asked.shapes)
     return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
 
-def compare(tell: Tell, given: Asked) -> Callable[[], None]:
+def compare(tell: Tell, given: CompareOptions) -> Callable[[], None]:
     """Identify the forces of records by every method."""
     asked = asked_model(given)
     tell("reading")
@@ -240,7 +247,7 @@ def compare(tell: Tell, given: Asked) -> Callable[[], None]:
 AND = Path(":")
 
 
-def difference(tell: Tell, given: Asked) -> Callable[[], None]:
+def difference(tell: Tell, given: DifferenceOptions) -> Callable[[], None]:
     """Hold two samples against each other."""
     sides = _sides(given.records)
     asked = asked_model(given)
@@ -255,8 +262,7 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
         raise UsageError("A record is given in both samples; their differences would share its noise.")
     usual = usual_methods([*first, *second], asked.library, asked.reference_frequency, asked.shapes)
     method = with_random_force(usual[-1], asked.random_force)
-    how = {"constraints": asked.constraints, "tell": tell}
-    tree = held_against(first, second, asked.library, method, **how)
+    tree = held_against(first, second, asked.library, method, constraints=asked.constraints, tell=tell)
     if given.laws:
         for name, group in laws_of_samples(first, second, given, asked, tell).items():
             tree[name] = xr.DataTree(group)
@@ -266,7 +272,11 @@ def difference(tell: Tell, given: Asked) -> Callable[[], None]:
 
 
 def laws_of_samples(
-    first: Sequence[xr.Dataset], second: Sequence[xr.Dataset], given: Asked, asked: Asked, tell: Tell
+    first: Sequence[xr.Dataset],
+    second: Sequence[xr.Dataset],
+    given: DifferenceOptions,
+    asked: AskedModel,
+    tell: Tell,
 ) -> dict[str, xr.Dataset]:
     """Return the laws of both samples and their difference, with what is held of the forces."""
     return laws_held_against(
@@ -289,5 +299,5 @@ def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:
     if len(marks) == 1 and 0 < marks[0] < len(records) - 1:
         return records[: marks[0]], records[marks[0] + 1 :]
     raise UsageError(
-        "difference wants two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
+        "difference needs two samples: A.csv B.csv, or the runs of each with ' : ' between, A*.csv : B*.csv."
     )

@@ -1,4 +1,4 @@
-"""What `sysid-trib laws` does: friction and restoring force as curves, without a formula."""
+"""Command `laws`: friction and restoring force as curves, without a formula."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,10 +7,10 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.commands.app import Asked
 from sysid_trib.commands.asked import asked_constraints, parse_random_force
 from sysid_trib.commands.fits import measured_given, record_sentences
 from sysid_trib.commands.next_step import keep_next
+from sysid_trib.commands.options import LawsOptions
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
@@ -21,13 +21,13 @@ from sysid_trib.physics.si_units import check_length_unit
 from sysid_trib.printing import Block, driven, laws as printed
 from sysid_trib.printing.si_laws import si_blocks, si_json
 from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.results.judged import best
 from sysid_trib.smooth_laws.calibration import with_scale_error
 from sysid_trib.smooth_laws.laws import laws as identified
 from sysid_trib.validation.driven import is_driven, predict
-from sysid_trib.validation.findings import best
 
 
-def laws(tell: Tell, given: Asked) -> Callable[[], None]:
+def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
     """Identify the laws of records."""
     constraints = asked_constraints(given.fix, given.bound, given.tie)
     random_force = parse_random_force(given.random_force)
@@ -59,7 +59,7 @@ def laws(tell: Tell, given: Asked) -> Callable[[], None]:
     return deliver(given, tell, says, tree, texts)
 
 
-def _predicted(tree: xr.DataTree, given: Asked, tell: Tell) -> list[xr.Dataset]:
+def _predicted(tree: xr.DataTree, given: LawsOptions, tell: Tell) -> list[xr.Dataset]:
     """The records of --test as the preferred laws predict them."""
     if given.test is None:
         return []

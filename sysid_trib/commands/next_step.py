@@ -1,22 +1,23 @@
-"""What to do after a result: the next command, and why."""
+"""Next step after a result: the command, and the reason."""
 
 import shlex
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, command_after
+from sysid_trib.commands.app import command_after
+from sysid_trib.commands.options import FileOptions, IdentifyOptions, MeasuredOptions, RecordOptions
 from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
-from sysid_trib.results import effects, files
-from sysid_trib.results.files import identifications_of, kind_of
-from sysid_trib.results.schema import library_of, shape_values_of
+from sysid_trib.results import effects, judged, kinds
+from sysid_trib.results.kinds import identifications_of, kind_of
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
-from sysid_trib.validation import findings
 
 # Stands for a file that the user is to measure first: marked, so that nobody takes it for one that is there.
 SECOND_RECORD = "<SECOND_RECORD.csv>"
@@ -24,9 +25,23 @@ SECOND_RECORD = "<SECOND_RECORD.csv>"
 MORE_EFFECTS = 2
 
 
-# A command, what it is for in a few words, and options that replace those of the command that has run: a
-# switch has an empty value, what is left out has None; `records` is one more.
-NextStep = tuple[str, str, Mapping[str, str | None]]
+class NextStep(NamedTuple):
+    """The command that follows from a result.
+
+    Attributes
+    ----------
+    command : str
+    reason : str
+        What it is for, in a few words.
+    options : mapping of str to str or None
+        Options that replace those of the command that has run: a switch has an empty value, an option that
+        is left out None; `records` is one more.
+    """
+
+    command: str
+    reason: str
+    options: Mapping[str, str | None]
+
 
 # The order of next steps: from each state of a result the command that follows, and what it is for. An empty
 # command is an end. A chain of these ends within four commands, and none of them comes twice.
@@ -70,47 +85,50 @@ def next_step(tree: xr.DataTree) -> NextStep | None:
     after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
     state, options = after.get(kind_of(tree), _after_identification)(tree)
     command, reason = NEXT_COMMANDS[state]
-    return (command, reason, options) if command else None
+    return NextStep(command, reason, options) if command else None
 
 
-# A state of `NEXT_COMMANDS`, and options of the command that follows.
-State = tuple[str, Mapping[str, str | None]]
+class StateOfResult(NamedTuple):
+    """A state of `NEXT_COMMANDS`, and options of the command that follows."""
+
+    name: str
+    options: Mapping[str, str | None]
 
 
-def _after_identification(tree: xr.DataTree) -> State:
-    verdict = findings.verdict_of(tree)
+def _after_identification(tree: xr.DataTree) -> StateOfResult:
+    verdict = judged.verdict_of(tree)
     if verdict == "undetermined":
-        return _undetermined(findings.second_of(tree))
+        return _undetermined(judged.last_of(tree))
     if not verdict.startswith("explained"):
         library = _largest_library(tree)
         # A driven record has no backbone.
-        named = _effects_named(library) and not files.is_of_driven(tree)
+        named = _effects_named(library) and not kinds.is_of_driven(tree)
         state = "approximate with named effects" if named else verdict
-        return state, {} if named else _search_options(library)
-    if fewer := findings.fewer_forces(tree):
-        return "explained, no coefficient is known by itself", {"forces": ",".join(fewer[0])}
-    return "explained", {}
+        return StateOfResult(state, {} if named else _search_options(library))
+    if fewer := judged.fewer_forces(tree):
+        return StateOfResult("explained, no coefficient is known by itself", {"forces": ",".join(fewer[0])})
+    return StateOfResult("explained", {})
 
 
-def _undetermined(result: xr.Dataset) -> State:
-    """After a record that decides none of its forces: with fewer of them."""
+def _undetermined(result: xr.Dataset) -> StateOfResult:
+    """Return the step after a record that determines no force: fewer forces."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
-        return "undetermined", {"forces": viscous[0], "window": None}
-    return "undetermined by the viscous force alone", {}
+        return StateOfResult("undetermined", {"forces": viscous[0], "window": None})
+    return StateOfResult("undetermined by the viscous force alone", {})
 
 
-def _after_laws(tree: xr.DataTree) -> State:
-    if findings.verdict_of(tree) != "explained":
-        return "laws do not explain", {}
-    without = tree["comparison"].attrs["reason"]
-    return "laws without a curve explain" if without else "laws explain", {}
+def _after_laws(tree: xr.DataTree) -> StateOfResult:
+    if judged.verdict_of(tree) != "explained":
+        return StateOfResult("laws do not explain", {})
+    without = tree["judged"].attrs["reason"]
+    return StateOfResult("laws without a curve explain" if without else "laws explain", {})
 
 
-def _after_comparison(tree: xr.DataTree) -> State:
-    if ratio_of_best(tree["comparison"].to_dataset()) <= findings.LARGE:
-        return "compared, explained", {}
-    return "compared, not explained", _search_options(_largest_library(tree))
+def _after_comparison(tree: xr.DataTree) -> StateOfResult:
+    if ratio_of_best(judged.comparison_of(tree)) <= judged.LARGE:
+        return StateOfResult("compared, explained", {})
+    return StateOfResult("compared, not explained", _search_options(_largest_library(tree)))
 
 
 def _largest_library(tree: xr.DataTree) -> ForceLibrary:
@@ -119,7 +137,7 @@ def _largest_library(tree: xr.DataTree) -> ForceLibrary:
 
 
 def _search_options(library: ForceLibrary) -> dict[str, str]:
-    """What is missing beside the forces that were given; terms of the sensor are candidates alone."""
+    """Return the forces given, as options, if others are missing; sensor terms are only candidates."""
     forces = [force.symbol for force in library if force.kind != "sensor"]
     return {"forces": ",".join(forces)} if len(forces) < len(library) else {}
 
@@ -131,26 +149,26 @@ def _effects_named(library: ForceLibrary) -> bool:
     return bool(set(library.symbols) & set(load_library(EFFECTS).symbols) - usual)
 
 
-def _after_discovery(tree: xr.DataTree) -> State:
+def _after_discovery(tree: xr.DataTree) -> StateOfResult:
     if tree.attrs.get("out_of_time"):
-        return "out of time", {"time_limit": None}
-    after, driven = tree["after"].to_dataset(), files.is_of_driven(tree)
+        return StateOfResult("out of time", {"time_limit": None})
+    after, driven = tree["after"].to_dataset(), kinds.is_of_driven(tree)
     unexplained = tree.attrs["verdict"] == "unknown effect"
     if unexplained and not driven:
-        return "unknown effect", {}
+        return StateOfResult("unknown effect", {})
     if not effects.determines(after):
         return _undetermined(after)
     forces = ",".join(after.force.values.tolist())
     shapes = ",".join(f"{name}={value:.6g}" for name, value in shape_values_of(after).items())
     options = {"forces": forces} | ({"set": shapes} if shapes else {})
     if tree["steps"].attrs["count"]:
-        return "named", options
+        return StateOfResult("named", options)
     if unexplained:
-        return "unknown effect of a driven record", {}
-    return "nothing missing of a driven record" if driven else "nothing missing", options
+        return StateOfResult("unknown effect of a driven record", {})
+    return StateOfResult("nothing missing of a driven record" if driven else "nothing missing", options)
 
 
-def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
+def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
     """Further commands that may follow, each after the words that say when: none of them is needed."""
     made = list[tuple[str, str, Mapping[str, str | None]]]()
     if kind_of(tree) == "discover":
@@ -161,14 +179,15 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
         most = tree.attrs["max_effects"]
         if outstanding and tree["steps"].attrs["count"] >= most > 0:
             made.append(("For further effects", "discover", {"max_effects": str(most + MORE_EFFECTS)}))
-        if findings.held_out_excess(tree) and tree.attrs["held_out"].startswith(findings.LAST_THIRD):
+        if judged.held_out_excess(tree) and not tree["holdout_given"]:
             made.append(("To fit the same forces to the whole record", "discover", {"refit": ""}))
     elif kind_of(tree) == "laws":
-        if findings.verdict_of(tree) != "explained" and not files.is_of_driven(tree):
+        if judged.verdict_of(tree) != "explained" and not kinds.is_of_driven(tree):
             when = "For a force with memory, or one that changes in time"
             made.append((when, "discover", {}))
         # A simulated record has no rig to make another one.
-        if vars(given).get("test") is None and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
+        tested = isinstance(given, MeasuredOptions) and given.test is not None
+        if not tested and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
             when = "To see whether another record of the rig follows these laws"
             made.append((when, "laws", {"test": SECOND_RECORD}))
     elif scale := _scale_error(tree, given):
@@ -177,9 +196,9 @@ def alternatives(tree: xr.DataTree, given: Asked) -> list[str]:
     return [f"{when}: {command_after(command, options, given)}" for when, command, options in made]
 
 
-def _scale_error(tree: xr.DataTree, given: Asked) -> str:
-    """The factor on the signal that a pendulum's frequency wants; empty if it wants none, or has one."""
-    unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
+def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
+    """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
+    unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
         return ""
@@ -201,11 +220,11 @@ def _tied(tree: xr.DataTree) -> list[str]:
 
 
 def _swings_unexplained(tree: xr.DataTree) -> bool:
-    """True if a model does not explain records whose backbones are those of a pendulum."""
+    """Return true if a model does not explain records of pendulums."""
     if kind_of(tree) == "discover":
         unexplained = tree.attrs["verdict"] == "unknown effect"
     else:
-        unexplained = kind_of(tree) == "cross_check" and not findings.verdict_of(tree).startswith("explained")
+        unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
     records = (tree[group].to_dataset() for group in record_groups(tree))
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
@@ -214,26 +233,32 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
 KEPT = "result.nc"
 
 
-def _after_driven(tree: xr.DataTree, given: Asked) -> NextStep | str | None:
+def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | None:
     """The step after a driven identification, or the whole command; None where it is that of any other.
 
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
     searched for no further force.
     """
-    if not (_moves_freely(tree) or findings.verdict_of(tree).startswith("explained")):
+    if not (_moves_freely(tree) or judged.verdict_of(tree).startswith("explained")):
         return None
-    if (output := vars(given).get("output")) is not None:
-        page = output.with_suffix(".html")
-        words = ["sysid-trib", "report", str(output), "-o", str(page)]
+    if isinstance(given, FileOptions) and given.output is not None:
+        page = given.output.with_suffix(".html")
+        words = ["sysid-trib", "report", str(given.output), "-o", str(page)]
         return f"{readable(shlex.join(words))} # figures and tables on one page"
-    taken = {name: _as_text(vars(given)[name]) for name in ("test", "warm_up") if vars(given).get(name)}
-    return "identify", "keeps the result, for report and response", {**taken, "output": KEPT}
+    taken = dict[str, str | None]()
+    if isinstance(given, MeasuredOptions) and given.test:
+        taken["test"] = str(given.test)
+    if isinstance(given, MeasuredOptions) and given.warm_up:
+        taken["warm_up"] = f"{given.warm_up:g}"
+    if isinstance(given, IdentifyOptions) and given.changed(["starts"]):
+        taken["starts"] = given.starts
+    return NextStep("identify", "keeps the result, for report and response", {**taken, "output": KEPT})
 
 
 def _moves_freely(tree: xr.DataTree) -> bool:
-    """True if the body of a driven record has no restoring force; a search weighs forces by that."""
-    result = findings.main_result(tree)
-    if result is None or not files.is_of_driven(tree):
+    """Return true if the body of a driven record has no restoring force, which a search needs."""
+    result = judged.main_result(tree)
+    if result is None or not kinds.is_of_driven(tree):
         return False
     held = {
         symbol: result.coefficient.sel(force=symbol).item()
@@ -243,18 +268,14 @@ def _moves_freely(tree: xr.DataTree) -> bool:
     return is_free_to_move(library_of(result), held)
 
 
-def _as_text(value: object) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def keep_next(tree: xr.DataTree, given: Asked) -> None:
+def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
     """Keep the command that follows from a result as its attribute `next`, and others as `alternatives`.
 
     Parameters
     ----------
     tree : DataTree
         Result of a command.
-    given : Asked
+    given : RecordOptions
         What the command was given; the next command takes over the options that it knows.
     """
     step = next_step(tree)
@@ -263,12 +284,11 @@ def keep_next(tree: xr.DataTree, given: Asked) -> None:
             tree.attrs["next"] = after
             return
         step = after
-    elif step and step[0] == "discover" and _moves_freely(tree):
-        step = "identify", "keeps the result, for report and response", {"output": KEPT}
-    if step and step[0] in ("discover", "laws") and given.system is None and _swings_unexplained(tree):
-        step = (*NEXT_COMMANDS["not explained, swings as a pendulum"], {"system": PENDULUM})
+    elif step and step.command == "discover" and _moves_freely(tree):
+        step = NextStep("identify", "keeps the result, for report and response", {"output": KEPT})
+    if step and step.command in ("discover", "laws") and given.system is None and _swings_unexplained(tree):
+        step = NextStep(*NEXT_COMMANDS["not explained, swings as a pendulum"], {"system": PENDULUM})
     if step:
-        command, reason, options = step
-        tree.attrs["next"] = f"{command_after(command, options, given)} # {reason}"
+        tree.attrs["next"] = f"{command_after(step.command, step.options, given)} # {step.reason}"
     if others := alternatives(tree, given):
         tree.attrs["alternatives"] = "\n".join(others)

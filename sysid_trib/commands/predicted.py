@@ -1,4 +1,4 @@
-"""What `sysid-trib plan` and `response` do: runs that were not made, as models predict them."""
+"""Commands `plan` and `response`: predictions of runs."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,19 +7,21 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import Asked, numbers_by_name, parse_window
+from sysid_trib.commands.app import numbers_by_name, parse_window
 from sysid_trib.commands.asked import asked_model, model_of_file
+from sysid_trib.commands.options import PlanOptions, ResponseOptions
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.printing import driven, layout
-from sysid_trib.results.files import kind_of, load
+from sysid_trib.questions.next_run import plan as best_run
+from sysid_trib.questions.steady_response import forced_response
+from sysid_trib.results.files import load
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.validation.identify import identify
-from sysid_trib.validation.next_run import plan as best_run
-from sysid_trib.validation.steady_response import forced_response
 
 
-def plan(tell: Tell, given: Asked) -> Callable[[], None]:
+def plan(tell: Tell, given: PlanOptions) -> Callable[[], None]:
     """Say which run tells most, of a result or of records."""
     limits = {
         "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
@@ -39,7 +41,7 @@ def plan(tell: Tell, given: Asked) -> Callable[[], None]:
     return deliver(given, tell, says, xr.DataTree(data), kind="plan")
 
 
-def response(tell: Tell, given: Asked) -> Callable[[], None]:
+def response(tell: Tell, given: ResponseOptions) -> Callable[[], None]:
     """Sweep the frequency of a drive."""
     low, high = parse_window(given.frequencies, "--frequencies")
     if low is None or high is None or not 0.0 < low < high:

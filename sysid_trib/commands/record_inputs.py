@@ -4,14 +4,13 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib.campaigns.conditions import read_conditions
 from sysid_trib.commands.app import (
-    Asked,
     command_after,
     parse_number,
     parse_value_with_error,
@@ -19,6 +18,7 @@ from sysid_trib.commands.app import (
     texts_by_name,
 )
 from sysid_trib.commands.asked import driving_of
+from sysid_trib.commands.options import ForcesOptions, ModelOptions, RecordOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
@@ -34,13 +34,19 @@ from sysid_trib.results.files import load
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.simulation.simulate import paper_twin
 
-# A file, none of the embedded example; its runs, and what they are.
-RunsOfFile: TypeAlias = tuple[Path | None, list[xr.Dataset], str]
 PROGRAM = "sysid-trib"
 
 
+class RunsOfFile(NamedTuple):
+    """The runs in a file, and a sentence on what they are; `file` is None for the embedded example."""
+
+    file: Path | None
+    runs: list[xr.Dataset]
+    sentence: str
+
+
 def what_else(path: Path) -> str:
-    """What a file is that is no record, and what shows it; empty where it is none of this package's.
+    """Describe a file of this package that is not a record, and how to show it; else empty.
 
     Parameters
     ----------
@@ -83,7 +89,7 @@ def _is_printed(path: Path) -> bool:
 
 
 def _maker_of(path: Path) -> str:
-    """The command that wrote a result, or its method; empty of what is no result."""
+    """Return the command or method that wrote a result; empty if it is no result."""
     try:
         tree = load(path)
     except SysidTribError:
@@ -106,13 +112,13 @@ INSTEAD = {
 
 
 def read_decays(
-    given: Asked, *, as_it_is: bool = False, driven: bool = False
+    given: RecordOptions, *, as_it_is: bool = False, driven: bool = False
 ) -> tuple[list[xr.Dataset], list[str]]:
     """Read free decays of the files, or of the embedded example.
 
     Parameters
     ----------
-    given : Asked
+    given : RecordOptions
         The files, none for the embedded example, and how to read them. Frequencies of a model are refused
         where they cannot be the records'.
     as_it_is : bool
@@ -127,7 +133,7 @@ def read_decays(
     sentences : list of str
         What each of them is.
     """
-    named = bool(vars(given).get("forces"))
+    named = isinstance(given, ForcesOptions) and bool(given.forces)
     sources = read_sources(given, driven=driven)
     decays, sentences, sums = list[xr.Dataset](), list[str](), list[str]()
     for source in sources:
@@ -142,27 +148,28 @@ def read_decays(
         sentences += [sentence] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
         raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
-    _check_frequencies(decays, vars(given))
+    _check_frequencies(decays, given)
     return decays, sentences
 
 
-def read_sources(given: Asked, *, driven: bool = False) -> list[RunsOfFile]:
+def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFile]:
     """The runs of each file as they are in it, uncut, and what they are."""
-    if vars(given).get("constant") and not driven:
+    if given.constant and not driven:
         raise UsageError(
-            "--constant is of records that identify, laws, discover, compare and difference take with it."
+            "--constant is for records of identify, laws, discover, compare and difference; leave it out of "
+            "this command."
         )
     if given.input_ is not None and not driven:
         raise UsageError(
-            "--input is of driven records, which identify, laws, discover and compare take; this command "
-            "takes free decays."
+            "--input is for driven records (identify, laws, discover, compare); this command takes free "
+            "decays."
         )
     constants = constants_of_records(given)
     return [_read(given, record, of) for record, of in zip(given.records or (None,), constants, strict=True)]
 
 
 def decays_within(
-    given: Asked, source: RunsOfFile, *, as_it_is: bool = False
+    given: RecordOptions, source: RunsOfFile, *, as_it_is: bool = False
 ) -> tuple[list[xr.Dataset], str]:
     """The decays of a file, or the one that is asked for, and what they are."""
     record, runs, sentence = source
@@ -177,13 +184,15 @@ def decays_within(
     return chosen, sentence + (f" {count}{taken}." if len(those) > 1 else "")
 
 
-def calibration_of(given: Asked) -> tuple[float, float]:
-    """By which the signal of the records is multiplied, and its standard error."""
+def calibration_of(given: RecordOptions) -> tuple[float, float]:
+    """Return the scale of the signal and its standard error."""
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
-def constants_of_records(given: Asked) -> list[dict[str, str | float]]:
-    """Known constants of each record by their names: `kp=100`, `kp=100,400`, `kp=COLUMN`, `kp=TABLE.csv:kp`.
+def constants_of_records(given: RecordOptions) -> list[dict[str, str | float]]:
+    """Return the known constants of each record by their names.
+
+    `--constant` is `kp=100`, `kp=100,400`, `kp=COLUMN` or `kp=TABLE.csv:kp`.
 
     Raises
     ------
@@ -191,7 +200,7 @@ def constants_of_records(given: Asked) -> list[dict[str, str | float]]:
         A list has another length than the records, or a table has no row for one of them.
     """
     form = "of the form kp=100, kp=COLUMN or kp=TABLE.csv:COLUMN"
-    texts = texts_by_name(vars(given).get("constant") or [], "--constant", form)
+    texts = texts_by_name(given.constant, "--constant", form)
     records = [str(record) for record in given.records or ()]
     of_each: list[dict[str, str | float]] = [{} for _ in records or (None,)]
     for name, text in texts.items():
@@ -207,7 +216,7 @@ def constants_of_records(given: Asked) -> list[dict[str, str | float]]:
 
 
 def _constants(name: str, text: str, records: Sequence[str]) -> list[str | float]:
-    """Values of a constant: numbers, of a table of conditions, or the name of a column of each record."""
+    """Return the values of a constant, or the name of a column of each record."""
     file, colon, column = text.rpartition(":")
     if colon and file:
         table = read_conditions(Path(file), records)
@@ -223,7 +232,7 @@ def _constants(name: str, text: str, records: Sequence[str]) -> list[str | float
     return [text]
 
 
-def _read(given: Asked, record: Path | None, constants: Mapping[str, str | float]) -> RunsOfFile:
+def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str | float]) -> RunsOfFile:
     """The runs of a file, or the embedded example, and what they are."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
@@ -232,7 +241,7 @@ def _read(given: Asked, record: Path | None, constants: Mapping[str, str | float
             raise UsageError(f"{idle[0]} is for a RECORD, and none is given.")
         example = paper_twin()
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
-        return record, [_multiplied(example, factor)], source
+        return RunsOfFile(record, [_multiplied(example, factor)], source)
     try:
         system = load_system(given.system)
         how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
@@ -247,7 +256,8 @@ def _read(given: Asked, record: Path | None, constants: Mapping[str, str | float
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "integration") if attrs.get(name)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
-    return record, [_multiplied(run, factor) for run in runs], f"Record: {record}, {'; '.join(facts)}."
+    sentence = f"Record: {record}, {'; '.join(facts)}."
+    return RunsOfFile(record, [_multiplied(run, factor) for run in runs], sentence)
 
 
 def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
@@ -256,7 +266,7 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
     return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
 
-def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
+def _decays(given: RecordOptions, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None or given.constant:
         return driven_parts(record, limits, keep_outliers=given.keep_outliers)
@@ -276,26 +286,29 @@ def _decays(given: Asked, record: xr.Dataset, *, as_it_is: bool = False) -> list
 
 
 def _as_it_is(
-    given: Asked, record: xr.Dataset, limits: tuple[float | None, float | None], centre: float | str
+    given: RecordOptions, record: xr.Dataset, limits: tuple[float | None, float | None], centre: float | str
 ) -> str:
-    """How to take a record as it is that is no decay; empty if it is too short for that, too."""
+    """Describe how to take a record that is no decay as it is; empty if it is too short."""
     try:
         for decay in free_decays(record, window=limits, equilibrium=centre, as_it_is=True):
             envelope(decay)
     except DecayError:
         return ""
     viscous = next(iter(load_library().damping_factors))
-    if "forces" in given.options:
+    if isinstance(given, ForcesOptions):
         return f", or name the forces that act, such as --forces {viscous}, to take it as it is"
     # This command has no such option: another one takes the record.
     return f", or take it as it is by {command_after('identify', {'forces': viscous}, given)}"
 
 
-def _check_frequencies(decays: Sequence[xr.Dataset], given: Mapping[str, Any]) -> None:
+def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> None:
     """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
-    contactless = parse_value_with_error(given.get("omega0"), OMEGA0)
-    asked = {REFERENCE: given.get("reference_frequency"), OMEGA0: contactless[0] if contactless else None}
-    given_ones = {flag: frequency for flag, frequency in asked.items() if frequency is not None}
+    given_ones = dict[str, float]()
+    if isinstance(given, ForcesOptions) and given.reference_frequency is not None:
+        given_ones[REFERENCE] = given.reference_frequency
+    contactless = parse_value_with_error(given.omega0, OMEGA0) if isinstance(given, ModelOptions) else None
+    if contactless is not None:
+        given_ones[OMEGA0] = contactless[0]
     for decay in decays if given_ones else ():
         swing = np.nan
         # Of too few half periods the methods have their own word to say.

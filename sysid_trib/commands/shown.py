@@ -1,4 +1,4 @@
-"""What `sysid-trib look`, `backbone`, `report`, `export`, `forces` and `simulate` do: what takes no fit."""
+"""Commands without a fit: `look`, `backbone`, `report`, `export`, `forces` and `simulate`."""
 
 from collections.abc import Callable
 from functools import partial
@@ -7,8 +7,17 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import MOST, Asked, command_after, numbers_by_name
+from sysid_trib.commands.app import command_after, numbers_by_name
 from sysid_trib.commands.asked import model_of_file
+from sysid_trib.commands.options import (
+    MOST,
+    BackboneOptions,
+    ExportOptions,
+    LibraryOptions,
+    LookOptions,
+    ReportOptions,
+    SimulateOptions,
+)
 from sysid_trib.commands.record_inputs import decays_within, read_decays, read_sources
 from sysid_trib.commands.terminal import check_output, deliver, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
@@ -17,17 +26,17 @@ from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, Usa
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
-from sysid_trib.likelihood.random_force import DENSITY_UNITS
-from sysid_trib.printing import equation, exported, looked, parameters
+from sysid_trib.printing import code, exported, looked, parameters
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.files import load, save, write_file
+from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import group_names
 from sysid_trib.simulation.model import Model, check_shapes
 from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS, simulate as motion_of
 from sysid_trib.validation import drive
 
 
-def backbone(tell: Tell, given: Asked) -> Callable[[], None]:
+def backbone(tell: Tell, given: BackboneOptions) -> Callable[[], None]:
     """The curves of each decay."""
     tell("reading")
     decays, sources = read_decays(given)
@@ -39,8 +48,8 @@ def backbone(tell: Tell, given: Asked) -> Callable[[], None]:
     return deliver(given, tell, says, xr.DataTree.from_dict(curves), texts, kind="backbone")
 
 
-def look(tell: Tell, given: Asked) -> Callable[[], None]:
-    """What is in files."""
+def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
+    """Show the contents of files."""
     tell("reading")
     if given.input_ is not None:
         return _look_at_driven(tell, given)
@@ -64,7 +73,7 @@ def look(tell: Tell, given: Asked) -> Callable[[], None]:
     return deliver(given, tell, says, tree, kind="look")
 
 
-def _with_its_drive(given: Asked, records: list[xr.Dataset]) -> Asked | None:
+def _with_its_drive(given: LookOptions, records: list[xr.Dataset]) -> LookOptions | None:
     """Return what was given with the columns of signal and drive named; None where no column drives."""
     acting = list(records[0].attrs.get("drives", ()))
     if not acting or len(records) > 1:
@@ -79,7 +88,7 @@ STILL = 0.02
 REACTION = 0.9
 
 
-def _is_driven_within(given: Asked, decays: list[xr.Dataset]) -> bool:
+def _is_driven_within(given: LookOptions, decays: list[xr.Dataset]) -> bool:
     """Return whether a drive acts within what was taken for decays."""
     try:
         (_, (record, *_), _), *_ = read_sources(given, driven=True)
@@ -96,8 +105,8 @@ def _is_driven_within(given: Asked, decays: list[xr.Dataset]) -> bool:
     return False
 
 
-def _look_at_driven(tell: Tell, given: Asked) -> Callable[[], None]:
-    """What is in driven records, and which forces fit them."""
+def _look_at_driven(tell: Tell, given: LookOptions) -> Callable[[], None]:
+    """Show the contents of driven records, and the forces that fit them."""
     sources = read_sources(given, driven=True)
     runs = [run for source in sources for run in decays_within(given, source)[0]]
     sentences = [sentence for _, of_file, sentence in sources for _ in of_file]
@@ -123,7 +132,7 @@ def _refuse(sentences: list[str], error: DecayError) -> None:
     raise error
 
 
-def report(tell: Tell, given: Asked) -> Callable[[], None]:
+def report(tell: Tell, given: ReportOptions) -> Callable[[], None]:
     """The page of a result."""
     from sysid_trib.reporting.page import page, write_page
 
@@ -138,24 +147,23 @@ def report(tell: Tell, given: Asked) -> Callable[[], None]:
     return partial(print_written, given.output)
 
 
-def export(tell: Tell, given: Asked) -> Callable[[], None]:
+def export(tell: Tell, given: ExportOptions) -> Callable[[], None]:
     """The equation of a result as a program, or its parameters with their covariance."""
     result, language, output = given.result, given.language, given.output
-    holds_parameters = language in equation.PARAMETER_LANGUAGES
     ending = {"simulink": ".m", "toml": ".toml", "json": ".json"}.get(language, ".py")
     check_output(output, ending, reads=[result])
     model = model_of_file(result, load(result))
-    if holds_parameters:
+    if language in code.PARAMETER_LANGUAGES:
         text = parameters.parameters_text(model, language)
     else:
-        text = equation.model_code(model, language)
+        text = code.model_code(model, language)
     if output is None:
         return partial(print, text, end="")
     write_file(output, text.encode())
     return partial(print_written, output)
 
 
-def forces(tell: Tell, given: Asked) -> Callable[[], None]:
+def forces(tell: Tell, given: LibraryOptions) -> Callable[[], None]:
     """The forces of a library."""
     offered = load_library(given.library)
     table = looked.force_table(offered)
@@ -173,7 +181,7 @@ def forces(tell: Tell, given: Asked) -> Callable[[], None]:
 MAX_SAMPLES, MAX_PERIODS = 20_000_000, 1_000_000
 
 
-def simulate(tell: Tell, given: Asked) -> Callable[[], None]:
+def simulate(tell: Tell, given: SimulateOptions) -> Callable[[], None]:
     """Simulate a record and write it."""
     named = [text.partition("=")[0].partition(".")[0].strip() for text in given.set_]
     offered = with_shipped(load_library(given.library), named)
@@ -202,8 +210,8 @@ def _settings(
     return coefficients or PAPER_COEFFICIENTS, shapes
 
 
-def _simulated(model: Model, motion: Asked) -> xr.Dataset:
-    """What `simulate` returns, with the noise in `angle`; numbers from which no record comes are refused."""
+def _simulated(model: Model, motion: SimulateOptions) -> xr.Dataset:
+    """Return the result of `simulate`, with noise in `angle`; raise an error for impossible numbers."""
     duration, sampling_rate, noise = motion.duration, motion.sampling_rate, motion.noise
     samples = round(duration * sampling_rate)
     if not 2 <= samples <= MAX_SAMPLES:

@@ -1,4 +1,4 @@
-"""Where the result of a command goes: text and tables on the terminal, files, figures; and its progress."""
+"""Output of a command: text and tables on the terminal, files, figures; and its progress."""
 
 import json
 import os
@@ -10,7 +10,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sysid_trib.commands.app import Asked, check_between
+from sysid_trib.commands.app import check_between
+from sysid_trib.commands.options import (
+    CommandOptions,
+    DestinationOptions,
+    FileOptions,
+    IdentifyOptions,
+    OptionRows,
+    RecordOptions,
+    ShownOptions,
+)
 from sysid_trib.errors import DecayError, RecordError, Tell, UsageError, printable, readable, silent
 from sysid_trib.printing import Block, Layer
 
@@ -21,15 +30,9 @@ if TYPE_CHECKING:
 
 def print_table(table: "Table") -> None:
     """Print a table whole."""
-    from rich.console import Console
+    from sysid_trib.printing.written import write_table
 
-    # Markup would take a bracket in the name of a force for a command.
-    console = Console(highlight=False, markup=False, emoji=False)
-    # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
-    if not console.is_terminal:
-        # Columns of a table that is not cut short.
-        console.width = console.measure(table, options=console.options.update(width=2000)).maximum
-    console.print(table, crop=False)
+    write_table(table)
 
 
 def print_blocks(
@@ -38,26 +41,10 @@ def print_blocks(
     ends: Iterable[str] = (),
     written: Iterable[Path | None] = (),
 ) -> None:
-    """Print the blocks of a layer, with an empty line between two; `--explain` has headings.
+    """Print the blocks of a layer as `write_blocks`; below them stand the files that were written."""
+    from sysid_trib.printing.written import write_blocks
 
-    Below them stand the lines `ends`, and the files and folders that were written.
-    """
-    shown = [block for block in blocks if layer in block.layers and (block.sentences or block.table)]
-    section = ""
-    for at, block in enumerate(shown):
-        if at:
-            print()
-        if block.title not in ("", section) and layer is Layer.EXPLAIN:
-            print(block.title)
-        section = block.title
-        for sentence in block.sentences:
-            print(printable(sentence))
-        if block.table is not None:
-            if block.caption:
-                print(block.caption)
-            print_table(block.table)
-    for sentence in ends:
-        print(sentence)
+    write_blocks(blocks, layer, ends)
     print_written(*written)
 
 
@@ -70,7 +57,7 @@ def print_written(*places: Path | None) -> None:
 
 @contextmanager
 def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
-    """How a command works: it says what is under way, computes in one thread, and names what is refused.
+    """Run a command: show progress, use one thread, and name the records in errors.
 
     Parameters
     ----------
@@ -91,7 +78,7 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
 
 @contextmanager
 def progress() -> Iterator[Tell]:
-    """What is under way, on stderr, gone when all is done; nothing where no terminal is.
+    """Show progress on stderr, removed at the end; nothing where no terminal is.
 
     To import what computes takes longer than a reader likes to see nothing: a command begins with this.
 
@@ -153,7 +140,7 @@ INCH = 25.4
 READ = ("result", "test", "library", "candidates", "system")
 
 
-def check_values(given: Asked) -> None:
+def check_values(given: CommandOptions, rows: OptionRows) -> None:
     """Refuse, before the work is done, a number out of its range, and places that cannot be written.
 
     Raises
@@ -163,18 +150,21 @@ def check_values(given: Asked) -> None:
     RecordError
         A place that cannot be written, or the result would replace what is read.
     """
-    values = vars(given)
-    if values.get("explain") and values.get("quiet"):
+    if isinstance(given, DestinationOptions) and given.explain and given.quiet:
         raise UsageError("--explain prints more and --quiet prints less: choose one.")
-    reads = [*values.get("records", ()), *(Path(values[name]) for name in READ if values.get(name))]
-    for name, option in given.options.items():
-        if "within" in option:
-            check_between(values[name], option["flag"], *option["within"])
-        if "ending" in option:
-            check_output(values[name], option["ending"], reads=reads, flag=option["flag"])
-    if place := values.get("methods_text"):
-        check_output(place.with_suffix(".bib"), ".bib", reads=reads, flag="--methods-text")
-    check_folder(values.get("plot"))
+    values = vars(given)
+    reads = [Path(values[name]) for name in READ if values.get(name)]
+    if isinstance(given, RecordOptions):
+        reads += given.records
+    for name, row in rows.items():
+        if "within" in row:
+            check_between(values[name], row["flag"], *row["within"])
+        if "ending" in row:
+            check_output(values[name], row["ending"], reads=reads, flag=row["flag"])
+    if isinstance(given, IdentifyOptions) and given.methods_text is not None:
+        check_output(given.methods_text.with_suffix(".bib"), ".bib", reads=reads, flag="--methods-text")
+    if isinstance(given, ShownOptions):
+        check_folder(given.plot)
 
 
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = (), flag: str = "-o") -> None:
@@ -206,7 +196,7 @@ def check_folder(folder: Path | None) -> None:
 
 
 def deliver(
-    given: Asked,
+    given: ShownOptions,
     tell: Tell,
     says: tuple[Callable[[], Iterable[Block]], Callable[[], dict[str, Any]]],
     tree: "xr.DataTree",
@@ -218,7 +208,7 @@ def deliver(
 
     Parameters
     ----------
-    given : Asked
+    given : ShownOptions
         Where it goes.
     tell : Tell
         Called with what begins.
@@ -239,7 +229,8 @@ def deliver(
     from sysid_trib.results.files import save, write_file
 
     tell("files")
-    (blocks_of, data_of), output = says, vars(given).get("output")
+    blocks_of, data_of = says
+    output = given.output if isinstance(given, FileOptions) else None
     written = {place: text_of for place, text_of in (texts or {}).items() if place is not None}
     tree.attrs["command"] = command_line()
     if output is not None:
@@ -249,16 +240,15 @@ def deliver(
     if given.plot is not None:
         _draw(tree, kind, given.plot, given.width / INCH, tell)
     tell("what is to be said")
-    whole = "explain" in given.options
+    whole = isinstance(given, DestinationOptions)
     following = str(tree.attrs.get("next", ""))
     others = str(tree.attrs.get("alternatives", "")).splitlines()
     if given.as_json:
         further = {"next": following, **({"alternatives": others} if others else {})}
         return partial(print_json, data_of() | (further if whole else {}))
-    options = vars(given)
-    layer = (
-        Layer.QUIET if options.get("quiet") else Layer.EXPLAIN if options.get("explain") else Layer.DEFAULT
-    )
+    layer = Layer.DEFAULT
+    if isinstance(given, DestinationOptions):
+        layer = Layer.QUIET if given.quiet else Layer.EXPLAIN if given.explain else Layer.DEFAULT
     ends = ["More: --explain."] if whole and layer is Layer.DEFAULT else []
     ends += map(printable, others)
     ends += [f"Next: {printable(following)}"] if following else []
@@ -276,7 +266,8 @@ def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell
     """Write the figures of a result, of a width in inches."""
     tell("figures")
     from sysid_trib.plots.figure import figures_of
-    from sysid_trib.results.files import kind_of, write_figure
+    from sysid_trib.results.files import write_figure
+    from sysid_trib.results.kinds import kind_of
 
     drawings = [drawn for figure in figures_of(kind or kind_of(tree)) for drawn in figure.drawings(tree)]
     for at, (name, _, draw) in enumerate(drawings):

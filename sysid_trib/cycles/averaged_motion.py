@@ -1,6 +1,6 @@
 """Motion by averaging: the envelope of a free decay, and steady amplitudes where forces balance a drive.
 
-Steady: x = a cos phi, phi = W t + theta, r = W/w. What forces average to over that cycle balances a drive
+Steady: x = a cos phi, phi = W t + theta, r = W/w. The averages of the forces over that cycle balance a drive
 f cos W t, to first order (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 4.1):
 
     a (1 - r^2) + 2 <h cos phi> = f cos theta,    -2 <h sin phi> = -f sin theta.
@@ -212,7 +212,7 @@ def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Ar
 
 
 def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, drive: Array) -> Array:
-    """Amplitudes between which every balance is, (amplitude,), by the drive's sizes (frequency,).
+    """Return amplitudes that bracket every balance, (amplitude,), from the drive (frequency,).
 
     Raises
     ------
@@ -258,21 +258,21 @@ def balances(
     below, above = (np.array(sums(a * (1.0 + side * SLOPE_PART))) for side in (-1.0, 1.0))
     rise = np.sum(above**2 - below**2, axis=0) / (2.0 * SLOPE_PART * a)
     fall = (above - below)[0] / (2.0 * SLOPE_PART * a)
-    # Of the averaged equations: a determinant that is not negative, and damping of small deviations.
+    # Stability by the averaged equations: a positive determinant, and damping of small deviations.
     stable = (rise > 0.0) & (fall + sine / a < 0.0)
     phase = np.angle(drive[frequency] * np.exp(-1j * np.angle(along - 1j * sine)))
     return frequency, a, phase, stable, by_lines
 
 
 def excess(sums: Array, coefficients: Array, ratio: Array, drive: Array, amplitude: Array) -> Array:
-    """What the square of the forces exceeds that of the drive by, (frequency, amplitude)."""
+    """Return the square of the forces minus that of the drive, (frequency, amplitude)."""
     sine, cosine = np.einsum("i,ikfa->kfa", coefficients, sums)
     along = amplitude * (1.0 - ratio[:, None] ** 2) + cosine
     return np.asarray(along**2 + sine**2 - np.abs(drive[:, None]) ** 2)
 
 
 def crossings(values: Array, amplitude: Array) -> tuple[Index, Array]:
-    """Rows and amplitudes where values (row, amplitude) change sign, by lines between those of the grid."""
+    """Return rows and amplitudes where values (row, amplitude) change sign, by linear interpolation."""
     row, at = np.nonzero(np.signbit(values[:, :-1]) != np.signbit(values[:, 1:]))
     low, high = values[row, at], values[row, at + 1]
     return row, amplitude[at] + (amplitude[at + 1] - amplitude[at]) * low / (low - high)

@@ -1,7 +1,7 @@
 """Frequency and damping ratio against amplitude, from a free decay and without a model, with bands."""
 
 from collections.abc import Mapping
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -9,10 +9,12 @@ import xarray as xr
 from scipy.interpolate import PchipInterpolator
 from scipy.special import ndtri
 
+from sysid_trib import records
 from sysid_trib.arrays import Array, Variables, variable, with_error
 from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
+from sysid_trib.records.runs import RecordLike
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
@@ -24,14 +26,17 @@ LEAST_RELATIVE_NOISE = 1e-10
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
-# A backbone, and weights of its periods in each curve, (amplitude, period).
-Smoothed: TypeAlias = tuple[xr.Dataset, dict[str, Array]]
+class Smoothed(NamedTuple):
+    """A backbone, and the weights of its periods in each curve, (amplitude, period)."""
+
+    curves: xr.Dataset
+    weights: dict[str, Array]
 
 
 def period_rows(
     measured: xr.Dataset, slopes: dict[str, Array] | None = None
 ) -> tuple[Array, dict[str, CurveRows]]:
-    """Rows of an envelope, a half period apart, without what differs between the two sides.
+    """Return rows of an envelope, a half period apart, without the differences between the two sides.
 
     Parameters
     ----------
@@ -63,7 +68,7 @@ def period_rows(
     late = _errors(measured, "extremum_time", "scatter_of_times")
     lasting, passing = half_sines.half_period_responses(measured)
     per_turn, per_time = np.full(len(damping), 1.0 / WHOLE_TURN), frequency**2 / WHOLE_TURN
-    rows = {}
+    rows = dict[str, CurveRows]()
     for name, value, scale, by, error, part in (
         ("damping_ratio", damping, per_turn, 1.0 / b, relative * b, slice(0, len(b))),
         ("frequency", frequency, per_time, np.ones_like(b), late, slice(len(b), 2 * len(b))),
@@ -73,7 +78,7 @@ def period_rows(
         second = sp.diags(SECOND_ORDER[name] * damping**2 * value)
         noises = [of_rows + along, second] if name == "damping_ratio" else [of_rows, along, second]
         walk = sp.diags(scale) @ (fall @ sp.diags(by) @ passing[part] + later @ sp.diags(by) @ lasting[part])
-        rows[name] = value, sp.hstack(noises, format="csr"), walk
+        rows[name] = CurveRows(value, sp.hstack(noises, format="csr"), walk)
     return middle @ np.log(b), rows
 
 
@@ -100,13 +105,13 @@ QUANTILES, FINE = 17, 801
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 
-def backbone(decay: xr.Dataset) -> xr.Dataset:
+def backbone(decay: RecordLike) -> xr.Dataset:
     """Frequency and damping ratio of a free decay against its amplitude, without a model.
 
     Parameters
     ----------
-    decay : Dataset
-        ``angle(time)`` about its equilibrium, as `free_decay` returns it.
+    decay : record
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it, or ``(t, angle)``.
 
     Returns
     -------
@@ -125,18 +130,18 @@ def backbone(decay: xr.Dataset) -> xr.Dataset:
 
     Notes
     -----
-    Of the period about each half period, from extremum to extremum of half-sines (see `envelope`): the
+    For the period about each half period, between extrema of half-sines (see `envelope`), the values are the
     logarithmic decrement over 2 pi and 2 pi over the duration, at the geometric mean of both extrema. Even
-    forces, the sensor's zero and its harmonics leave them alone to first order. The noise is that of the
+    forces, the sensor's zero and its harmonics do not change them to first order. The noise is that of the
     sensor and a random walk of amplitude and phase, as a white random force makes it, each of a size that
     restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
     in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
     """
-    return smoothed_backbone(decay)[0]
+    return smoothed_backbone(records.one_record(decay, "backbone")).curves
 
 
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
-    """The `backbone` of a decay, and how its periods weigh in it."""
+    """Return the `backbone` of a decay, and the weights of its periods in it."""
     measured = half_sines.envelope(decay)
     if measured.sizes["half_period"] < FEWEST_HALF_PERIODS:
         source, count = decay.attrs.get("source", "decay"), measured.sizes["half_period"]
@@ -162,14 +167,14 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     data |= _over_time(measured, curves["damping_ratio"].noise, unit)
     data["period_amplitude"] = variable("period", np.exp(u), "amplitude of a period", unit)
     for name, (long_name, units) in CURVES.items():
-        data[f"period_{name}"] = variable("period", rows[name][0], f"{long_name} of a period", units)
+        data[f"period_{name}"] = variable("period", rows[name].target, f"{long_name} of a period", units)
     coords = {"amplitude": variable("amplitude", amplitude, "amplitude", unit)}
     backbone = xr.Dataset(data, coords, dict(decay.attrs))
-    return backbone, {name: curve.weights for name, curve in curves.items()}
+    return Smoothed(backbone, {name: curve.weights for name, curve in curves.items()})
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
-    """What averaging leaves open of a curve to second order in damping."""
+    """Return the second-order error of averaging of a curve, from the damping."""
     return np.asarray(SECOND_ORDER[name] * np.abs(damping_ratio) ** 2 * np.abs(value))
 
 
@@ -215,7 +220,7 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
 
 
 def _over_time(measured: xr.Dataset, noise: float, unit: str) -> Variables:
-    """The amplitude at the extrema but two at either end; noise in units of that of their errors."""
+    """Return the amplitude at the extrema without two at either end; noise relative to their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise

@@ -1,4 +1,6 @@
-"""What a record holds before any fit, and which forces its backbone points to."""
+"""Facts of a record without a fit, and the forces that its backbone indicates."""
+
+from collections.abc import Sequence
 
 import numpy as np
 import scipy
@@ -7,6 +9,9 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.pointing import ElasticModel, pointed_to
 from sysid_trib.records import equilibrium, half_periods, half_sines, modes, sensor, signal, smoothing
+from sysid_trib.records.free_decay import free_decays
+from sysid_trib.records.in_memory import as_decays
+from sysid_trib.records.runs import RecordsLike
 from sysid_trib.results.variables import Variables, group_names, variable
 
 PENDULUM = "pendulum"
@@ -15,15 +20,15 @@ SPECTRUM_POINTS = 2000
 FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
 
 
-def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
+def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr.DataTree:
     """Facts of records and of the decays in them, without a fit.
 
     Parameters
     ----------
-    records : list of Dataset
-        As `read_records` returns them.
-    decays : list of Dataset
-        As `free_decays` returns them.
+    records : record, or several of them
+        As `read_record` returns them, or `(t, angle)`.
+    decays : sequence of Dataset, optional
+        Their free decays, by default as `free_decays` returns them.
 
     Returns
     -------
@@ -42,10 +47,13 @@ def look(records: list[xr.Dataset], decays: list[xr.Dataset]) -> xr.DataTree:
     DecayError
         Fewer than three half periods.
     """
-    of_sum = {record.attrs.get("record_checksum"): record for record in records}
-    facts = [_facts(decay, of_sum.get(decay.attrs.get("record_checksum"), decay)) for decay in decays]
-    groups = dict(zip(group_names("record", len(records)), records, strict=True))
-    groups |= dict(zip(group_names("decay", len(decays)), facts, strict=True))
+    given = as_decays(records, "look")
+    whole = [given] if isinstance(given, xr.Dataset) else given
+    parts = [part for record in whole for part in free_decays(record)] if decays is None else decays
+    of_sum = {record.attrs.get("record_checksum"): record for record in whole}
+    facts = [_facts(decay, of_sum.get(decay.attrs.get("record_checksum"), decay)) for decay in parts]
+    groups = dict(zip(group_names("record", len(whole)), whole, strict=True))
+    groups |= dict(zip(group_names("decay", len(parts)), facts, strict=True))
     return xr.DataTree.from_dict(groups)
 
 
@@ -56,7 +64,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     frequency = _median_frequency(curve)
     period = 2.0 * np.pi / frequency
     amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
-    # What was resampled or integrated since has lost its steps.
+    # A resampled or integrated signal has lost its steps.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
     first = _damping(instants, amplitude, frequency)
@@ -88,7 +96,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
 
 
 def pointers(decay: xr.Dataset) -> dict[str, str]:
-    """What the backbone of a record points to, empty if nothing.
+    """Return the forces and the system that the backbone of a record indicates; empty if none.
 
     Parameters
     ----------
@@ -117,18 +125,18 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
 
 
 def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
-    """What models leave of the change of the frequency, in words; empty if none predicts it."""
+    """Describe how much of the frequency change the models do not explain; empty if none predicts it."""
     parts = list[str]()
     for at, model in enumerate(ranking):
         # The first is the one that is offered. Part of the forces of a system makes no alternative.
         if model.remains < 1.0 and (at == 0 or model.systems):
             systems = f" ({', '.join(model.systems)})" if model.systems else ""
-            parts.append(f"{model.words}{' leaves' * (not parts)} {100.0 * model.remains:.2g} %{systems}")
+            parts.append(f"{model.words} {100.0 * model.remains:.2g} %{systems}")
     return ", ".join(parts)
 
 
 def _without_drift(amplitude: Array) -> Array:
-    """Amplitudes as the mean over both sides: a middle that moves makes one side's larger, in turn."""
+    """Return amplitudes as the mean over both sides, which removes a moving middle."""
     if amplitude.size < FEWEST_INSTANTS:
         return amplitude
     inner = 0.25 * (amplitude[:-2] + 2.0 * amplitude[1:-1] + amplitude[2:])
@@ -165,7 +173,7 @@ def _median_frequency(curve: xr.Dataset) -> float:
 
 
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
-    """Logarithmic rate of the amplitude at the first times, over w: by so many that it is known."""
+    """Return the logarithmic decay rate at the first times, over w, from enough periods to be known."""
     good = amplitude > 0.0
     time, level = time[good], np.log(amplitude[good])
     if time.size < 2:

@@ -1,8 +1,8 @@
 """Averages of a force over one cycle x = a cos phi, v = -a sin phi, exact to rounding.
 
-A cycle of a force without history is cut where it changes branch, and integrated between. One with history
-is followed until its states and memory repeat after a period: cycles of all amplitudes one after the other by
-the compiled engine. What begins a steady one is found by Newton's method on the map of a period, whose
+A cycle of a force without history is cut where it changes branch, and integrated between. One with history is
+followed until its states and memory repeat after a period: cycles of all amplitudes one after the other by
+the compiled engine. The start of a steady cycle is found by Newton's method on the map of a period, whose
 derivatives the engine gives (shooting).
 """
 
@@ -71,7 +71,7 @@ def cycle_averages(
             means[rows] = integrals / (2 * np.pi)
         # The root mean square of h in the place of the mean of |h|.
         means[:, 2] = np.sqrt(means[:, 2])
-    # What symmetry makes zero is zero, so that nobody takes rounding for a signature.
+    # Set values that vanish by symmetry to zero, so that rounding does not look like a signature.
     # Part of the mean of |h| below which an average is rounding.
     means[np.abs(means) < 1e-14 * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
@@ -197,7 +197,7 @@ def history_over(
 
 
 def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[list[Force], Array]:
-    """Cycles x = a cos phi, v = -a sin phi of a force that depends on history which repeat themselves.
+    """Return the periodic cycles x = a cos phi, v = -a sin phi of a history-dependent force.
 
     Parameters
     ----------
@@ -233,7 +233,7 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
     begin[:, of_history] = np.stack([np.broadcast_to(values[name], a.shape) for name in names], axis=1)
     begin = _followed(force, model, begin, PERIOD + FIRST_PHASE, 0).end
     begin[:, :2] = np.outer(a, [np.cos(FIRST_PHASE), -np.sin(FIRST_PHASE)])
-    # What a period does of a small change: of a memory the columns are the last.
+    # Derivative of a period's map by the states; the last columns are those of the memory.
     last, by_start = np.full(len(a), np.inf), begin.shape[1] if force.memory else first
     for _ in range(60):
         begin[:, sums] = 0.0
@@ -256,7 +256,7 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
 
 
 def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Steps:
-    """One cycle after the other."""
+    """Follow cycles one after the other."""
     spans = np.zeros(len(begin)), np.full(len(begin), length)
     try:
         ends = steps_of(model, spans, begin, by_start=by_start)
@@ -267,9 +267,9 @@ def _followed(force: Force, model: Model, begin: Array, length: float, by_start:
 
 
 def _newton_step(map_: Array, shift: Array) -> Array:
-    """Step to what a period does not move, (amplitude, state), the least where it is not unique."""
+    """Return the Newton step to a state that a period does not change, (amplitude, state)."""
     left, sizes, right = np.linalg.svd(np.eye(map_.shape[-1]) - map_)
-    # What a period changes by no more than this part is kept as it is.
+    # Keep states that a period changes by no more than this part.
     inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 1e-12)
     return np.asarray(np.einsum("rji,rj,rkj,rk->ri", right, inverse, left, shift))
 

@@ -1,4 +1,4 @@
-"""Which forces and which system the backbone of a decay points to: models ranked by what they predict.
+"""Forces and system indicated by the backbone of a decay: models ranked by their predictions.
 
 Each model is fitted to four fifths of a curve and predicts the fifth that was left out, in turn. Small
 amplitudes count less: friction that gives way bends the curve there, and this says little of the motion.
@@ -24,8 +24,8 @@ from sysid_trib.records import half_sines
 from sysid_trib.results.signal_scale import counts_angles
 
 # By formula, as libraries may name them otherwise; in words.
-FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "drag"}
-ELASTIC = {"x*abs(x)": "a stiffness that goes with the amplitude", "x**3": "a cubic stiffness"}
+FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "quadratic drag"}
+ELASTIC = {"x*abs(x)": "a quadratic spring", "x**3": "a cubic spring"}
 VISCOUS_FORMULA = "2*v"
 USUAL_LIBRARY = "contact_forces"
 
@@ -37,7 +37,7 @@ BETTER_BY, WITHIN_ERRORS = 1.1, 1.0
 # A system that holds its elastic force has no coefficient to fit: it may leave such a part of the change of
 # the frequency; or a larger one, if free coefficients leave little less.
 HELD_REMAINS, HELD_REMAINS_MOST, HELD_OVER_FREE = 0.1, 0.25, 2.5
-# What a pendulum's third harmonic and a string that gives leave open of a shift of the frequency.
+# Relative error of the frequency shift due to third harmonics of a pendulum and an elastic string.
 OPEN_SHIFT = 0.1
 # A scale that counts: beyond its errors, and of which the pendulum then leaves so much less.
 SCALE_LIMITS, SCALE_ERRORS, SCALE_REMAINS = (0.87, 1.15), 4.0, 0.5
@@ -95,7 +95,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Pointed:
-    """What a backbone points to.
+    """Forces and system that a backbone indicates.
 
     Attributes
     ----------
@@ -152,7 +152,7 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
     part = np.square(_scatter(decay, curves))
     friction = _friction(curves, library, part)
     words = [FRICTION[formula] for formula in friction]
-    parts = [f"damping as of {_listed(words)}"] if words else []
+    parts = [f"the decay looks like {' plus '.join(words)}"] if words else []
     symbols = [force.symbol for formula in friction if (force := library.role(formula)) is not None]
     ranking = _ranking(curves, part, angle=counts_angles(decay))
     chosen, scale, pointed = _chosen(ranking), None, _by_columns(decay)
@@ -160,18 +160,18 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
         system = chosen.systems[0]
         pointed = Pointed(system=system)
         held = _listed([force.name for force, _ in chosen.held])
-        parts.append(f"amplitude and frequency as of a {system} under {held}")
+        parts.append(f"the frequency shift looks like that of a {system} ({held})")
         scale = chosen.scale
     elif chosen is not None:
         symbols += [force.symbol for force in chosen.free]
-        parts.append(f"frequency as of {chosen.words}")
+        parts.append(f"the frequency shift looks like {chosen.words}")
     ordered = tuple(sorted(ranking, key=lambda model: model is not chosen))
     pointed = replace(pointed, forces=tuple(symbols), words="; ".join(parts))
     return replace(pointed, ranking=ordered, scale=scale)
 
 
 def _by_columns(decay: xr.Dataset) -> Pointed:
-    """The system that the names of the file's columns say, and the columns; nothing if they say none."""
+    """Return the system that the columns of the file name, and these columns; or nothing."""
     attrs = decay.attrs
     signal, names = str(attrs.get("angle_column", "")), str(attrs.get("columns_in_file", "")).split("; ")
     for system in load_systems().values():
@@ -270,7 +270,7 @@ def _elastic_models(systems: Iterable[System]) -> list[ElasticModel]:
     for system in systems:
         library = with_shipped(load_library(USUAL_LIBRARY), system.symbols)
         forces = [library[symbol] for symbol in system.symbols]
-        # What an input drives, or what nothing holds, has no backbone.
+        # Driven systems, and bodies without a restoring force, have no backbone.
         if any(force.inputs or force.matches("-x") for force in forces):
             continue
         elastic = [force for force in forces if force.character == "conservative"]
@@ -303,7 +303,7 @@ def free_swings(held: Iterable[tuple[Force, float]], peak: Array) -> tuple[Array
     x = peak[:, None] * np.sin(PHASES)
     speed = peak[:, None] * np.cos(PHASES)
     step = PHASES[1] - PHASES[0]
-    # Of dx/dtau = sqrt(2 (V(peak) - V(x))) the potential is summed from the peak down.
+    # Sum the potential in dx/dtau = sqrt(2 (V(peak) - V(x))) from the peak down.
     slope = (x + sum(value * force.value(x, np.zeros_like(x)) for force, value in held)) * speed
     below = np.cumsum(slope[:, ::-1], axis=1)[:, ::-1] * step - 0.5 * slope * step
     with np.errstate(all="ignore"):
@@ -315,7 +315,7 @@ def free_swings(held: Iterable[tuple[Force, float]], peak: Array) -> tuple[Array
 
 
 def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
-    """Frequency of free swings over that of small ones, by the amplitude of the half-sine that fits them.
+    """Return the frequency of free swings over that of small ones, by the amplitude of a half-sine.
 
     Parameters
     ----------
@@ -394,7 +394,7 @@ def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
 
 
 def _fits(model: ElasticModel, least: float) -> bool:
-    """True if forces that are held explain the frequency, as they are or with a scale of the signal.
+    """Return true if held forces explain the frequency, with or without a scale of the signal.
 
     Parameters
     ----------
@@ -412,7 +412,7 @@ def _fits(model: ElasticModel, least: float) -> bool:
 
 
 def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float) -> Scale | None:
-    """The factor on the signal with which forces that are held predict the frequency.
+    """Return the factor on the signal with which held forces predict the frequency.
 
     Parameters
     ----------
@@ -439,7 +439,7 @@ def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float
     factor, deviation = float(best.x), max(float(best.fun), WITHIN_ERRORS)
     if deviation > SCALE_REMAINS * score(1.0) or min(abs(factor - end) for end in SCALE_LIMITS) < 1e-3:
         return None
-    # Of the frequency by the factor.
+    # Derivative of the frequency by the factor.
     nearby = (held_frequency(held, end * factor * a) for end in (0.99, 1.01))
     slope = np.subtract(*nearby) / (0.02 * factor) * np.max(frequency)
     slope -= np.average(slope, weights=error**-2.0)

@@ -7,7 +7,7 @@ averaging can separate, and those that depend on each other in any motion nothin
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -24,7 +24,14 @@ from sysid_trib.simulation.internal_states import states_along
 CHUNK = 128
 # Of series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
 CHEBYSHEV_NODES, SERIES_TOLERANCE = 16, 1e-11
-OctavePart: TypeAlias = tuple[float, float, Array]
+
+
+class OctavePart(NamedTuple):
+    """A series of averages between two amplitudes, in parts of an octave."""
+
+    low: float
+    high: float
+    coefficients: Array
 
 
 def signature(
@@ -85,7 +92,7 @@ def averages(
         return unit[0] * scale, unit[1] * scale
     # NumPy's numbers: a shape parameter of zero gives a value that is not finite, not an exception.
     shape_values = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
-    # What drives is at rest.
+    # Inputs are at rest.
     shape_values |= {channel.name: np.float64(0.0) for channel in force.channels}
     times = np.broadcast_to(np.asarray(time, dtype=float), a.shape)
     cuts = range(CHUNK, a.size, CHUNK)
@@ -133,9 +140,9 @@ def _panels(
     # Compared with the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
     size = max(np.abs(series).max(initial=1e-300), CANCELLATION / SERIES_TOLERANCE * 2.0**high)
     last = np.abs(series[-3:]).max() / size
-    # Of an octave: a signature with a kink, as where a slip begins, is halved no further.
+    # Smallest part of an octave: a signature with a kink, as at the onset of slip, is halved no further.
     if last < SERIES_TOLERANCE or high - low < 0.01 or 0.5 * before < last < ROUNDING_ERROR:
-        yield low, high, series
+        yield OctavePart(low, high, series)
     else:
         middle = 0.5 * (low + high)
         yield from _panels(force, shapes, low, middle, last)
@@ -204,7 +211,7 @@ def averages_decide(
 
 
 def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValues | None = None) -> bool:
-    """True if two forces do the same in motions of up to an amplitude (rad), or on average over a cycle."""
+    """Return true if two forces act alike in motions of up to an amplitude (rad), or on average."""
     pair = ForceLibrary("", (first, second))
     if any(force.kind == "sensor" for force in pair):
         return False

@@ -1,4 +1,4 @@
-"""A smooth curve through rows whose noise is known in kind but not in size: splines as a mixed model.
+"""Smooth curve through rows with noise of unknown size: splines as a mixed model.
 
 The curve is a line and random bends (second differences of B-splines, Eilers and Marx 1996); the noise of the
 rows is s (A + r B), A of the sensor and B of a random walk. Restricted likelihood weighs each size of the
@@ -7,7 +7,7 @@ bends and each r: the curve is the mean over them, and its errors hold that they
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -26,9 +26,22 @@ WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 NEAREST, LEAST_BEND = 5, 0.1
 BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
 ROUNDING_PART = 1e-10
-# Values of a curve, (row,), and how unit draws of the sensor's noise and of a random force (a walk) move
-# each, (row, draw).
-CurveRows: TypeAlias = tuple[Array, sp.csr_matrix, sp.csr_matrix]
+
+
+class CurveRows(NamedTuple):
+    """Values of a curve and their noise.
+
+    Attributes
+    ----------
+    target : (row,) array of float
+        The values.
+    of_sensor, of_walk : (row, draw) sparse matrix
+        How unit draws of the sensor's noise and of a random force (a walk) move each.
+    """
+
+    target: Array
+    of_sensor: sp.csr_matrix
+    of_walk: sp.csr_matrix
 
 
 @dataclass(frozen=True)
@@ -104,7 +117,7 @@ def smooth_curve(
     bends: Array | None,
     walks: Array,
 ) -> SmoothCurve:
-    """The curve through rows, its standard error, and the band that holds all of it.
+    """Return the curve through rows, its standard error, and its simultaneous band.
 
     Parameters
     ----------
@@ -196,7 +209,7 @@ def _smoothed(bends: Array) -> Array:
 def _averaged(
     weight: Array, likely: Sequence[tuple[_WhitePeriods, float, float]], at: Array, count: int, bends: Array
 ) -> SmoothCurve:
-    """The mean over what is likely, and draws from it for the band.
+    """Average over plausible smoothness, and draw from it for the band.
 
     Parameters
     ----------
@@ -233,7 +246,7 @@ def _averaged(
 
 
 def simultaneous_factor(apart: Array) -> float:
-    """Errors on either side of a curve between which 95 % of its draws lie as a whole (sup-t).
+    """Return the number of errors within which 95 % of the drawn curves lie completely (sup-t).
 
     Parameters
     ----------

@@ -1,1 +1,1 @@
-"""Where simulation and measurement disagree, and which missing effect explains it."""
+"""Search for the missing effect that explains the difference between model and record."""

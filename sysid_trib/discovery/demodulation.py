@@ -1,4 +1,4 @@
-"""Where model and record differ: when, at which amplitude, in phase or amplitude; and how that grows."""
+"""Difference of model and record: when, at which amplitude, in phase or amplitude; and its growth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -19,7 +19,7 @@ EXPLAINED_PART, LEVEL = 0.5, 1e-3
 
 
 def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) -> tuple[Array, str]:
-    """Rate at which a quantity grows, as a constant and one further term that fits best.
+    """Return the growth rate of a quantity, as a constant and the best further term.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     A conservative force a^(p+1) makes the phase slip at a rate a^p; what the model can adjust itself, its
     frequency or its viscous friction, is in the constant. So where the force acts is where the rate changes.
     """
-    # What is not known counts for nothing.
+    # Unknown values get no weight.
     known = np.isfinite(value) & np.isfinite(error) & (error > 0.0)
     value, error = np.where(known, value, 0.0), np.where(known, error, np.inf)
     offsets = (run[:, None] == np.unique(run)).astype(float)
@@ -62,7 +62,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
 
 
 def _fitted_trend(columns: Array, value: Array, error: Array) -> tuple[Array, float]:
-    """Weighted least squares: coefficients and chi-square."""
+    """Solve weighted least squares: coefficients and chi-square."""
     size = np.maximum(np.linalg.norm(columns / error[:, None], axis=0), np.finfo(float).tiny)
     values = np.linalg.lstsq(columns / error[:, None] / size, value / error, rcond=1e-12)[0] / size
     return values, float(np.sum(((value - columns @ values) / error) ** 2))
@@ -166,7 +166,7 @@ def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tu
 
 
 def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[str]:
-    """Parts of the residual that noise would not make, and that are not small compared with the largest."""
+    """Return the significant parts of the residual that are not small relative to the largest."""
     size = {}
     for part in dict.fromkeys(part for _, part in DEMODULATED.values()):
         of_part = [terms[name] for name, (_, other) in DEMODULATED.items() if other == part]
@@ -180,7 +180,7 @@ def _parts(terms: Mapping[str, tuple[Array, Array]], amplitude: Array) -> list[s
 
 
 def _place_of_rms(a: Array, rms: Array) -> str:
-    """Where the residual itself is largest."""
+    """Return the amplitudes at which the residual is largest, in words."""
     large, small = rms[a > np.median(a)], rms[a <= np.median(a)]
     ratio = np.mean(large) / max(float(np.mean(small)), 1e-300) if len(large) and len(small) else 1.0
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
@@ -191,7 +191,7 @@ CELLS = 11
 
 
 def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
-    """Mean force that residuals ask for, in cells of angle and rate.
+    """Return the mean missing force, from the residuals, in cells of angle and rate.
 
     Returns
     -------
@@ -216,7 +216,7 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
 
 
 def _force(run: FreeMotion) -> Array:
-    """The force that would make the residual over I w^2, by its equation of motion.
+    """Return the force over I w^2 that causes the residual, by its equation of motion.
 
     Both motions are smoothed alike, so that what smoothing takes from them cancels.
     """
@@ -236,7 +236,7 @@ def _force(run: FreeMotion) -> Array:
 
 
 def _force_of_noise(run: FreeMotion) -> Array:
-    """Forces that drawings of the noise ask for, (draw, sample); the model's forces change little."""
+    """Return the forces that simulated noise mimics, (draw, sample); the model's forces change little."""
     drawn = run.noise.draws(len(run.time), 32)
     angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
     return np.asarray(-(curvature + angle).T)

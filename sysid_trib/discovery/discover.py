@@ -1,16 +1,21 @@
-"""Find where model and record differ, name the missing effect, add it: the gap shrinks."""
+"""Search for missing effects: compare model and record, name the missing effect, add it, and repeat."""
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, replace
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces, records
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.discovery import parts, to_xarray
+from sysid_trib.discovery.engine import start_model
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.law_rival import held_out_by_laws
@@ -19,7 +24,7 @@ from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.discovery.unseen import RecordPart, predicted, search_parts, start_forces
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import (
     further_forces,
@@ -28,45 +33,40 @@ from sysid_trib.forces.selection import (
     offered_forces,
     viscous_model,
 )
-from sysid_trib.likelihood import start_model
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.trials import DEFAULTS, Settings
 from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.scope import without_old_arguments
 from sysid_trib.records import smoothing
-from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_for, inputs_of
-from sysid_trib.results import effects, schema, signal_scale, variables
-from sysid_trib.validation import findings
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
+from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
 
 
 def discover(
-    decay: Decays,
-    model_forces: ForceLibrary | None = None,
-    candidates: ForceLibrary | None = None,
+    decay: RecordsLike,
+    model_forces: LibraryLike | None = None,
+    candidates: LibraryLike | None = None,
     *,
     reference_frequency: float | None = None,
     constraints: ConstraintTable = NO_CONSTRAINTS,
     max_effects: int | None = None,
-    holdout: Decays = (),
+    holdout: RecordsLike = (),
     refit: bool = False,
     level: float | None = None,
     seed: int | None = None,
     time_limit: float = np.inf,
     settings: Settings = DEFAULTS,
     tell: Tell = silent,
-    fix: Mapping[str, float] | None = None,
 ) -> xr.DataTree:
     """Find, name and add what a model lacks to explain a decay, or runs of one experiment.
 
     Parameters
     ----------
-    decay : xr.Dataset or sequence of xr.Dataset
-        `angle(time)` as `free_decay` returns it, or a list of runs; with inputs if they are driven.
-    model_forces : ForceLibrary, optional
+    decay : record, or several of them
+        `angle(time)` as `free_decay` returns it, `(t, angle)`, or a list of runs; with inputs if they are
+        driven.
+    model_forces : ForceLibrary, str, or what `library` takes, optional
         The forces of the model to start from; by default viscous friction alone, and what drives.
-    candidates : ForceLibrary, optional
+    candidates : ForceLibrary, str, or what `library` takes, optional
         What may be missing; by default the other forces of `contact_forces`, and `candidate_effects`; of a
         driven record the other forces of its inputs too. Those that the model has, or whose input the records
         lack, are not offered, and named in the result.
@@ -77,7 +77,7 @@ def discover(
         search bounds and ties none. Those that a library of one's own states are held too.
     max_effects : int, optional
         Effects added at most, in the place of the settings'.
-    holdout : xr.Dataset or sequence of xr.Dataset
+    holdout : record, or several of them
         Runs that take no part in fitting or naming, and are predicted by each model. Without any the last
         third of each run takes no part.
     refit : bool
@@ -93,8 +93,6 @@ def discover(
         What else decides.
     tell : Tell
         Called with a few words as the work goes on.
-    fix : mapping of str to float, deprecated
-        Now `constraints`.
 
     Returns
     -------
@@ -125,27 +123,33 @@ def discover(
     """
     if not time_limit > 0.0:
         raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")
-    constraints = {**constraints, **without_old_arguments("discover", fix, stacklevel=3)}
     asked: dict[str, Any] = {"max_effects": max_effects, "level": level, "seed": seed}
     settings = replace(settings, **{k: value for k, value in asked.items() if value is not None})
-    inputs = inputs_of(as_runs(decay, driven=True)[0])
-    model_forces = viscous_model(load_library(), inputs) if model_forces is None else model_forces
-    candidates = further_forces(load_library(), model_forces, inputs) if candidates is None else candidates
-    constraints = known_coefficients(model_forces) | constraints
-    if is_free_to_move(model_forces, Constraints(constraints).fixed):
+    runs, unseen = records.as_decays(decay, "discover"), records.as_decays(holdout, "discover, holdout=,")
+    inputs = inputs_of(as_runs(runs, driven=True)[0])
+    if model_forces is None:
+        model = viscous_model(load_library(), inputs)
+    else:
+        model = forces.as_library(model_forces, "discover")
+    if candidates is None:
+        offered = further_forces(load_library(), model, inputs)
+    else:
+        offered = forces.as_library(candidates, "discover, candidates=,")
+    constraints = known_coefficients(model) | dict(constraints)
+    if is_free_to_move(model, Constraints(constraints).fixed):
         raise UsageError(
-            "A candidate is weighed by the restoring force, which this body has none of; identify it with "
-            "forces that may act, and compare the residuals."
+            "discover needs a restoring force, and this body has none; identify it with several sets of "
+            "forces, and compare the residuals."
         )
-    if candidates.used or model_forces.used:
+    if offered.used or model.used:
         # A candidate has a coefficient and shapes of its own: those of the start model are numbers to it.
-        coefficients = _of_start_model(decay, model_forces, reference_frequency, constraints)
-        model_forces, candidates = (
+        coefficients = _of_start_model(runs, model, reference_frequency, constraints)
+        model, offered = (
             replace(library, forces=tuple(force.with_numbers(coefficients) for force in library))
-            for library in (model_forces, candidates)
+            for library in (model, offered)
         )
-    how = (reference_frequency, refit, time_limit, settings, tell)
-    return _discovery(decay, model_forces, candidates, constraints, holdout, how)
+    how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
+    return _discovery(runs, model, offered, constraints, unseen, how)
 
 
 def _of_start_model(
@@ -163,8 +167,28 @@ def _of_start_model(
 
 # Part of the residual of the search's own start model below which that of the plain one stands for it.
 NEARER = 0.95
-# Frequency that is held, whether models are refitted, time limit, settings, and whom to tell.
-_How = tuple[float | None, bool, float, Settings, Tell]
+
+
+@dataclass(frozen=True)
+class SearchPlan:
+    """Plan of a search.
+
+    Attributes
+    ----------
+    reference_frequency : float or None, rad/s
+        Held; None: fitted.
+    refit : bool
+        Whether the models are fitted again to the whole runs.
+    time_limit : float, s
+    settings : Settings
+    tell : Tell
+    """
+
+    reference_frequency: float | None
+    refit: bool
+    time_limit: float
+    settings: Settings
+    tell: Tell
 
 
 @signal_scale.in_units_of_the_motion
@@ -174,10 +198,10 @@ def _discovery(
     candidates: ForceLibrary,
     constraints: ConstraintTable,
     holdout: Decays,
-    how: _How,
+    how: SearchPlan,
 ) -> xr.DataTree:
-    reference_frequency, refit, time_limit, settings, tell = how
-    deadline = time.monotonic() + time_limit
+    reference_frequency, settings, tell = how.reference_frequency, how.settings, how.tell
+    deadline = time.monotonic() + how.time_limit
     whole = as_runs(decay, driven=True)
     model, free, held = start_forces(model_forces, reference_frequency, Constraints(constraints))
     offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
@@ -204,7 +228,7 @@ def _discovery(
     rival = partial(held_out_by_laws, model_forces, constraints, learnt, later)
     done, laws_rms, refused = _unless_laws_predict_better(done, later, rival, tell)
     closing = parts.closing_effect(done)
-    if refit and not unseen:
+    if how.refit and not unseen:
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
         seen = runs
@@ -212,20 +236,19 @@ def _discovery(
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
+    groups["/"] = _search_group(done, holdout_given=bool(unseen), refitted=how.refit and not unseen)
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
-    options = {name: getattr(settings, name) for name in ("max_effects", "level", "seed")}
-    options |= {"refit": refit, "reference_frequency": reference_frequency, "constraints": dict(constraints)}
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
         **schema.provenance(None, one_or_all(runs), model),
         "method": "discover",
-        "options": json.dumps(options),
+        "options": json.dumps(_options_of(how, constraints)),
         "settings": json.dumps(asdict(settings)),
         "candidates": offered.to_toml(),
         **_outcome(done, closing),
         "laws_held_out_rms": laws_rms,
         "refused_by_laws": ", ".join(refused),
-        "out_of_time": f"{time_limit:g} s" if done.out_of_time else "",
+        "out_of_time": f"{how.time_limit:g} s" if done.out_of_time else "",
         "max_effects": settings.max_effects,
         "left_out": left_out,
         "held_out": f"{len(unseen)} run{'s' * (len(unseen) > 1)}" if unseen else third,
@@ -237,6 +260,24 @@ def _discovery(
     return tree
 
 
+def _search_group(done: Search, *, holdout_given: bool, refitted: bool) -> xr.Dataset:
+    """Return the variables of a search that are true or false."""
+    values = {"converged": done.converged, "holdout_given": holdout_given, "refitted": refitted}
+    return xr.Dataset(variables.described("search", values))
+
+
+def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]:
+    """Return the options of a search as they are kept in its result."""
+    return {
+        "max_effects": how.settings.max_effects,
+        "level": how.settings.level,
+        "seed": how.settings.seed,
+        "refit": how.refit,
+        "reference_frequency": how.reference_frequency,
+        "constraints": dict(constraints),
+    }
+
+
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
     """Return what a search says of itself, as attributes of its result."""
     return {
@@ -244,7 +285,6 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
-        "converged": str(done.converged),
         "failed_fits": done.failed,
     }
 
@@ -257,10 +297,10 @@ def _unless_laws_predict_better(
     Names that leave hardly more than noise of what was held out are not held against laws, nor are those of
     driven records, nor those to which one more that was not asked for is all that lacks.
     """
-    named_rms = float(np.nan_to_num(done.predictions[-1][1], nan=np.inf))
+    named_rms = float(np.nan_to_num(done.predictions[-1].rms, nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
-    explains = named_rms <= findings.LARGE * noise or parts.closing_effect(done)
+    explains = named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
     tell("laws as the rival of the names")
@@ -285,14 +325,14 @@ def _nearer_start(
     constraints: ConstraintTable,
     frequency: float | None,
 ) -> PlainStart | None:
-    """The start model fitted without a random force, where its motion is clearly nearer to the records."""
+    """Return the start model fitted without a random force, if its motion is clearly nearer to the data."""
     plain = plain_start(seen, library, Constraints(constraints).fixed, frequency, start)
     nearer = plain is not None and plain.residual < NEARER * residual_of_motions(free_motions(start))
     return plain if nearer else None
 
 
 def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
-    """What of long records the models are fitted to; empty where that is all of them."""
+    """Describe the parts of long records to which models are fitted; empty if that is all of them."""
     ends = [part.record.time.values[[0, -1]] for part in learnt]
     spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in ends)
     said = f"A long driven record: models are fitted to stretches ({spans}), each with its own noise."
@@ -300,13 +340,13 @@ def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
 
 
 def _best_by_holdout(done: Search, tell: Tell) -> Search:
-    """The search with its steps and their predictions; without what does not improve what was held out."""
+    """Return the search without the effects that do not improve the held-out prediction."""
     fits = done.fits
     while True:
         steps = with_steps(done, tell)
         tell("hold-out")
         predictions = [fits.foretold(model) for model in steps.models]
-        fewer = int(np.argmin([np.nan_to_num(rms, nan=np.inf) for _, rms in predictions]))
+        fewer = int(np.argmin([np.nan_to_num(prediction.rms, nan=np.inf) for prediction in predictions]))
         # Nothing is named on top of a start model that fits worse than that of `identify`.
         while fewer and not fits.is_complete(steps.models[-1]):
             if fits.beats_plain_start(steps.models[fewer]):
@@ -319,11 +359,11 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
 
 
 def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
-    """The search, or that with noise of the likeliest colour, if that explains the record better.
+    """Return the search, or that with coloured noise if it explains the record better.
 
-    What is named, or left, may be noise of a colour that the lines above the motion did not show. As chance
-    must be outside of an effect's credible set, so must noise of another colour, without any name, of that of
-    all of them; else the colour with what was named is tried, of which that of the search is outside.
+    The named effects, or the residual, may be coloured noise that the lines above the motion did not show.
+    Noise of another colour without any name must be outside of the credible set of all names, as chance must
+    be outside of that of each effect. Otherwise the colour together with the names is tried.
     """
     done = search(fits, growing=True, tell=tell)
     if parts.verdict_of(done) == "nothing missing":
@@ -335,7 +375,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
         """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
         return evidence(model) + start_model.colour_penalty(model)
 
-    # Else what is left of the record is no noise yet.
+    # Otherwise the residual is not noise yet.
     settled = done.converged or not done.effects
     with_names = start_model.recoloured(last) if done.effects and settled else last
     without_names = start_model.recoloured(start, with_names)

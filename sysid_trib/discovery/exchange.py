@@ -1,23 +1,28 @@
-"""Moves of a search: what may stand in the place of effects, or beside them, and whether it is likelier."""
+"""Moves of a search: candidates in place of effects or in addition, and whether they are more likely."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import likelihood
 from sysid_trib.discovery.fits import Fits, evidence, least_penalty, log_rows
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import correlation_of, each_column, projected
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
-
-# A score, relative to the present model's evidence along its path, and the trials that have it.
-Scored = tuple[float, list[int]]
 
 
-def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = False) -> list[Scored]:
-    """Nothing, and the best trial of each candidate, in the place of effects, the best first.
+class ScoredTrials(NamedTuple):
+    """Trials in the place of effects, and their evidence relative to that of the present model."""
+
+    score: float
+    trials: list[int]
+
+
+def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = False) -> list[ScoredTrials]:
+    """Return no trial and the best trial of each candidate as replacements of effects, best first.
 
     Without what is far. `by_chance` : with those that gain there no more than chance may.
     """
@@ -35,32 +40,32 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
     columns = [current.first_trial + at for at in trials]
     deviance, coefficients, _, rows = each_column(current.products, kept, columns, bare)
     gains = (bare.deviance - deviance).tolist()
-    scores = [(without - len(gone) * penalty, list[int]())]
+    scores = [ScoredTrials(without - len(gone) * penalty, [])]
     for i, at in enumerate(trials):
         p_value = current.p_value_of(gains[i], current.trials[at].force, rows[i])
         if (by_chance or p_value < model.settings.level) and current.allows(at, coefficients[i]):
-            scores.append((without - gains[i] + (1 - len(gone)) * penalty, [at]))
+            scores.append(ScoredTrials(without - gains[i] + (1 - len(gone)) * penalty, [at]))
     in_model = [model.trials[model.columns_of(symbol)[0]].force for symbol in gone]
 
     def is_near(score: float, at: Sequence[int]) -> bool:
         tolerance = current.tolerance(at[0], in_model) if at else model.settings.tolerance
         return score < tolerance * max(0.0, without) + model.settings.far
 
-    near = [scored for scored in sorted(scores, key=lambda scored: scored[0]) if is_near(*scored)]
-    best = current.first_fine([at[0] for _, at in near if at])
-    return [scored for scored in near if not scored[1] or scored[1][0] in best]
+    near = [scored for scored in sorted(scores, key=lambda scored: scored.score) if is_near(*scored)]
+    best = current.first_fine([scored.trials[0] for scored in near if scored.trials])
+    return [scored for scored in near if not scored.trials or scored.trials[0] in best]
 
 
-def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[Scored]:
-    """Pairs of candidates in the place of effects; which, by the noise of the present model.
+def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[ScoredTrials]:
+    """Return pairs of candidates as replacements of effects, by the noise of the present model.
 
-    Of any two shapes of theirs: with another one a candidate may have a shape that gains nothing alone.
+    All shapes of both are combined: in a pair the best shape may gain nothing alone.
     """
     model, kept = current.model, current.model.columns_without(gone)
     columns = [current.first_trial + at for at in current.replacing]
     part, rest = projected(current.products, model.likelihood, kept, [0, *columns])
     trials = _testable(current, part[1:])
-    # Of the target, and of these among all that may stand in the place of effects.
+    # Products of the target and of all trials that may replace effects.
     place = {at: 1 + number for number, at in enumerate(current.replacing)}
     inside = [0, *(place[at] for at in trials)]
     gains = _gains_of_pairs(current, trials, rest[np.ix_(inside, inside)])
@@ -79,18 +84,18 @@ def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[Scored]:
         able = all(current.allows(at, c) for at, c in zip(pair, likelier.coefficients[-2:], strict=True))
         score = likelier.deviance - current.whole.deviance + (2 - len(gone)) * log_rows(model)
         if able and score < model.settings.far:
-            scores.append((score, pair))
+            scores.append(ScoredTrials(score, pair))
     return scores
 
 
 def _testable(current: Screening, part: Array) -> list[int]:
-    """Trials of whose columns such parts are outside of the columns that stay."""
+    """Return the trials whose columns are not spanned by the columns kept in the model."""
     least = current.model.settings.testable
     return [at for at, outside in zip(current.replacing, part, strict=True) if outside >= least]
 
 
 def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) -> Array:
-    """What two trials gain together, (trial, trial); 0 of one candidate twice, or where physics forbids.
+    """Return the joint gain of two trials, (trial, trial); 0 for equal candidates or a forbidden sign.
 
     Once each: i < j. `products` : of the target and the trials, in the noise of the model.
     """
@@ -143,10 +148,10 @@ def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
 
 
 def extended(current: Screening, fits: Fits) -> list[FittedModel]:
-    """Models with one candidate more, of those that may be the most likely.
+    """Return models with one more candidate, for the most likely candidates.
 
-    What it gains is beyond chance, and leaves that no place in its credible set. What columns gain is taken
-    to be as far off as it was in the fits that were done: much where effects are strong.
+    The gain of the candidate is significant, and its credible set excludes chance. The error of gains by
+    columns is estimated from the fits so far; it is large for strong effects.
     """
     model, settings = current.model, current.model.settings
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
@@ -174,7 +179,7 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
 
 
 def rivals_of(current: Screening, fits: Fits, symbol: str) -> dict[str, float]:
-    """Evidence with each candidate in an effect's place, over its own; of nothing in its place under "".
+    """Return the evidence with each candidate in place of an effect, relative to it; "" is no force.
 
     Fitted are as many as the settings say, and all that would be in the set along the present path.
     """
@@ -193,9 +198,9 @@ def rivals_of(current: Screening, fits: Fits, symbol: str) -> dict[str, float]:
 def better_rival(
     current: Screening, fits: Fits, rivals: Mapping[str, Mapping[str, float]]
 ) -> FittedModel | None:
-    """The model with a rival in an effect's place that is more likely and beyond chance, or with nothing.
+    """Return the model with a more likely and significant candidate in place of an effect, or with none.
 
-    Of two that are as likely the one of fewer shapes is taken.
+    If two are equally likely, the one with fewer shapes is taken.
     """
     model, equal = current.model, current.model.settings.least_gain
     shapes = {t.force.symbol: len(t.force.shape) for t in (*current.trials, *model.trials)} | {"": 0}
@@ -214,7 +219,7 @@ def better_rival(
 
 
 def pairs_of(current: Screening, fits: Fits, symbol: str) -> dict[tuple[str, str], float]:
-    """Pairs in an effect's credible set, or likelier: their evidence over its own, the likeliest first.
+    """Return the pairs in an effect's credible set, with their relative evidence, most likely first.
 
     Notes
     -----
@@ -243,14 +248,14 @@ def pairs_of(current: Screening, fits: Fits, symbol: str) -> dict[tuple[str, str
 
 
 def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:
-    """True if each of two trials in the place of an effect explains more with the other than chance."""
+    """Return true if each of two trials in place of an effect is significant given the other."""
     kept, columns = current.model.columns_without((symbol,)), [current.first_trial + at for at in pair]
     p_values = [current.p_value_with([*kept, other], at) for at, other in (columns, columns[::-1])]
     return max(p_values) < current.model.settings.level
 
 
 def likelier_pair(current: Screening, fits: Fits, most: int) -> FittedModel | None:
-    """The model with a pair in an effect's place of whose credible set the effect is outside, if any.
+    """Return the model with a pair whose credible set excludes the effect, if there is one.
 
     `most` : effects that a model may have.
     """
@@ -265,7 +270,7 @@ def likelier_pair(current: Screening, fits: Fits, most: int) -> FittedModel | No
 
 
 def not_beyond_chance(current: Screening, fits: Fits) -> FittedModel | None:
-    """The model without the effect that chance would do as well as most likely; None if there is none."""
+    """Return the model without the least significant effect; None if all are significant."""
     model, level = current.model, current.model.settings.level
     chances = [current.p_value_of_effect(symbol) for symbol in current.effects]
     if max(chances, default=0.0) < level:
@@ -282,7 +287,7 @@ def not_beyond_chance(current: Screening, fits: Fits) -> FittedModel | None:
 def chance_in_set(
     effects: Sequence[str], rivals: Mapping[str, Mapping[str, float]], fits: Fits
 ) -> FittedModel | None:
-    """The model without the effect whose credible set chance is in; None if there is none."""
+    """Return the model without an effect whose credible set contains chance; None if there is none."""
     excess, symbol = min(((of.get("", np.inf), at) for at, of in rivals.items()), default=(np.inf, ""))
     in_set = excess < fits.start.settings.outside_of_set
     fitted = fits.kept.get(frozenset(effects) - {symbol}) if in_set else None

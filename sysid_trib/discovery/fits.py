@@ -1,4 +1,4 @@
-"""The exact fits of a search, and the one evidence by which a model is named, shortened and ranked."""
+"""Exact fits of a search, and the evidence that names, shortens and ranks models."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -10,13 +10,13 @@ from scipy.special import log_ndtr, softmax
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.discovery import single_columns, unseen
+from sysid_trib.discovery.engine import model_fit, start_model
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.trials import TrialEffect, reference_power
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.plain_start import PlainStart, residual_of_motions
 from sysid_trib.discovery.screen import Screening, screen
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood import model_fit, start_model
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.trials import TrialEffect, reference_power
 
 
 def evidence(model: FittedModel) -> float:
@@ -44,7 +44,7 @@ def evidence(model: FittedModel) -> float:
 
 
 def errors_off(model: FittedModel, symbol: str) -> float:
-    """By how many of its errors a coefficient differs from the one that physics knows; 0 where it knows none.
+    """Return the difference of a coefficient from its known value, in standard errors; 0 if none is known.
 
     Both refer to the model's own frequency, from which that of its paths may be far.
     """
@@ -62,9 +62,9 @@ def errors_off(model: FittedModel, symbol: str) -> float:
 
 
 def _at_end(beyond_end: float, error: float) -> float:
-    """Minus twice the logarithm of the part of its range that a record leaves to a shape at an end of it.
+    """Return the penalty -2 ln of the part of its range that a record allows a shape at an end of it.
 
-    That of a Gaussian likelihood whose middle is outside, over what it is at the end.
+    This is the integral of a Gaussian likelihood with its middle outside, over its value at the end.
     """
     if not 0.0 < error < np.inf:
         return 0.0
@@ -76,12 +76,12 @@ def _at_end(beyond_end: float, error: float) -> float:
 
 
 def log_rows(model: FittedModel) -> float:
-    """What an effect costs in the evidence, its sign and its shapes aside."""
+    """Return the penalty of an effect in the evidence, without its sign and shapes."""
     return float(np.log(sum(rows.path.form.rows for rows in model.rows)))
 
 
 def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
-    """What so many effects add to the evidence of a model of the same rows, their shapes aside."""
+    """Return the penalty of so many effects in the evidence, without their shapes."""
     return float(sum(log_rows(model) - 2.0 * np.log(2.0) * force.passive for force in forces))
 
 
@@ -94,7 +94,7 @@ def probabilities(costs: Sequence[float]) -> Array:
 
 
 def credible(probability: Array, part: float) -> Mask:
-    """Which models are in the smallest set that holds the truth with the probability `part`."""
+    """Return the mask of the smallest set of models that contains the truth with the probability `part`."""
     order = np.argsort(-probability, kind="stable")
     before = np.cumsum(probability[order]) - probability[order]
     return np.isin(np.arange(len(probability)), order[before < part])
@@ -102,7 +102,7 @@ def credible(probability: Array, part: float) -> Mask:
 
 @dataclass
 class Fits:
-    """Exact fits of a search, and candidates held against them.
+    """Exact fits of a search, and the screened candidates.
 
     Attributes
     ----------
@@ -167,7 +167,7 @@ class Fits:
 
     @property
     def ended(self) -> bool:
-        """True if no further model is fitted: it is too late, or as many were as the settings say."""
+        """True if no further model may be fitted: time or number of fits is used up."""
         return self.out_of_time or len(self.tried) >= self.start.settings.most_fits
 
     def of(
@@ -203,7 +203,7 @@ class Fits:
             return None
 
         def possible(fitted: FittedModel) -> bool:
-            """True if the forces besides the start model's may have their coefficients."""
+            """Return true if the added forces may have their coefficients."""
             columns = [table[:, : len(fitted.trials)] for table in fitted.tables]
             physical = single_columns.are_physical(fitted, fitted.trials, fitted.coefficients, columns)
             return bool(np.all(physical[len(self.start.trials) :]))
@@ -242,7 +242,7 @@ class Fits:
         return model.deviance > min(contained, default=np.inf) + model_fit.ROUNDS_AGREE
 
     def foretold(self, model: FittedModel) -> unseen.Prediction:
-        """How a model predicts what was held out."""
+        """Return the prediction of the held-out part by a model."""
         assert self.predict is not None
         key = model.coefficients.tobytes()
         if key not in self._predictions:
@@ -250,7 +250,7 @@ class Fits:
         return self._predictions[key]
 
     def goes_on(self, model: FittedModel) -> bool:
-        """True if a model may grow: not so many in a row were no better; else `best` is that to end with."""
+        """Return true if a model may grow: not too many steps in a row without gain; else end with `best`."""
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self._known:
             referred = start_model.refitted(model)

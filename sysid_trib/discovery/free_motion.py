@@ -1,4 +1,4 @@
-"""The free motion of a fitted model held against each record, and the model as an identification."""
+"""Free motion of a fitted model and its residual, and the model as an identification."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,16 +7,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.paths import RecordPath
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.random_force import RandomForce, random_force_variables
+from sysid_trib.likelihood.random_force import random_force_variables
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.variance_ratio import p_value_of_gain
-from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import start_variables
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
@@ -27,7 +28,7 @@ from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """A run held against the motion that a model has without a random force, its start fitted.
+    """Residual of a run from the motion of a model without a random force, its start fitted.
 
     Attributes
     ----------
@@ -95,7 +96,7 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
     error, *_ = sensor_error(model, path.elapsed, x, v, ())
     begin = float(x[0]), float(v[0] * path.frequency)
     try:
-        # What is too stiff is not waited for.
+        # Do not wait for a model that is too stiff.
         motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)
     except SimulationError:
         # A model without a motion of its own has that which the record leaves it.
@@ -142,13 +143,13 @@ def model_identification(
     }
     fixed = {trial.force.symbol: coefficient for trial, coefficient in model.rows[0].path.held}
     values = np.append(model.coefficients, list(fixed.values()))
-    # What is held has no error; the last row is that of the frequency.
+    # A held coefficient has no error; the last row is that of the frequency.
     covariance = np.zeros((len(values) + 1, len(values) + 1))
     free = [*range(len(model.trials)), len(values)]
     covariance[np.ix_(free, free)] = total_covariance(model, widening, model_error)
     shape_errors = {name: widening * error for name, error in model.shape_errors().items()}
     estimate = Estimate(values, covariance, identified.reference_frequency, levels, extra, shape_errors)
-    # None where it was fitted.
+    # There is no held-out part where it was fitted.
     frequency = None if model.frequency_free else identified.reference_frequency
     method = Direct(frequency, shapes=dict(identified.shapes), constraints=fixed, random_force="estimated")
     library = identified.library

@@ -1,16 +1,16 @@
-"""The law as the rival of names: how smooth laws predict what a search has held out."""
+"""Smooth laws as an alternative to names: their prediction of the held-out part."""
 
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.discovery.unseen import RecordPart
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.smooth_laws.fits import LawFit, fitted
 from sysid_trib.smooth_laws.model import LawModel, with_jump
 from sysid_trib.validation.holdout import carried_on

@@ -9,12 +9,12 @@ import scipy.sparse as sp
 from scipy.linalg import block_diag
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_products import RunProducts, products_of
+from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.single_columns import each_column, known_directions, known_finely, strengths
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts, products_of
-from sysid_trib.likelihood.run_rows import RunRows
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
 # Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
@@ -48,7 +48,7 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
     kept = variances > 1e-6 * variances[-1]
     half = axes[:, kept]
     root = half * np.sqrt(variances[kept])
-    # What rounding has left of columns that the model can nearly make may correlate by more than one.
+    # Columns that the model nearly spans are rounding errors, and may correlate by more than one.
     root /= np.maximum(1.0, np.linalg.norm(root, axis=1))[:, None]
     draws = np.random.default_rng(seed).standard_normal((len(axes), NOISE_DRAWS), np.float32)
     scores = root.astype(np.float32) @ (half.T.astype(np.float32) @ draws)
@@ -84,7 +84,7 @@ def omnibus(
     model: FittedModel,
     whole: Likelihood,
 ) -> tuple[Array, float]:
-    """Test what a model leaves against forces of any form.
+    """Test the residual of a model against forces of any form.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def omnibus(
 def _of_possible_size(
     products: Sequence[RunProducts], along: Sequence[Array], mixtures: Array, model: FittedModel
 ) -> tuple[Array, list[RunProducts], Likelihood]:
-    """The mixtures that do not ask for a force stronger than a missing one may be.
+    """Return the mixtures whose force is not stronger than a missing force may be.
 
     With their products, and the likelihood of the model with them.
     """

@@ -1,4 +1,4 @@
-"""What a search says: its verdict, what a record could show, whether runs or parts of it differ."""
+"""Summary of a search: its verdict, detectability, and differences between runs or parts of a record."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -9,19 +9,19 @@ import scipy
 from scipy.linalg import block_diag
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.start_model import refitted
 from sysid_trib.discovery.fits import evidence, probabilities
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.search import Search, may_gain
 from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.start_model import refitted
-from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results.effects import NAMED
+from sysid_trib.results.variables import PARTS_OF_RECORD
 
 
 def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
-    """Test of each model for runs that differ, by small deviations.
+    """Test whether runs differ, for each model, by small deviations.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
 
 
 def _differing(model: FittedModel) -> tuple[float, int, str]:
-    """What parameters of each run explain, how many there are, and the name of the one that explains most."""
+    """Return the gain by individual parameters of runs, their number, and the name of the largest."""
     trials = len(model.trials)
     shapes = {column: f"{model.trials[at].force.symbol}.{name}" for at, name, column in model.shape_columns}
     names = dict(enumerate(trial.force.symbol for trial in model.trials)) | shapes
@@ -83,7 +83,7 @@ def squares_left(design: Array, target: Array, least: float = 1e-5) -> tuple[flo
 
 
 def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
-    """An effect of a search against its rivals, itself among them, in parts of the record.
+    """Return the evidence of an effect and its competitors in parts of the record.
 
     Returns
     -------
@@ -96,13 +96,13 @@ def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
         model = search.fits.kept.get(rest | {name} - {""})
         if model is not None:
             scores[name] = _deviances(model) + (evidence(model) - model.deviance)
-    own = scores.setdefault(symbol, np.zeros(len(RECORD_PARTS)))
+    own = scores.setdefault(symbol, np.zeros(len(PARTS_OF_RECORD)))
     return {name: score - own for name, score in scores.items()}
 
 
 def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float]) -> Array:
     """Probability of each rival, (rival,): the mean over the whole record, by `whole`, and its parts."""
-    missing = np.full(len(RECORD_PARTS), np.inf)
+    missing = np.full(len(PARTS_OF_RECORD), np.inf)
     table = [np.append(costs.get(name, missing), of_whole) for name, of_whole in whole.items()]
     return np.asarray(np.mean([probabilities(of_part) for of_part in np.transpose(table)], axis=0))
 
@@ -114,18 +114,18 @@ def error_of_model(model: FittedModel) -> Array:
     """
     count, kept = len(model.trials), 1 + model.columns - len(model.shape_columns)
     tables = [table[:, :kept] for table in model.white_tables()]
-    fits = [_solved(_in_part(tables, *part)) for part in ((0.0, 1.0), *RECORD_PARTS.values())]
+    fits = [_solved(_in_part(tables, *part)) for part in ((0.0, 1.0), *PARTS_OF_RECORD.values())]
     values, variances = (np.array(part)[:, : count + 1] for part in zip(*fits, strict=True))
     expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
     movement = np.mean((values[1:] - values[0]) ** 2, axis=0)
     error = np.sqrt(np.maximum(movement - expected, 0.0))
-    # Of the stiffness twice as much, in parts; none where the frequency is held.
+    # The stiffness changes twice as much, in parts; not at all if the frequency is held.
     error[count:] *= 0.5 * model.rows[0].path.frequency * model.frequency_free
     return error
 
 
 def _in_part(of_runs: Sequence[Array], low: float, high: float) -> Array:
-    """What of each run is in a part of the record."""
+    """Return the values of each run within a part of the record."""
     return np.concatenate([run[round(low * len(run)) : round(high * len(run))] for run in of_runs])
 
 
@@ -135,7 +135,7 @@ def _deviances(model: FittedModel) -> Array:
     runs = zip(model.rows, of_fit.ratios.tolist(), of_fit.variances, strict=True)
     logarithms = [2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance) for rows, ratio, variance in runs]
     deviances = []
-    for part in RECORD_PARTS.values():
+    for part in PARTS_OF_RECORD.values():
         inside = _in_part(tables, *part)
         squares, _ = squares_left(inside[:, 1:], inside[:, 0], 1e-10)
         deviances.append(squares + float(np.sum(_in_part(logarithms, *part))))
@@ -190,7 +190,7 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
 
 
 def _best(screening: Screening, symbol: str) -> int:
-    """The testable trial of a force with the least error, in units of its force; else any."""
+    """Return the testable trial of a force with the smallest error, in units of its force; else any."""
     of_force = [i for i, trial in enumerate(screening.trials) if trial.force.symbol == symbol]
     good = [i for i in of_force if not screening.reasons[i]]
     size = screening.errors * screening.relative_force
@@ -198,7 +198,7 @@ def _best(screening: Screening, symbol: str) -> int:
 
 
 def closing_effect(done: Search) -> str:
-    """The effect that no more were asked for left out, if nothing is missing with it; else empty."""
+    """Return the effect that only `max_effects` excludes and that would complete the model; or empty."""
     settings, model = done.models[-1].settings, done.next_best
     if model is None or not len(done.effects) == settings.max_effects > 0:
         return ""
@@ -208,7 +208,7 @@ def closing_effect(done: Search) -> str:
 
 
 def not_improving(done: Search) -> str:
-    """The likeliest effect that is not in the model since it does not improve what was held out, or empty."""
+    """Return the most likely effect that was left out because it does not improve the prediction."""
     model = done.next_best
     asked = model is not None and done.converged and len(done.effects) < model.settings.max_effects
     return model.effects[-1] if model is not None and asked else ""

@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import root_mean_square
+from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.free_motion import FreeMotion, free_motion
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.fitted_model import FittedModel
 from sysid_trib.methods import Averaging, Direct, method_of
-from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.schema import model_of
 from sysid_trib.validation.residuals import FollowedRuns
 from sysid_trib.validation.verdict import with_model_in_errors
@@ -53,7 +54,7 @@ def plain_start(
     reference_frequency: float | None,
     start: FittedModel,
 ) -> PlainStart | None:
-    """The better one of the fits that `identify` makes of the start model; None where there is none.
+    """Return the better of the fits of the start model by `identify`; None if there is none.
 
     A fit with a random force follows a record whatever its forces lack. Its coefficients are those of the
     balance of forces, and their free motion may slip out of phase.

@@ -1,4 +1,4 @@
-"""Candidates held against a model, each as one more column: what each would gain, and whether by chance."""
+"""Screening: each candidate as one more column of a model, its gain, and the p-value of this gain."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -8,16 +8,16 @@ import numpy as np
 import scipy
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.discovery import single_columns as single
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
+from sysid_trib.discovery.engine.run_products import RunProducts
+from sysid_trib.discovery.engine.trials import TrialEffect, frequencies_of, trials_of
 from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import Likelihood, likelihood, of_many_rows
-from sysid_trib.likelihood.run_products import RunProducts
-from sysid_trib.likelihood.trials import TrialEffect, frequencies_of, has_frequency_parameter, trials_of
-from sysid_trib.records.decay import root_mean_square
+from sysid_trib.forces.shape_parameters import has_frequency_parameter
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 NOT_FINITE = "it is not finite on this motion"
@@ -26,7 +26,7 @@ TOO_FINE = "not testable on this record: it acts more finely than the motion is 
 
 @dataclass(frozen=True)
 class Screening:
-    """What each candidate would gain with a model.
+    """Gains of all candidates with a model.
 
     Attributes
     ----------
@@ -99,10 +99,10 @@ class Screening:
 
     @property
     def widening(self) -> float:
-        """By how much errors by the noise are too small where the omnibus test rejects; 1 at least.
+        """Factor by which errors from noise are too small if the omnibus test rejects; at least 1.
 
-        What is missing moves coefficients as it moves the scores of forces of any form: by as much as these
-        are larger than scores of noise, whose mean square is 1 (Birge 1932).
+        A missing force changes the coefficients as much as the scores of forces of any form. The mean square
+        of these scores is 1 for noise (Birge 1932).
         """
         tested = self.omnibus_z[self.omnibus_z != 0.0]
         rejects = self.omnibus_p_value < self.model.settings.level and len(tested)
@@ -117,7 +117,7 @@ class Screening:
         return list(best.values())
 
     def are_fine(self, trials: Sequence[int]) -> list[bool]:
-        """Truth, for each trial, of a motion that is known as finely as it acts."""
+        """Return the mask of trials that the known motion resolves."""
         unasked = [at for at in trials if at not in self.fine]
         if unasked:
             known = single.are_known_finely(self.model, [self.trials[at] for at in unasked])
@@ -125,7 +125,7 @@ class Screening:
         return [self.fine[at] for at in trials]
 
     def first_fine(self, order: Sequence[int]) -> list[int]:
-        """For each candidate the first trial, in an order, as finely as which the motion is known."""
+        """Return the first trial of each candidate, in an order, that the known motion resolves."""
         waiting: dict[str, list[int]] = {}
         for at in order:
             waiting.setdefault(self.trials[at].force.symbol, []).append(at)
@@ -139,11 +139,11 @@ class Screening:
 
     @property
     def replacing(self) -> list[int]:
-        """Trials that can be tested, or that might in the place of an effect which has the same column."""
+        """Trials that can be tested, or that could be tested in place of an effect with the same column."""
         return [at for at, reason in enumerate(self.reasons) if reason in ("", SAME_EFFECT)]
 
     def tolerance(self, at: int, fitted: Sequence[Force]) -> float:
-        """Part of its gain by which a trial's column may be off, with the fits of other forces."""
+        """Return the relative error of its gain that is allowed for a trial's column."""
         settings, force = self.model.settings, self.trials[at].force
         # With a random force stronger than the noise a path follows the record, the sensor's errors too.
         if force.kind == "sensor" and np.max(self.model.likelihood.ratios) > 1.0:
@@ -170,7 +170,7 @@ class Screening:
         return min(1.0, p_value)
 
     def p_value_with(self, others: Sequence[int], column: int, gain: float | None = None) -> float:
-        """Probability that chance gains as much as a column of `products` does with others, or so much."""
+        """Return the p-value of the gain of a column of `products` with others, or of a given gain."""
         bare = likelihood(self.products, others)
         deviance, _, _, rows = single.each_column(self.products, others, [column], bare)[:, 0].tolist()
         trials = self.trials if column >= self.first_trial else self.model.trials
@@ -178,19 +178,19 @@ class Screening:
         return self.p_value_of(bare.deviance - deviance if gain is None else gain, force, rows)
 
     def gain_of(self, symbols: Sequence[str]) -> float:
-        """By how much effects of the model lower its deviance, along its path."""
+        """Return the fall of the deviance due to effects of the model, along its path."""
         without = likelihood(self.products, self.model.columns_without(symbols))
         return without.deviance - self.whole.deviance
 
     def p_value_of_effect(self, symbol: str, gain: float | None = None) -> float:
-        """Probability that chance gains as much as an effect of the model along its path, or so much."""
+        """Return the p-value of the gain of an effect along the path of its model, or of a given gain."""
         gain = self.gain_of((symbol,)) if gain is None else gain
         column = 1 + self.model.columns_of(symbol)[0]
         return self.p_value_with(self.model.columns_without((symbol,)), column, gain)
 
 
 def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
-    """Hold candidates against a model, at grids of their shape parameters."""
+    """Screen candidates with a model, at grids of their shape parameters."""
     settings, (trials, columns) = model.settings, _tried(model, candidates)
     good, columns = single.where_finite(columns)
     along = [trial_columns(rows.path) for rows in model.rows]
@@ -227,7 +227,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
         omnibus_p_value=p_value,
         whole=whole,
     )
-    # Of each candidate the trial that gains most is asked, the next one where that is too fine.
+    # For each candidate test the trial of largest gain, or the next one if its column is not resolved.
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
     for too_fine in (at for at, fine in screening.fine.items() if not fine):
         reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0
@@ -240,7 +240,7 @@ def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialE
     trials, columns, scores = refined(model, trials)
     drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
     gains = np.where(drives, 0.0, scores**2)
-    # Of a few of its values, and with one that may be as far off.
+    # Compare a few of its values with one that may be as far off.
     likely = gains >= (1.0 - model.settings.family_tolerance) ** 2 * np.max(gains, initial=0.0)
     promising = {trials[at].force.symbol for at in np.flatnonzero(likely)}
     families = {trial.force.family for trial in model.trials if trial.added}
@@ -255,7 +255,7 @@ def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialE
 def _lines(model: FittedModel) -> list[float]:
     """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows, and of its own.
 
-    What has the frequency of a force of the model leaves no line, and may stand in its place.
+    A force at the frequency of a model force leaves no line, but may replace it.
     """
     most, lines = model.settings.lines, list[tuple[float, float]]()
     for rows, residual in zip(model.rows, model.white_residuals(), strict=True):

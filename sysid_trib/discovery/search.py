@@ -1,4 +1,4 @@
-"""The search: candidates are screened as columns, a few models are fitted exactly, one evidence decides."""
+"""Search: candidates are screened as columns, a few models are fitted exactly, the evidence decides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sysid_trib.discovery import exchange, free_motion
+from sysid_trib.discovery.engine import model_fit, start_model
+from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.screen import Screening
 from sysid_trib.discovery.single_columns import projected
 from sysid_trib.discovery.unseen import Prediction
 from sysid_trib.errors import Tell, silent
 from sysid_trib.forces.library import load_library
-from sysid_trib.likelihood import model_fit, start_model
-from sysid_trib.likelihood.fitted_model import FittedModel
 
 Rivals = dict[str, dict[str, float]]
 # Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named.
@@ -22,7 +22,7 @@ BARE_MENTION = 2.0
 
 @dataclass(frozen=True)
 class Search:
-    """A whole search.
+    """Result of a search.
 
     Attributes
     ----------
@@ -145,7 +145,7 @@ def search(
 
 
 def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> Search:
-    """A search that ends with a model, or one that is as likely."""
+    """Return the search that ends with a model, or with an equally likely one."""
     model, referred, rivals, followed = plainest(model, rivals, fits)
     last = fits.screened(model)
     effects = _by_weight(last)
@@ -168,7 +168,7 @@ def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> S
 
 
 def with_steps(search: Search, tell: Tell = silent) -> Search:
-    """A search with the models of none, one, two, ... of its effects, and the candidates with each."""
+    """Return the search with models of none, one, two, ... of its effects, and the candidates with each."""
     models = nested_models(search.models[-1], search.effects)
     tell("candidates beside each model")
     before = [search.fits.screened(model) for model in models[:-1]]
@@ -185,7 +185,7 @@ def _by_weight(last: Screening) -> tuple[str, ...]:
 
 
 def _outstanding(last: Screening, further: Sequence[FittedModel], fits: Fits) -> list[str]:
-    """Candidates that are missing from the final model, or whose fits with it failed or were not made."""
+    """Return the candidates missing from the final model, and those without a fit."""
     settings = last.model.settings
     gaining = [last.trials[at].force.symbol for at in last.best() if last.p_values[at] < settings.level]
     not_fitted = [name for name in gaining[: settings.fitted] if name in fits.failed or fits.ended]
@@ -228,10 +228,10 @@ def _collinear(last: Screening) -> list[str]:
 
 
 def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedModel, FittedModel, Rivals, bool]:
-    """The plainest of the models that are as likely; where that is not followed, the likeliest that is.
+    """Return the simplest of equally likely models; the most likely one if the motion does not follow it.
 
-    Of those in a credible set with the model. A force of the user's own is plainer than one of the usual
-    candidates, and then one of fewer shapes.
+    The models are those in a credible set with the given one. Forces of the user are simpler than the usual
+    candidates; otherwise fewer shapes are simpler.
 
     Returns
     -------
@@ -259,14 +259,14 @@ def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedMode
 
 
 def _plainness(model: FittedModel, symbol: str) -> tuple[bool, int]:
-    """True of a usual candidate, and the number of its shapes: the least is plainest."""
+    """Return the complexity of an effect: whether it is a usual candidate, and its number of shapes."""
     force = model.trials[model.columns_of(symbol)[0]].force
     usual = {(other.symbol, other.formula.text) for other in load_library("candidate_effects")}
     return (force.symbol, force.formula.text) in usual, len(force.shape)
 
 
 def _is_followed(model: FittedModel) -> bool:
-    """True if the fit has settled, and without a random force moves as its path does.
+    """Return true if the fit has converged, and without a random force moves as its path does.
 
     Rows say how a motion deviates, and not that it stops before the record does.
     """

@@ -1,4 +1,4 @@
-"""Shape parameters of candidates: grids so fine that nothing lies between, and the climb from there."""
+"""Shape parameters of candidates: a sufficiently fine grid, and the optimisation from there."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -8,16 +8,11 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.discovery import single_columns as single
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import likelihood
+from sysid_trib.discovery.engine.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import likelihood
-from sysid_trib.likelihood.trials import (
-    TrialEffect,
-    has_frequency_parameter,
-    is_frequency_parameter,
-    is_phase,
-    trials_of,
-)
+from sysid_trib.forces.shape_parameters import has_frequency_parameter, is_frequency_parameter, is_phase
 
 
 def refined(
@@ -29,9 +24,9 @@ def refined(
 
     Notes
     -----
-    A column halfway between two of correlation c, with the model and in its noise, has the correlation
-    ((1 + c) / 2)^(1/2) with either: what it gains is seen but for a part of (1 - c) / 2. That part is the
-    setting `tolerance`. Several shapes of a candidate are climbed instead (`climbed`).
+    A column halfway between two of correlation c, with the model and in its noise, has the correlation ((1 +
+    c) / 2)^(1/2) with either, so that a part (1 - c) / 2 of its gain is missed. The setting `tolerance`
+    limits this part. Several shapes of a candidate are optimised instead (`climbed`).
     """
     every, new, added = list[TrialEffect](), list(trials), dict[str, int]()
     alike, most = 1.0 - 2.0 * model.settings.tolerance, 2 * model.settings.shape_values
@@ -92,11 +87,11 @@ def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect
 
     Notes
     -----
-    What is screened has two to four values of each of three shapes, none of which may be near. From each
-    combination of a finer grid that is not worse than those next to it the shapes go one at a time to the
-    best of their neighbours, in steps that are halved down to the setting `shape_step` (compass search:
-    Kolda, Lewis, Torczon 2003). What gains no more than chance stays, and what gains far less than the
-    effects in whose place it is.
+    Screening has two to four values of each of three shapes, and none may be near. From each combination of a
+    finer grid that is not worse than those next to it the shapes go one at a time to the best of their
+    neighbours, in steps that are halved down to the setting `shape_step` (compass search: Kolda, Lewis,
+    Torczon 2003). Candidates are left as they are if their gain is not significant, or far below that of the
+    effects they would replace.
     """
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
@@ -111,19 +106,19 @@ def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect
 
 
 def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> list[TrialEffect]:
-    """Combinations to which the best of a grid lead, best first; none where none gains more than chance.
+    """Return the combinations reached from the best of a grid, best first; none if none is significant.
 
-    Nor where all are far worse than the effects in whose place they are.
+    Skip the exchange if every candidate fits much worse than the effect it would replace.
     """
     (gains, of_gone), settings = _gains(model, grid, gone), model.settings
     if np.max(gains) < (1.0 - settings.family_tolerance) * of_gone:
         return []
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
-    # Of two that are alike either may lead further: where a shape hardly matters yet.
+    # Keep both of two similar starts: either may lead further where a shape hardly matters yet.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
     least = max(settings.outside_of_set, (1.0 - settings.family_tolerance) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
-    # What a trial gains, the trial, and the step of its shapes that is tried next, in parts of their ranges.
+    # Gain of a trial, the trial, and the next step of its shapes, in parts of their ranges.
     # First step, over the last.
     climbs = [(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
     ends = list[tuple[float, TrialEffect, float]]()
@@ -149,7 +144,7 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
 
 
 def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> tuple[Array, float]:
-    """By how much the column of each, in the place of effects, lowers the deviance, (trial,); and they do.
+    """Return the fall of the deviance by each column in place of effects, (trial,), and by these effects.
 
     0 where physics forbids its sign.
     """

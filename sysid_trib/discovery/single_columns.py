@@ -1,4 +1,4 @@
-"""Columns with a model: what of them is outside of its own, what each would gain, what is known of them.
+"""Single columns with a model: their independent parts, gains, and resolution.
 
 A column is known where it is the same along a motion that is as likely: a random force hides the motion.
 """
@@ -10,11 +10,11 @@ from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.likelihood import RIDGE, Likelihood, likelihood, most_likely_variance
+from sysid_trib.discovery.engine.run_products import RunProducts, has_products
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.forces.force import Force
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.likelihood import RIDGE, Likelihood, likelihood, most_likely_variance
-from sysid_trib.likelihood.run_products import RunProducts, has_products
-from sysid_trib.likelihood.trials import TrialEffect
 
 
 def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:
@@ -77,9 +77,9 @@ def each_column(
 
     Notes
     -----
-    Of one run this is `likelihood`. Of several runs the coefficients are solved for the variances of the
-    model without the column, and then each run's variances are the most likely ones with them; and again
-    for those of the model with the best column, since what is strong leaves another noise. The deviance is a
+    For one run this is `likelihood`. For several runs the coefficients are solved at the variances of the
+    model without the column, then the variances of each run are maximised. This is repeated with the
+    variances of the model with the best column, because a strong column changes the noise. The deviance is a
     little too high.
 
     Where a random force is most of the noise of a column, few rows may tell how large it is, and so the error
@@ -97,7 +97,7 @@ def each_column(
 def _each_in_noise(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
 ) -> Array:
-    """What `each_column` gives, the coefficients of several runs in the noise of a model."""
+    """Return the results of `each_column`, with common coefficients of runs in the noise of a model."""
     every, first = np.array([0, *base, *columns], dtype=int), np.arange(1 + len(base))
     together = _solved(*_in_noise_of(runs, model, every, len(first))) if len(runs) > 1 else None
     deviance, coefficient, error = np.zeros((3, len(columns)))
@@ -170,7 +170,7 @@ def _left_by(products: Array, of_columns: Array, b: Array, beta: Array) -> Array
 def projected(
     runs: Sequence[RunProducts], model: Likelihood, base: Sequence[int], columns: Sequence[int]
 ) -> tuple[Array, Array]:
-    """What of columns is outside of others, in the noise of a model.
+    """Return the parts of columns outside of others, in the noise of a model.
 
     Returns
     -------
@@ -209,7 +209,7 @@ def correlation_of(products: Array) -> Array:
 
 
 def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
-    """Least deviance of each column, by splines over the ratios, and its place among them, (column,) each."""
+    """Return the smallest deviance of each column, by splines over the ratios, and its place, (column,)."""
     logs = np.log(ratios[1:])
     # Distance of ratios between those tried, in their logarithm, at which single columns are judged.
     fine = np.linspace(logs[0], logs[-1], 1 + round((logs[-1] - logs[0]) / 0.1))
@@ -235,7 +235,7 @@ def base_of(model: FittedModel, without: Sequence[str] = ()) -> Array:
 
 
 def outside_of(model: FittedModel, columns: Sequence[Array], base: Array) -> tuple[Array, Array]:
-    """What of columns is outside of the model's, (row, column) in units of the noise, and which part of each.
+    """Return the parts of columns outside of the model's, (row, column), and their fractions.
 
     `columns` : (row, column) of each run. `base` : of the model's columns, or of some.
     """
@@ -252,15 +252,15 @@ def outside_of(model: FittedModel, columns: Sequence[Array], base: Array) -> tup
 def known_finely(
     model: FittedModel, columns: Sequence[Array], aside: Sequence[Array], without: Sequence[str] = ()
 ) -> Mask:
-    """True if columns are the same along a motion that is as likely, (column,).
+    """Return the mask of columns that are the same along an equally likely motion, (column,).
 
     `columns`, `aside` : (row, column) of each run, along its path and along one of `model.possible_rows`;
     `without` : effects of the model that these may replace: with them they need not be told apart.
 
     Notes
     -----
-    With a random force a motion is known as well as the sensor tells it. What a column gains along the path
-    is its square correlation with the one along the motion: but for a part that `tolerance` allows.
+    With a random force the sensor limits the knowledge of the motion. The gain of a column along the path is
+    reduced by its squared correlation with the column along the motion; `tolerance` is the largest reduction.
     """
     base = base_of(model, without)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
@@ -268,7 +268,7 @@ def known_finely(
 
 
 def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
-    """`known_finely` of trials; without a random force of all."""
+    """Apply `known_finely` to trials; without a random force all are true."""
     if not np.any(model.likelihood.ratios):
         return np.ones(len(trials), dtype=bool)
     # Drawn again, and not kept with each screening: they are as large as the rows of the model.
@@ -278,10 +278,10 @@ def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
 
 
 def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:
-    """Mixtures of columns that are the same along a motion that is as likely, (column, direction).
+    """Return the mixtures of columns that are the same along an equally likely motion, (column, direction).
 
-    Of directions outside of the model's columns that are orthogonal in its noise. Parameters as of
-    `known_finely`: columns that differ little may be known though their difference is not.
+    The directions are outside of the model's columns and orthogonal in its noise. Parameters as in
+    `known_finely`: two similar columns may be known although their difference is not.
     """
     base = base_of(model)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
@@ -292,6 +292,6 @@ def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequen
 
 
 def _alike(here: Array, there: Array, tolerance: float) -> Mask:
-    """True if columns correlate but for such a part of their squares, (column,)."""
+    """Return the mask of columns that correlate up to this part of their squares, (column,)."""
     along = np.einsum("ij,ij->j", here, there)
     return along >= np.sqrt(1.0 - tolerance) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)

@@ -10,15 +10,15 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
+from sysid_trib.discovery.judged_models import judged_models
 from sysid_trib.discovery.plain_start import PlainStart
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results import effects, variables
-from sysid_trib.validation.findings import with_noise_and_models
+from sysid_trib.validation.residuals import with_noise_and_models
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
@@ -28,7 +28,7 @@ Motions = Sequence[Sequence[free_motion.FreeMotion]]
 def groups_of(
     seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary, plain: PlainStart | None = None
 ) -> dict[str, xr.Dataset]:
-    """What `discover` returns, group by group.
+    """Return the groups of the result of `discover`.
 
     `seen` : what the models are fitted to. `plain` : the start model in the place of that of the search.
     """
@@ -59,6 +59,7 @@ def groups_of(
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
     groups["holdout"] = _holdout(search, motions[-1])
+    groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]})
     if len(seen) > 1:
         groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
     return groups
@@ -86,7 +87,7 @@ def _labels(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[st
 
 
 def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
-    """What the models are fitted to, with the angle of the first and the last of them."""
+    """Return the fitted records, with the angles of the first and the last model."""
     records = []
     for at, run in enumerate(seen):
         ends = [motions[0][at], motions[-1][at]]
@@ -184,13 +185,13 @@ def _whitened(search: Search) -> list[float]:
 
 
 def _selected_at(search: Search, symbol: str) -> int:
-    """The selection step after which an effect came into the model for good."""
+    """Return the selection step after which an effect remained in the model."""
     absent = [symbol not in {t.force.symbol for t in s.model.trials} for s in search.screenings]
     return max((at for at, out in enumerate(absent[:-1]) if out), default=0)
 
 
 def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict[str, Any]:
-    """What each candidate explains in the place of each effect, and what chance does; also in parts.
+    """Return the probabilities of candidates in place of each effect, and of chance; also in parts.
 
     Where the final model leaves more than noise (not `complete`), by the mean of its probabilities over the
     record and its parts.
@@ -243,7 +244,7 @@ def _competing_shapes(search: Search) -> dict[str, Array]:
 
 
 def _omnibus(search: Search) -> xr.Dataset:
-    """At each selection step the tests that know no candidate."""
+    """Return the omnibus tests of each selection step."""
     names = {"z": "omnibus_z", "widening": "widening", "p_value": "omnibus_p_value"}
     values = {name: np.array([getattr(s, of) for s in search.screenings]) for name, of in names.items()}
     values["significant"] = values["p_value"] < search.models[0].settings.level

@@ -1,4 +1,4 @@
-"""What a search is given, how models predict what they have not seen, and whether they leave but noise."""
+"""Data of a search, prediction of held-out data, and the test whether the residual is noise."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -6,36 +6,46 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_rows import decimated, run_rows
+from sysid_trib.discovery.engine.start_model import default_shapes, path_like
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.discovery.free_motion import free_motion, free_motions, model_identification, model_of_fit
 from sysid_trib.discovery.omnibus_test import FAMILIES
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_rows import decimated, run_rows
 from sysid_trib.likelihood.sensor_noise import white_p_value
-from sysid_trib.likelihood.start_model import default_shapes, path_like
-from sysid_trib.likelihood.trials import TrialEffect
 from sysid_trib.likelihood.weak_form import whiten
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_frequency
 from sysid_trib.validation.holdout import first_held_out, up_to_held_out
 from sysid_trib.validation.random_force_test import dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns
 
-# Mean logarithm of the predictive density of the rows of each period of all parts, given those before; and
-# the RMS residual (rad) of the free motion, its start and the sensor's zero fitted.
-Prediction = tuple[Array, float]
+
+class Prediction(NamedTuple):
+    """Prediction of parts that a model has not seen.
+
+    Attributes
+    ----------
+    log_densities : (period,) array of float
+        Mean logarithm of the predictive density of the rows of each period of all parts, given those before.
+    rms : float, rad
+        RMS residual of the free motion, its start and the sensor's zero fitted.
+    """
+
+    log_densities: Array
+    rms: float
 
 
 def start_forces(
     asked: ForceLibrary, reference_frequency: float | None, constraints: Constraints
 ) -> tuple[ForceLibrary, list[Force], list[tuple[TrialEffect, float]]]:
-    """The forces of the start model: all, those that are fitted, those held with their coefficients."""
+    """Return the forces of the start model: all, the fitted ones, and held ones with coefficients."""
     if not len(asked):
         raise UsageError("The start model has no force; give at least one, such as a viscous one.")
     model = forces_to_identify(asked, reference_frequency)
@@ -70,7 +80,7 @@ class RecordPart(NamedTuple):
 def search_parts(
     runs: Sequence[xr.Dataset], unseen: Sequence[xr.Dataset], per_period: int
 ) -> tuple[list[xr.Dataset], list[RecordPart], list[RecordPart]]:
-    """Runs with as many samples as a search needs, what models are fitted to, and what they predict.
+    """Return the decimated runs, the parts to which models are fitted, and the parts that they predict.
 
     A driven record is as dense as its inputs ask for.
 
@@ -101,7 +111,7 @@ def search_parts(
 
 
 def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
-    """As much of a run before a stretch of it, and its first sample; None at the begin of the run."""
+    """Return the run before a part, at most as long, with the first sample of the part; None at its start."""
     begin, count = int(np.searchsorted(run.time.values, part.time.values[0])), part.sizes["time"]
     return run.isel(time=slice(max(0, begin - count), begin + 1)) if begin else None
 
@@ -139,7 +149,7 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
 def predicted(
     model: FittedModel, parts: Sequence[RecordPart], runs: Sequence[int], frequency: float
 ) -> Prediction:
-    """Predict parts of records by a model that has not seen them.
+    """Predict parts of records that the model has not used.
 
     Parameters
     ----------
@@ -152,11 +162,11 @@ def predicted(
 
     Notes
     -----
-    Variances are the model's, and so are coefficients and shapes, with their errors: a model is not blamed
-    for what it does not know. Of the part itself come its start, which the rows need not know, and the
-    sensor's zero; of what came before what forces remember, as a resonator that rings on. The rows follow
-    each other in time, and the factor of their covariance is triangular: each is predicted by those before
-    it, a few samples ahead.
+    Variances are the model's, and so are coefficients and shapes, with their errors: a model is not penalised
+    for uncertain parameters. The start, which the rows need not know, and the sensor's zero come from the
+    part itself, and internal states from the record before, as those of a resonator. The rows follow each
+    other in time, and the factor of their covariance is triangular: each is predicted by those before it, a
+    few samples ahead.
     """
     scores, residuals = [], []
     for part, run in zip(parts, runs, strict=True):
@@ -170,7 +180,7 @@ def predicted(
             residuals.append(root_mean_square(motion.residual))
         except SysidTribError:
             residuals.append(float("nan"))
-    return np.concatenate(scores), root_mean_square(residuals)
+    return Prediction(np.concatenate(scores), root_mean_square(residuals))
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
@@ -235,9 +245,10 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
 
 
 def improvements(predictions: Sequence[Prediction]) -> Array:
-    """By how many of its errors the last prediction is better than each before it, (prediction - 1,).
+    """Return the gain of the last prediction over each earlier one, in standard errors, (prediction - 1,).
 
-    Not each than the one before: while other forces are missing, a right name may predict worse.
+    Do not require every step to improve the prediction: a correct force can predict worse while others are
+    still missing.
 
     Notes
     -----
@@ -245,9 +256,9 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
     fewer than three.
     """
     better = []
-    for before, _ in predictions[:-1]:
+    for before in predictions[:-1]:
         with np.errstate(invalid="ignore"):
-            difference = predictions[-1][0] - before
+            difference = predictions[-1].log_densities - before.log_densities
         # Without periods in which a model's errors are not finite.
         difference = difference[np.isfinite(difference)]
         known = len(difference) >= 3 and np.ptp(difference)
@@ -257,7 +268,7 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
 
 
 def noise_p_value(model: FittedModel, runs: Sequence[xr.Dataset], unseen: Callable[[], float]) -> float:
-    """P-value of a model that leaves of each run but the sensor's noise, or a random force without cause.
+    """Return the p-value that the residual of every run is sensor noise or a random force.
 
     1 where the free motion follows them and what was held out to the noise (`unseen`: the RMS of that), 0
     where it does not follow them and nothing pushes it. With a random force a free motion wanders off and

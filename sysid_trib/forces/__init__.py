@@ -1,4 +1,4 @@
-"""What a force is: formula, library, TOML in and out."""
+"""Forces: formula, library, TOML input and output."""
 
 from sysid_trib._lazy import public_names
 

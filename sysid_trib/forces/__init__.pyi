@@ -5,3 +5,5 @@ from sysid_trib.likelihood.pysindy_features import (
 )
 
 from .force import Force as Force, ForceLibrary as ForceLibrary
+from .from_python import as_library as as_library
+from .library import load_library as load_library

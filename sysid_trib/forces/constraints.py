@@ -1,4 +1,4 @@
-"""What a user asks of parameters: values held fixed, bounds, and ties of one parameter to others."""
+"""Constraints on parameters: fixed values, bounds, and ties of one parameter to others."""
 
 import ast
 import re
@@ -78,7 +78,7 @@ class Constraints:
         return {name: value for name, value in self.table.items() if isinstance(value, str)}
 
     def holding(self, values: Mapping[str, float]) -> "Constraints":
-        """These constraints with further parameters held, whatever they were."""
+        """Return these constraints with further parameters held, whatever they were."""
         return Constraints({**self.table, **values})
 
     @classmethod
@@ -88,7 +88,7 @@ class Constraints:
         bounds: Mapping[str, Bounds] | None = None,
         ties: Mapping[str, str] | None = None,
     ) -> "Constraints":
-        """The table of three, one of each kind; a parameter that is held within its bounds is held.
+        """Return one table from three of one kind each; a parameter held within its bounds is held.
 
         Raises
         ------
@@ -108,7 +108,7 @@ class Constraints:
         return cls({**bounds, **fixed, **ties})
 
     def of_each_run(self, symbols: Iterable[str], runs: int) -> "Constraints":
-        """These constraints for forces whose coefficient is each run's own (see `ForceLibrary.with_own`)."""
+        """Return the constraints of forces with one coefficient per run (see `ForceLibrary.with_own`)."""
         own = {symbol: [f"{symbol}_{run}" for run in range(1, runs + 1)] for symbol in symbols}
         return Constraints({name: given for key, given in self.table.items() for name in own.get(key, [key])})
 
@@ -269,7 +269,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
 
 
 def tied_value(tie: Formula, values: Mapping[str, float]) -> float:
-    """Value of a tied parameter by those of the parameters; nan where it has none."""
+    """Return the value of a tied parameter from the parameters; nan if it cannot be computed."""
     with np.errstate(all="ignore"):
         value = float(tie.evaluate(values))
     return value if np.isfinite(value) else np.nan

@@ -4,7 +4,8 @@ import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -76,10 +77,26 @@ class Force:
     uses: tuple[str, ...] = ()
     curve: str = ""
 
+    def __post_init__(self) -> None:
+        if isinstance(self.formula, str):
+            raise UsageError(
+                f"The formula of the force '{self.symbol}' is a text; write st.library({self.symbol}="
+                f"'{self.formula}'), which reads it."
+            )
+
     def __hash__(self) -> int:
         return hash((self.symbol, self.formula))
 
-    # What follows from the formulas alone.
+    def acts_as(self, other: "Force") -> bool:
+        """Return true if two forces differ in the words of tables at most."""
+        words = {name: getattr(self, name) for name in ("name", "family", "meaning", "source")}
+        return replace(other, **words) == self
+
+    def renamed(self, symbol: str) -> "Force":
+        """Return the force with another symbol."""
+        return replace(self, symbol=symbol, name=symbol if self.name == self.symbol else self.name)
+
+    # Properties that follow from the formulas alone.
     test_points = cached_property(symmetry.test_points)
     parity = cached_property(symmetry.parity)
     character = cached_property(symmetry.character)
@@ -136,7 +153,7 @@ class Force:
         return replace(written, uses=())
 
     def with_instead(self, name: str, text: str, over: float = 1.0) -> "Force":
-        """The force with an expression in the place of a name; rates of states are divided by a number."""
+        """Return the force with a name replaced by an expression; rates of states are divided by a number."""
         state, memory, start = (
             {key: notation.with_instead(formula, name, text, by) for key, formula in table.items()}
             for table, by in ((self.state, over), (self.memory, 1.0), (self.start, 1.0))
@@ -145,7 +162,7 @@ class Force:
         return replace(self, formula=formula, state=state, memory=memory, start=start)
 
     def counted_from(self, seconds: float) -> "Force":
-        """The force with `t` of its formulas moved, for a motion that starts so much later."""
+        """Return the force with `t` of its formulas shifted, for a motion that starts later."""
         if seconds == 0.0 or not any("t" in f.names for f in (*self.formulas, *self.start.values())):
             return self
         return self.with_instead("t", f"t + {seconds!r}")
@@ -201,11 +218,11 @@ class Force:
 
 
 def channels_of(forces: Iterable[Force]) -> tuple[Channel, ...]:
-    """What forces hold of inputs, each once."""
+    """Return the input channels of forces, each once."""
     return tuple(dict.fromkeys(channel for force in forces for channel in force.channels))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ForceLibrary:
     """An ordered set of forces, by symbol or in turn.
 
@@ -223,13 +240,51 @@ class ForceLibrary:
     forces: tuple[Force, ...]
     source: str = ""
 
+    def __repr__(self) -> str:
+        return f"<ForceLibrary {self.title!r}: {', '.join(self.symbols)}>"
+
     def __iter__(self) -> Iterator[Force]:
         return iter(self.forces)
+
+    def __contains__(self, force: object) -> bool:
+        return force in (self.symbols if isinstance(force, str) else self.forces)
+
+    def __add__(self, other: "ForceLibrary | Force") -> "ForceLibrary":
+        """Return the forces of both, each once, with the words of the first."""
+        if not isinstance(other, ForceLibrary | Force):
+            return NotImplemented
+        offered = [other] if isinstance(other, Force) else other.forces
+        for force in offered:
+            if force.symbol in self.symbols and not force.acts_as(self[force.symbol]):
+                formulas = f"{self[force.symbol].formula.text} and {force.formula.text}"
+                raise UsageError(
+                    f"Two different forces have the symbol '{force.symbol}' ({formulas}); give one of them "
+                    f"another symbol: st.library(other_{force.symbol}=force)."
+                )
+        added = [force for force in offered if force.symbol not in self.symbols]
+        if not added:
+            return self
+        if isinstance(other, Force):
+            return replace(self, forces=(*self.forces, other))
+        titles, sources = ([getattr(part, name) for part in (self, other)] for name in ("title", "source"))
+        return ForceLibrary(
+            " and ".join(dict.fromkeys(filter(None, titles))),
+            (*self.forces, *added),
+            " + ".join(dict.fromkeys(filter(None, sources))),
+        )
 
     def __len__(self) -> int:
         return len(self.forces)
 
-    def __getitem__(self, symbol: str) -> Force:
+    @overload
+    def __getitem__(self, symbol: str) -> Force: ...
+
+    @overload
+    def __getitem__(self, symbol: list[str]) -> "ForceLibrary": ...
+
+    def __getitem__(self, symbol: str | list[str]) -> "Force | ForceLibrary":
+        if isinstance(symbol, list):
+            return self.select(symbol)
         for force in self.forces:
             if force.symbol == symbol:
                 return force
@@ -244,7 +299,7 @@ class ForceLibrary:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """What its forces hold of inputs, each once."""
+        """Input channels of its forces, each once."""
         return channels_of(self.forces)
 
     @property
@@ -273,7 +328,7 @@ class ForceLibrary:
 
     @property
     def in_curves(self) -> NDArray[np.bool_]:
-        """Which forces are parts of a smooth curve, (force,)."""
+        """Mask of the forces that are parts of a smooth curve, (force,)."""
         return np.array([bool(force.curve) for force in self.forces])
 
     def curves_among(self, symbols: Sequence[str]) -> dict[str, NDArray[np.intp]]:
@@ -323,3 +378,11 @@ class ForceLibrary:
         kinds = {channel.input: channel.kind for channel in self.channels}
         inputs = f"inputs = {notation.toml_value(kinds)}\n" if kinds else ""
         return f"title = {notation.toml_value(self.title)}\n{inputs}{blocks}"
+
+
+# A formula, or a force as a table of the library format: formula, name, state, shape and so on.
+ForceTable: TypeAlias = str | Force | Mapping[str, Any]
+# What may stand for a library: itself, its name or file, a force, formulas by symbol, or several of these.
+LibraryLike: TypeAlias = (
+    ForceLibrary | str | Path | Force | Mapping[str, ForceTable] | Sequence[str | Force | ForceLibrary]
+)

@@ -16,7 +16,7 @@ import numpy as np
 
 Names: TypeAlias = Mapping[str, Any]
 Functions: TypeAlias = Mapping[str, Callable[..., Any]]
-# Of names, functions and signs of the surfaces.
+# Arguments: names, functions and signs of the surfaces.
 Program: TypeAlias = Callable[[Names, Functions, Names | None], Any]
 
 # Powers up to this one are products.
@@ -26,7 +26,7 @@ SMOOTH = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
 
 
 def divided(first: Any, second: Any) -> Any:
-    """A quotient; also of two plain numbers it is not finite, and no exception, where the second is zero."""
+    """Divide; a division by zero is not finite and raises no exception."""
     if isinstance(first, int | float) and isinstance(second, int | float):
         with np.errstate(all="ignore"):
             return np.divide(first, second)
@@ -34,7 +34,7 @@ def divided(first: Any, second: Any) -> Any:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """A power; small whole ones are products, which take a hundredth of the time of a power."""
+    """Raise to a power; small whole powers are products, a hundred times as fast."""
     if isinstance(exponent, int | float) and exponent in range(1, LARGEST_PRODUCT + 1):
         return reduce(operator.mul, [base] * int(exponent))
     return np.power(base, exponent)
@@ -105,7 +105,7 @@ class Formula:
         return _order_in(self.tree, name)
 
     def degree_in(self, powers: Mapping[str, float], points: Names, factors: Sequence[float]) -> float | None:
-        """Power of a factor with which the formula grows as variables grow with given powers of it.
+        """Return the power of a factor by which the formula grows if variables grow with given powers of it.
 
         Parameters
         ----------

@@ -7,11 +7,13 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
 from graphlib import CycleError, TopologicalSorter
+from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
 
+from sysid_trib import plugins
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, Shape
 from sysid_trib.forces.formulas import Formula
@@ -21,17 +23,17 @@ from sysid_trib.forces.symmetry import INPUT_KINDS, ORDERS
 TEXT_KEYS = ("name", "family", "meaning", "source", "curve")
 TABLE_KEYS = ("state", "memory", "start", "shape")
 SHORT_WORD = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
-# What each key of a table may be, and how that is said.
+# Allowed types of each key of a table, and their descriptions.
 Checks: TypeAlias = Mapping[str, tuple[Callable[[Any], Any], str]]
 
 
 def is_number(value: object) -> bool:
-    """True if a value of a TOML file is a number that arithmetic bears."""
+    """Return true if a value of a TOML file is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= LARGEST_CONSTANT
 
 
 def is_line(value: object) -> bool:
-    """True if a value is a text for tables and figures; control characters could steer a terminal."""
+    """Return true if a value is a text without control characters, which could affect a terminal."""
     return isinstance(value, str) and " ".join(value.split()).isprintable()
 
 
@@ -94,13 +96,32 @@ def library_folder() -> Path:
     return next(p for p in (package / "libraries", package.parent / "libraries") if p.is_dir())
 
 
+# Other names of libraries: the forces of the paper are the contact forces.
+OTHER_NAMES = {"paper": "contact_forces"}
+
+
+def known_libraries() -> list[str]:
+    """Return the names of the libraries of this package and of other installed ones."""
+    # Systems are in the folder of the libraries and are none.
+    stems = {path.stem for path in library_folder().glob("*.toml")} - {"systems"}
+    return sorted(stems | plugins.installed(plugins.LIBRARY_PLUGINS).keys())
+
+
+def is_library(name_or_path: str) -> bool:
+    """Return true if a text names a library or a file of one."""
+    path = Path(name_or_path)
+    named = name_or_path in OTHER_NAMES or name_or_path in known_libraries()
+    return named or path.suffix == ".toml" or os.path.isfile(path)
+
+
 def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     """Load a force library.
 
     Parameters
     ----------
     name_or_path : str or path
-        Name of a library of the package (`contact_forces`), or a TOML file.
+        Name of a library of the package (`contact_forces`, also called `paper`), of one that another package
+        declares as an entry point `sysid_trib.libraries`, or a TOML file.
 
     Returns
     -------
@@ -116,11 +137,13 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     """
     path = Path(name_or_path)
     if path.suffix != ".toml" and not os.path.exists(path):
-        path = library_folder() / f"{name_or_path}.toml"
+        name = OTHER_NAMES.get(str(name_or_path), str(name_or_path))
+        path = library_folder() / f"{name}.toml"
+        entry = plugins.installed(plugins.LIBRARY_PLUGINS).get(name)
+        if entry is not None and not os.path.isfile(path):
+            return _of_package(entry)
     if not os.path.isfile(path):
-        # Systems are in the folder of the libraries and are none.
-        stems = (p.stem for p in library_folder().glob("*.toml") if p.stem != "systems")
-        known = ", ".join(sorted(stems))
+        known = ", ".join(known_libraries())
         raise UsageError(f"There is no library '{name_or_path}'; give a TOML file or one of {known}.")
     try:
         if path.stat().st_size > MAX_BYTES:
@@ -132,6 +155,19 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
             raise
         reason = " ".join(str(error).split())
         raise LibraryError(f"{path.name}: not a readable TOML file ({reason}); see libraries/.") from None
+
+
+def _of_package(entry: EntryPoint) -> ForceLibrary:
+    """Return the library that another package declares: a `ForceLibrary`, or the path of its file."""
+    given = plugins.loaded(entry)
+    if isinstance(given, ForceLibrary):
+        return given
+    if isinstance(given, str | Path) and Path(given).suffix == ".toml":
+        return load_library(given)
+    raise LibraryError(
+        f"The entry point '{entry.name}' of {plugins.LIBRARY_PLUGINS} has the type {type(given).__name__}; "
+        "it must be a ForceLibrary, or the path of a TOML file."
+    )
 
 
 @lru_cache(maxsize=32)
@@ -160,9 +196,9 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
 
 
 def _included(data: Mapping[str, Any], source: str, depth: int = 0) -> dict[str, Any]:
-    """Join a library with those that it includes; its own lines go before theirs.
+    """Join a library with those that it includes.
 
-    Inputs and expressions of one name are the including file's, and so is a force of one symbol.
+    Its own inputs, expressions and forces replace included ones of the same name.
     """
     names = data.get("include", [])
     if not isinstance(names, list) or not all(isinstance(n, str) and SHORT_WORD.fullmatch(n) for n in names):
@@ -188,7 +224,7 @@ def _included(data: Mapping[str, Any], source: str, depth: int = 0) -> dict[str,
 
 
 def _expressions(table: object, source: str) -> dict[str, str]:
-    """Named expressions of a library, each without the names of others.
+    """Return the named expressions of a library, each without the names of others.
 
     Raises
     ------
@@ -219,7 +255,7 @@ def _expressions(table: object, source: str) -> dict[str, str]:
 
 
 def with_expressions(text: str, expressions: Mapping[str, str]) -> str:
-    """A formula with the expression in the place of each of these names."""
+    """Return a formula in which each of these names is replaced by its expression."""
 
     def written(word: re.Match[str]) -> str:
         if word[0] not in expressions:
@@ -231,7 +267,7 @@ def with_expressions(text: str, expressions: Mapping[str, str]) -> str:
 
 
 def _expanded(entry: Mapping[str, Any], expressions: Mapping[str, str]) -> dict[str, Any]:
-    """An entry whose formulas hold no named expression."""
+    """Return an entry in whose formulas the named expressions are written out."""
 
     def expanded(value: Any) -> Any:
         return with_expressions(value, expressions) if isinstance(value, str) else value
@@ -247,7 +283,7 @@ def _expanded(entry: Mapping[str, Any], expressions: Mapping[str, str]) -> dict[
 
 
 def _channels(inputs: object, expressions: Collection[str], source: str) -> dict[str, Channel]:
-    """What formulas may hold of inputs, by its name in them; an expression of the name takes its place."""
+    """Return the input channels that formulas may use, by their names; expressions replace them."""
     kinds = dict.fromkeys(inputs, "") if isinstance(inputs, list) else inputs
     if not isinstance(kinds, dict) or not all(isinstance(k, str) for pair in kinds.items() for k in pair):
         raise LibraryError(f'{source}: inputs are names, ["u", "b"], or a table {{ u = "acceleration" }}.')
@@ -335,5 +371,5 @@ def _check_finite(force: Force, where: str) -> None:
         if not np.all(np.isfinite(values)) or np.max(np.abs(values)) > 1e9:
             raise LibraryError(
                 f"{where}: '{formula.text}' is not a finite number at all angles and speeds up to 1.2 rad "
-                "and states of either sign; mind overflow, division by zero, roots or logarithms below zero."
+                "and states of either sign; check for overflow, division by zero, roots of negative numbers."
             )

@@ -1,4 +1,4 @@
-"""How forces are written: formulas read by whitelist, TOML, LaTeX, powers of units and reference frequency.
+"""Notation of forces: whitelist of formulas, TOML, LaTeX, powers of units and of the reference frequency.
 
 No text is ever executed, and what is not copied from its tree does not exist for the rest of the code.
 """

@@ -1,4 +1,4 @@
-"""Which forces are identified and offered: by a method, by default, and by the system that moves."""
+"""Selection of forces: those of a method, the default ones, and those of a system."""
 
 import itertools
 import math
@@ -18,7 +18,7 @@ from sysid_trib.forces.library import TEXT, Checks, check_keys, is_number, libra
 EFFECTS, INPUTS, HYSTERESIS = "candidate_effects", "inputs", "hysteresis"
 SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS, HYSTERESIS, "water")
 SYSTEMS_FILE = "systems.toml"
-# What a system's signal can be.
+# Possible signals of a system.
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
 SYMBOL_LISTS = ("forces", "impossible", "not_negative")
 COLUMN_NAMES = "columns"
@@ -74,7 +74,7 @@ def forces_to_identify(
 
 
 def with_shipped(library: ForceLibrary, symbols: Collection[str]) -> ForceLibrary:
-    """The library, with forces that are asked for by name and that another one of the package has."""
+    """Add forces that are named and that another library of the package has."""
     wanted = set(symbols) - set(library.symbols)
     shipped = (force for name in SHIPPED_LIBRARIES if wanted for force in load_library(name))
     lacking = {force.symbol: force for force in shipped if force.symbol in wanted}
@@ -82,7 +82,7 @@ def with_shipped(library: ForceLibrary, symbols: Collection[str]) -> ForceLibrar
 
 
 def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
-    """True if a motion may be anywhere: the only force that holds `x` takes the restoring one away.
+    """Return true if the body has no restoring force.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -
     refuse_sensors(library)
     forces = {formula: library.role(formula) for formula in formulas}
     if missing := [formula for formula, force in forces.items() if force is None]:
-        raise DecayError(f"{method} wants a force of formula {missing[0]}, and the library has none.")
+        raise DecayError(f"{method} needs a force of formula {missing[0]}, and the library has none.")
     return library.select(force.symbol for force in forces.values() if force is not None)
 
 
@@ -154,7 +154,7 @@ def with_inputs_acting(library: ForceLibrary, inputs: Collection[str]) -> ForceL
 
 
 def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
-    """What a model may lack: the other forces of its library and of inputs, and the usual effects."""
+    """Return the candidates for a model: other forces of its library and inputs, and the usual effects."""
     effects = load_library(EFFECTS)
     of_inputs = [force for force in load_library(INPUTS) if set(force.inputs) & set(inputs)]
     # More shapes are more than a search can tell, and of a decay these too.
@@ -181,7 +181,7 @@ def offered_forces(
 
 
 def _same(force: Force, other: Force) -> bool:
-    """True if two forces are the same function."""
+    """Return true if two forces are the same function."""
     if force.kind != other.kind:
         return False
     if force.memoryless and not force.shape and force.kind == "force" and not force.channels:
@@ -225,7 +225,7 @@ class System:
     columns: tuple[tuple[str, ...], ...] = ()
 
     def known_columns(self, signal: str, columns: Iterable[str]) -> tuple[str, ...]:
-        """The names by which a file with these columns, one of them the signal, is one of such a system."""
+        """Return the names of columns by which a file is recognised as one of this system."""
         (first,), others = _first_words([signal]), set(_first_words(columns))
         known = (names for names in self.columns if names[0] == first and others.issuperset(names))
         return next(known, ())
@@ -243,7 +243,7 @@ class System:
         return not self.name or any(force.matches("sin(x) - x") for force in held)
 
     def bounds(self, symbols: Iterable[str]) -> dict[str, tuple[float, float]]:
-        """Bounds of those of these forces whose coefficient physics does not let be negative."""
+        """Return the bounds of forces whose coefficients cannot be negative."""
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
     def with_held(self, forces: str | None) -> str | None:
@@ -352,14 +352,19 @@ def system(
 
 
 def known_coefficients(library: ForceLibrary) -> dict[str, float]:
-    """Coefficients that a library of one's own states, by symbol: they are held.
+    """Return the coefficients that a user's library states, by symbol; they are held.
 
-    Those of the package's libraries are free where their force is asked for by name: a record then says
-    whether they hold.
+    The known coefficients of the package's libraries are free if their force is named: the record then tests
+    them.
     """
-    if library.source in {f"{name}.toml" for name in SHIPPED_LIBRARIES}:
+    shipped = {f"{name}.toml": name for name in SHIPPED_LIBRARIES}
+    sources = library.source.split(" + ")
+    if all(source in shipped for source in sources):
         return {}
-    return {force.symbol: force.coefficient for force in library if force.coefficient is not None}
+    # Of a sum of libraries.
+    free = {force for source in sources if source in shipped for force in load_library(shipped[source])}
+    stated = (force for force in library if force.coefficient is not None and force not in free)
+    return {force.symbol: force.coefficient for force in stated if force.coefficient is not None}
 
 
 def load_systems() -> dict[str, System]:

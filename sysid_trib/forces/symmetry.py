@@ -1,4 +1,4 @@
-"""What formulas hold besides x, v and t, and what signs and sizes of these do to a force: its symmetries."""
+"""Channels of inputs in formulas, and the symmetries of a force under changes of sign and size."""
 
 import itertools
 from collections.abc import Mapping
@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from sysid_trib.arrays import Array
 from sysid_trib.forces.notation import parse
 
 if TYPE_CHECKING:
@@ -36,6 +37,30 @@ class Shape:
     high: float
     meaning: str = ""
 
+    @property
+    def is_logarithmic(self) -> bool:
+        """True if the range spans more than a decade, so that positions in it are those of the logarithm."""
+        return self.low > 0.0 and self.high > 10.0 * self.low
+
+    def position(self, value: float) -> float:
+        """Return the position of a value in the range, from 0 to 1."""
+        low, high = self._uniform(self.low), self._uniform(self.high)
+        return (self._uniform(value) - low) / (high - low)
+
+    def at(self, position: ArrayLike) -> Array:
+        """Return the values at positions in the range."""
+        low, high = self._uniform(self.low), self._uniform(self.high)
+        values = low + np.asarray(position) * (high - low)
+        return np.asarray(np.clip(np.exp(values), self.low, self.high) if self.is_logarithmic else values)
+
+    def slope(self, value: float) -> float:
+        """Return the derivative of a value by its position in the range."""
+        return value * float(np.log(self.high / self.low)) if self.is_logarithmic else self.high - self.low
+
+    def _uniform(self, value: float) -> float:
+        """Return the coordinate that is uniform over the range."""
+        return float(np.log(value)) if self.is_logarithmic else value
+
 
 # What an input may be, other than any quantity of its own, and the power of 1/w with which formulas then
 # see it, as they see theta' over w.
@@ -45,7 +70,7 @@ ORDERS = (0, 1)
 
 
 class Channel(NamedTuple):
-    """What a formula sees of an input u(t): `u`, or `du`, its derivative by tau = w t.
+    """Input u(t) in a formula: `u`, or `du`, its derivative by tau = w t.
 
     Attributes
     ----------
@@ -63,7 +88,7 @@ class Channel(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As formulas write it."""
+        """Name in formulas."""
         return "d" * self.order + self.input
 
     @property
@@ -143,7 +168,7 @@ def units(force: "Force") -> str:
 def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     """Unit of the coefficient with inputs in units of their own, by their names: `1/V`.
 
-    Of an input that has none its name stands for it: `1/u`.
+    For an input without a unit its name is used: `1/u`.
     """
     text = force.units
     raw = dict.fromkeys(c.input for c in force.channels if not c.kind and c.input in inputs)
@@ -183,7 +208,7 @@ def _at(force: "Force", names: Mapping[str, Any]) -> NDArray[np.float64]:
 def _degree_in(
     force: "Force", powers: Mapping[str, float], shapes: ShapeValues | None = None
 ) -> float | None:
-    """Degree as variables grow with these powers of one factor; None without one, and of zero."""
+    """Return the degree if variables grow with these powers of one factor; None without one, or of zero."""
     points = force.test_points | dict(shapes or {})
     # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
     degree = force.formula.degree_in(powers, points, (2.0, 4.0, 1e-3, 1e-6))

@@ -74,7 +74,7 @@ class Lines:
         return NoiseModel(float(np.sqrt(variance)), filter_)
 
     def as_samples(self, filter_: Array) -> tuple[float, float, float]:
-        """As independent samples of a given colour (Whittle).
+        """Return the spectral lines as independent samples of a given colour (Whittle).
 
         How many, the sum of the squares of their innovations (rad^2), and the logarithm of the determinant
         of their covariance in units of the variance of the innovations.
@@ -93,9 +93,9 @@ class Lines:
 
 
 def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
-    """Lines of a deviation above a frequency in units of the motion's; weak rows see those below.
+    """Return the spectral lines above a frequency (in units of that of the motion); rows include those below.
 
-    None where the steps of time differ.
+    There are none if the time steps differ.
 
     Notes
     -----
@@ -215,7 +215,7 @@ def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
 
 
 def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
-    """Noise of the order beyond which lines are no more likely, with a response to a random force."""
+    """Return the noise of the best order, with a response to a random force."""
     best = _whittle(lines, response, 0)
     for order in range(1, MAX_COLOUR + 1):
         fit = _whittle(lines, response, order)

@@ -112,7 +112,7 @@ def cell_averages(
 def _switches(
     force: Force, points: Sequence[tuple[Array, Array, Array]], shapes: ShapeValues, given: InputsAt
 ) -> Mask:
-    """Which samples have points (x, v, t) on both sides of a switching surface, (sample,)."""
+    """Return the mask of samples with points (x, v, t) on both sides of a switching surface, (sample,)."""
     switches = np.zeros(len(points[0][0]), bool)
     if not force.surfaces:
         return switches
@@ -178,9 +178,9 @@ def derivatives_along(
 
 
 def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coefficient: float) -> Array:
-    """Slope of a force by x or v along a motion, with what jumps at zero as a bump.
+    """Return the derivative of a force by x or v along a motion, with jumps at zero as bumps.
 
-    What is left of the rise within `STEEP` of the amplitude by the tangents at its ends is the jump.
+    The jump is the rise within `STEEP` of the amplitude, minus that of the tangents at its ends.
     """
     x, v = names["x"], names["v"]
     # A root of squares takes a seventh of the time of numpy's hypot.

@@ -129,8 +129,8 @@ def white_least_squares(
 
     Notes
     -----
-    Of white rows the covariance is sigma^2 (X' X)^-1. Where the model leaves something in the residual, its
-    rows are correlated: then it is the sandwich of Newey and West (1987).
+    The covariance of white rows is sigma^2 (X' X)^-1. If the residual is correlated, because the model is
+    incomplete, it is the estimator of Newey and West (1987).
     """
     # Columns in units of a power of two near their own size, which rounds nothing: those of a start in
     # the record's unit and those of forces would else be far apart.

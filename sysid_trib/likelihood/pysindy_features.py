@@ -10,9 +10,10 @@ from pysindy.feature_library.base import BaseFeatureLibrary, x_sequence_or_item
 from pysindy.optimizers import BaseOptimizer
 from sklearn.utils.validation import check_is_fitted
 
+from sysid_trib import forces
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, LibraryError
-from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
+from sysid_trib.forces.force import Force, LibraryLike, ShapeValues
 from sysid_trib.likelihood.force_columns import value_along
 from sysid_trib.likelihood.least_squares import white_least_squares, whitened
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
@@ -51,12 +52,12 @@ class ForceFeatures(BaseFeatureLibrary):
 
     def __init__(
         self,
-        library: ForceLibrary,
+        library: LibraryLike,
         sampling_time: float | None = None,
         reference_frequency: float | None = None,
         shapes: ShapeValues | None = None,
     ) -> None:
-        self.library = library
+        self.library = forces.as_library(library, "ForceFeatures")
         self.sampling_time = sampling_time
         self.reference_frequency = reference_frequency
         self.shapes = shapes
@@ -199,7 +200,7 @@ def _check_columns(x: Any, inputs: Sequence[str]) -> None:
 class WhitenedLeastSquares(BaseOptimizer):
     """Least squares of rows whose noise has a known covariance up to a factor, with standard errors.
 
-    `Direct` solves its rows by it; it is for `pysindy.SINDy(optimizer=...)` as well.
+    The least squares by which `Direct` solves its rows, for `pysindy.SINDy(optimizer=...)`.
 
     Parameters
     ----------

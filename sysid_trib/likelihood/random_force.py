@@ -1,11 +1,10 @@
 """A random force in the motion: its size in every unit, and a regression over the sizes left open."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-import xarray as xr
 from scipy.interpolate import CubicSpline
 from scipy.special import expit
 
@@ -13,6 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.likelihood.sensor_noise import colour_variables
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
+from sysid_trib.results.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.results.variables import Variables, described
 
 # What a method is asked to do: estimate the random force, leave it out, or take this one-sided density.
@@ -20,51 +20,6 @@ from sysid_trib.results.variables import Variables, described
 # takes none then.
 RandomForceOption: TypeAlias = Literal["auto", "estimated", "off"] | float
 OPTIONS = ("auto", "estimated", "off")
-DENSITY_UNITS = "(rad/s^2)^2/Hz"
-
-
-@dataclass(frozen=True)
-class RandomForce:
-    """White acceleration a(t) in theta'' = ... + a(t), as it was estimated in one run.
-
-    Attributes
-    ----------
-    density : float, (rad/s^2)^2/Hz
-        One-sided power spectral density of the acceleration: a velocity that it alone drives has the variance
-        density/2 * time. 0 where the maximum of the likelihood is there.
-    standard_error : float, (rad/s^2)^2/Hz
-        Of the density; nan where it was given, or left out.
-    p_value : float
-        Of no random force, by half a chi-square (Chernoff 1954); nan where it was given, or left out.
-    """
-
-    density: float = 0.0
-    standard_error: float = float("nan")
-    p_value: float = float("nan")
-
-    def __bool__(self) -> bool:
-        return self.density > 0.0
-
-    def relative(self, frequency: float) -> float:
-        """Root of the density over w^2, 1/sqrt(Hz), at a reference frequency w (rad/s)."""
-        return float(np.sqrt(self.density)) / frequency**2
-
-    def per_tau(self, frequency: float) -> float:
-        """Growth of the variance of v = theta'/w by a unit of tau = w t (rad^2): density/(2 w^3)."""
-        return 0.5 * self.density / frequency**3
-
-    @staticmethod
-    def density_of(per_tau: float, frequency: float) -> float:
-        """Density (rad/s^2)^2/Hz that makes the variance of v grow by `per_tau` (rad^2) a unit of tau."""
-        return 2.0 * per_tau * frequency**3
-
-    def periods_to(self, size: float, frequency: float) -> float:
-        """Periods after which a motion that is known now has wandered by `size` (rad, RMS).
-
-        Half of the growth of v is in x: its variance is per_tau * tau / 2. Infinite without a random force.
-        """
-        growth = self.per_tau(frequency)
-        return float(np.inf) if growth == 0.0 else 2.0 * size**2 / growth / (2.0 * np.pi)
 
 
 def check_random_force(option: RandomForceOption) -> None:
@@ -115,16 +70,6 @@ def random_force_variables(forces: Sequence[RandomForce], filters: Sequence[Arra
     return described("random_forces", values) | (colour_variables(filters) if filters else {})
 
 
-def random_force_of(result: xr.Dataset, run: int | None = None) -> RandomForce:
-    """The random force of an identification, in one run or on the mean; none where it has no word of one."""
-    if "random_force_density" not in result:
-        return RandomForce()
-    of_run = run is not None and "run_random_force_density" in result
-    names = ("random_force_density", "random_force_standard_error", "random_force_p_value")
-    values = (result[f"run_{name}"].values[run] if of_run else result[name].item() for name in names)
-    return RandomForce(*(float(value) for value in values))
-
-
 # Logarithm of a probability, relative to the largest, that is left out.
 NEGLIGIBLE_LOG_WEIGHT = 6.0
 # Longest step between ratios, in their logarithm: a likelihood bends over a unit of it.
@@ -137,7 +82,7 @@ def average_over_ratios(
     samples: int,
     solved: Callable[[VarianceRatio], tuple[Array, Array]],
 ) -> tuple[Array, Array]:
-    """Mean of parameters over the ratios that a record leaves open, and the errors of that mean.
+    """Average parameters over the plausible ratios, and return the errors of that mean.
 
     Parameters
     ----------
@@ -186,7 +131,7 @@ def average_over_ratios(
 
 
 def probability_of_none(gain: float, samples: int) -> float:
-    """Probability of a ratio of zero, where one above it lowers the deviance by `gain`; both equal before.
+    """Return the probability of a ratio of zero if another lowers the deviance by `gain`; equal priors.
 
     By the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to impulses that
     each sample shows, also grows with the root of the number of samples.
@@ -195,7 +140,7 @@ def probability_of_none(gain: float, samples: int) -> float:
 
 
 def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio) -> Array:
-    """The ratios that a record leaves open.
+    """Return the plausible ratios of a record.
 
     Parameters
     ----------
@@ -235,9 +180,9 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
 def _outward(
     rows: Callable[[float], WhiteRows], first: float, step: float, least: float
 ) -> list[tuple[float, ...]]:
-    """Likelihoods from a logarithm of the ratio on, as far as they count.
+    """Return the likelihoods from a logarithm of the ratio outward, until they are negligible.
 
-    Of each: the logarithm, deviance, variance, log determinant, degrees of freedom.
+    Each has logarithm, deviance, variance, log determinant and degrees of freedom.
     """
     table: list[tuple[float, ...]] = []
     for logarithm in first + step * np.arange(np.ceil(2.0 * NEGLIGIBLE_LOG_WEIGHT / abs(step))):

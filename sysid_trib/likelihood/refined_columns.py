@@ -4,13 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.regression import RunRegression, Runs, common_values, shifted
 from sysid_trib.likelihood.rows import Solution, solve, weak_rows
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 
@@ -51,7 +50,7 @@ def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -
 
 
 def _refined(runs: Runs, linear_about: Runs | None, constraints: ConstraintMap) -> Solution | None:
-    """The solution at which nothing changes; without `linear_about` the rows are linear about each motion.
+    """Return the fixed point of the solution; without `linear_about` rows are linear about each motion.
 
     Over many periods a small error of an operator turns what the motion still misses into other forces. Where
     forces are nearly the same, so that the last steps are slow, it is then the nearest motion.
@@ -96,12 +95,12 @@ def has_slipped(run: RunRegression) -> bool:
 
 
 def _missed(run: RunRegression) -> float:
-    """RMS of record minus path over that of the record."""
+    """Return the RMS of record minus path over that of the record."""
     return float(np.sqrt(np.mean((run.measured - run.x) ** 2) / np.mean(run.angle**2)))
 
 
 def step_in_errors(solution: Solution) -> Array:
-    """Change of coefficients and frequency, (force + 1,), over the smallest that still counts."""
+    """Return the change of coefficients and frequency, (force + 1,), over the smallest relevant change."""
     before, after = solution.rows.runs, solution.runs
     # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
     swing = root_mean_square([np.sqrt(np.mean(run.x**2)) for run in after])
@@ -112,7 +111,7 @@ def step_in_errors(solution: Solution) -> Array:
 
 
 def _extrapolation(step: Array, last: Array | None) -> float:
-    """How many times a step is still to come, where steps shrink in one direction (Aitken's delta-squared).
+    """Return the number of further steps if steps shrink in one direction (Aitken's delta-squared).
 
     Jumps at v = 0 are distributed in the operator, so that it converges at a rate: slowly if forces that
     nearly cancel hold large jumps.

@@ -107,18 +107,18 @@ class RunRegression:
 
     @cached_property
     def forcing(self) -> Array | float:
-        """What pushes by itself over nominal^2 at the samples, (sample,), rad; zero without any."""
+        """Direct forcing over nominal^2 at the samples, (sample,), rad; zero without one."""
         known = self.inputs.get(INPUT)
         return 0.0 if known is None else known.of(self.elapsed) / self.nominal_frequency**2
 
     @cached_property
     def acts(self) -> Mask:
-        """Which forces drive the motion of this run: no terms of the sensor, none of another run's own."""
+        """Mask of the forces that drive the motion of this run: no sensor terms, none of another run."""
         return np.array([force.kind == "force" and force.run in (None, self.run) for force in self.library])
 
     @cached_property
     def of_sensor(self) -> Mask:
-        """Which of the library are terms of the sensor, (force,) array of bool."""
+        """Mask of the sensor terms of the library, (force,)."""
         return np.array([force.kind == "sensor" for force in self.library])
 
     @property
@@ -164,7 +164,7 @@ class RunRegression:
         return cholesky_factor(covariance_band(self.operator))
 
     def given(self, force: Force, time: Array) -> dict[str, Array]:
-        """What the formulas of a force hold of inputs at times (s) since the first sample."""
+        """Return the inputs of a force at times (s) since the first sample."""
         return values_of_inputs(self.inputs, force.channels, time, self.frequency)
 
     def columns_along(
@@ -272,7 +272,7 @@ def begin(
 
 
 def _as_forces(run: RunRegression) -> Array:
-    """Columns of the first path, (sample, force): in place of a sensor's term the force that shows alike."""
+    """Return the columns of the first path, (sample, force): sensor terms as equivalent forces."""
     columns, tau = run.columns.copy(), run.form.tau
     if run.of_sensor.any():
         terms = columns[:, run.of_sensor]

@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from scipy.optimize import lsq_linear
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.likelihood.least_squares import ConstraintMap, significant, whitened
+from sysid_trib.likelihood.least_squares import ConstraintMap, significant, white_least_squares, whitened
 from sysid_trib.likelihood.regression import RunRegression, Runs, with_common_values
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, smooth
 from sysid_trib.simulation.model import rescaling_factors
@@ -170,15 +170,12 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
 
     Notes
     -----
-    Where the residual is correlated the covariance is the sandwich of `WhitenedLeastSquares` over two
+    Where the residual is correlated the covariance is the sandwich of `white_least_squares` over two
     periods. Coefficients that would pass a bound are found by an active set and held there.
 
     A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
     that hold it at the present frequency.
     """
-    # Here, since importing pysindy takes as long as twenty identifications.
-    from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
-
     run = rows.runs[0]
     rescaling = _rescaling(run, run.coefficients * constraints.in_model)
     shift = rescaling - constraints.matrix @ rescaling[constraints.free]
@@ -189,15 +186,15 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
     target = rows.target - rows.columns @ constraints.constant
     names = [run.library.symbols[i] for i in constraints.free]
     curves = list(run.library.curves_among(names).values())
-    fit = WhitenedLeastSquares(rows.factor, rows.lags, curves).fit(design, target)
-    solved, count = fit.coef_[0], len(constraints.free)
+    columns, white_target = whitened(rows.factor, design), whitened(rows.factor, target[:, None])[:, 0]
+    solved, solved_covariance, noise, lags = white_least_squares(columns, white_target, rows.lags, curves)
+    count = len(constraints.free)
     free, steps = solved[:count], solved[count:]
     if np.any((free < constraints.low) | (free > constraints.high)):
         # Nuisances have no bounds.
         low, high = np.full((2, len(solved)), [[-np.inf], [np.inf]])
         low[:count], high[:count] = constraints.low, constraints.high
-        white = whitened(rows.factor, np.column_stack([design, target]))
-        side = lsq_linear(white[:, :-1], white[:, -1], (low, high), method="bvls").active_mask[:count]
+        side = lsq_linear(columns, white_target, (low, high), method="bvls").active_mask[:count]
         limits = np.where(side < 0, constraints.low, constraints.high)[side != 0]
         return solve(rows, constraints.hold(side != 0, limits))
     coefficients = constraints.matrix @ free + constraints.constant
@@ -208,14 +205,13 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
         # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
         jacobian[:-1, -1] = -constraints.matrix @ _rescaling(run, coefficients)[constraints.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
-    covariance = jacobian @ fit.covariance_[0] @ jacobian.T
+    covariance = jacobian @ solved_covariance @ jacobian.T
     runs = _updated(rows.runs, coefficients, steps, constraints)
-    noise, lags = float(fit.noise_[0]), int(fit.lags_[0])
     return Solution(rows, runs, coefficients, steps, covariance, noise, lags, constraints)
 
 
 def _rescaling(run: RunRegression, coefficients: Array) -> Array:
-    """By how much a unit of stiffness changes the coefficients (force,) that give the same force."""
+    """Return the change of the coefficients (force,) per unit of stiffness for the same force."""
     degrees = np.array([2.0 if f.speed_degree is None else f.speed_degree for f in run.library])
     return np.where(run.of_sensor, 0.0, 0.5 * (2.0 - degrees) * coefficients)
 
@@ -274,7 +270,7 @@ def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> So
 def select(
     rows: Rows, constraints: ConstraintMap, optimizer: Any = None, significance: float | None = None
 ) -> Mask:
-    """Forces that are kept by an optimiser and at a level of significance, by all where neither is given.
+    """Return the forces kept by an optimiser and at a significance level; all without either.
 
     Parameters
     ----------

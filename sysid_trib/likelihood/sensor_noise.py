@@ -97,9 +97,9 @@ def filter_slopes(partial: Array) -> Array:
 
 
 def memory_samples(whitening_filter: Array) -> int:
-    """Samples after which the inverse of a whitening filter is below a part `FORGOTTEN`.
+    """Return the number of samples after which the inverse of a whitening filter is negligible.
 
-    Of a long one twice its length: what noise of long memory does after so long, it leaves out itself.
+    For a long filter it is twice its length, because the filter itself neglects longer memory.
     """
     if len(whitening_filter) == 1:
         return 0
@@ -174,7 +174,7 @@ FILTER = "noise_filter"
 
 
 def colour_variables(filters: Sequence[Array]) -> Variables:
-    """What whitens the sensor's noise in each run, as variables of a result; none where all is white.
+    """Return the whitening filters of the sensor noise as variables of a result; none if all is white.
 
     Parameters
     ----------

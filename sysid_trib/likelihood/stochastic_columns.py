@@ -179,13 +179,13 @@ def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution,
 
 
 def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap) -> tuple[Array, Array]:
-    """Coefficients and reference frequency over the ratios that the runs leave open, each run's by itself.
+    """Average coefficients and reference frequency over the plausible ratios of each run.
 
-    What that moves them by, and adds to their covariance.
+    Return the change of the values, and its contribution to their covariance.
     """
 
     def solved(at: int, ratio: VarianceRatio) -> tuple[Array, Array]:
-        """With another ratio of a run, and the covariance."""
+        """Solve with another ratio of a run; return the common values and their covariance."""
         changed = [*weighed[:at], weighed[at].with_ratio(ratio), *weighed[at + 1 :]]
         other = solve(stacked([of_run.rows for of_run in changed]), constraints)
         return common_values(other.runs), other.covariance
@@ -217,10 +217,10 @@ def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
 
     Notes
     -----
-    Of an oscillator in white acceleration of (two-sided) spectral density q, in white noise of density
-    r = variance * step, the best smoother leaves in x the spectral density 1/((1 - k^2)^2/q + 1/r)
-    (Wiener 1949), k the frequency. The integral of k^2 times that over dk/(2 pi) is
-    q / (2 sqrt(2 (sqrt(1 + q/r) - 1))): sqrt(q r)/2 where q is small.
+    For an oscillator with white acceleration of (two-sided) spectral density q, and white noise of density r
+    = variance * step, the error of the best smoother in x has the spectral density 1/((1 - k^2)^2/q + 1/r)
+    (Wiener 1949), k the frequency. The integral of k^2 times that over dk/(2 pi) is q / (2 sqrt(2 (sqrt(1 +
+    q/r) - 1))): sqrt(q r)/2 where q is small.
     """
     by_sample = ratio.ratio / step
     if by_sample == 0.0:

@@ -15,7 +15,7 @@ import scipy.sparse as sp
 from sysid_trib.arrays import Array
 from sysid_trib.likelihood.colour import Lines, lines_above, most_likely_colour, sensor_colour
 from sysid_trib.likelihood.least_squares import ConstraintMap
-from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.regression import RunRegression
 from sysid_trib.likelihood.rows import Rows, rows_about
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_band
@@ -28,6 +28,7 @@ from sysid_trib.likelihood.variance_ratio import (
 )
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured
 from sysid_trib.records.smoothing import smooth
+from sysid_trib.results.random_force import RandomForce
 
 # Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
 # they count as so many samples.
@@ -152,7 +153,7 @@ def with_noises(
 
 
 def _estimated(weighed: WeighedRun, colour: bool) -> WeighedRun:
-    """A run with its most likely noises; the sensor's alone where a force is no likelier."""
+    """Return a run with its most likely noises; sensor noise alone if a random force is less likely."""
     run = weighed.run
     sensor, sensor_alone = run.sensor, run.sensor_alone
     start = None if run.ratio is None else run.ratio.ratio

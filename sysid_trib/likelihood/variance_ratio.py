@@ -1,4 +1,4 @@
-"""How much of the noise is a random force: restricted likelihood in the ratio of two variances.
+"""Fraction of random force in the noise: restricted likelihood in the ratio of two variances.
 
 Rows of noise with the covariance variance * (A + ratio * B), A of the sensor's noise and B of a random force
 of unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the estimated coefficients.
@@ -71,7 +71,7 @@ class WhiteRows:
         # The triangular factor of the design and the target holds all that is needed.
         acting = self._size > 0.0
         size = self._size[acting]
-        # Columns that lie in one piece, as LAPACK wants them, take a third of the time.
+        # Columns that lie in one piece, as LAPACK needs them, take a third of the time.
         columns = np.concatenate([self.design.T[acting] / size[:, None], self.target[None]])
         factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
         count = len(size)
@@ -223,7 +223,7 @@ def variance_ratio(
 def _refined(
     deviance: Callable[[float], float], grid: Array, best: float, span: tuple[float, float]
 ) -> float:
-    """Where the deviance is least about the best logarithm of a grid."""
+    """Return the minimum of the deviance about the best logarithm of a grid."""
     reach = float(np.max(np.diff(grid))) if len(grid) > 1 else FIRST_GRID
     minimum = minimize_scalar(
         deviance,
@@ -235,7 +235,7 @@ def _refined(
 
 
 def ratio_span(duration: float, step: float) -> tuple[float, float]:
-    """Ratios between which a random force is neither invisible nor all there is in each sample.
+    """Return the ratios between which a random force is neither invisible nor dominant in each sample.
 
     Parameters
     ----------

@@ -1,17 +1,18 @@
 """Identification methods: small frozen objects with one job, `identify(decay, library) -> Dataset`.
 
-What a method assumes, observes and identifies is its attribute `scope`.
+The attribute `scope` of a method states its assumptions, observed quantities and identified forces.
 """
 
 import json
+from importlib.metadata import EntryPoint
 from typing import Any
 
 import xarray as xr
 
-from sysid_trib.errors import UsageError
+from sysid_trib import plugins
+from sysid_trib.errors import UsageError, did_you_mean
 from sysid_trib.methods.classical import feeny_liang_decrement as feeny_liang_decrement
 from sysid_trib.methods.scope import MethodScope as MethodScope
-from sysid_trib.methods.windowed_era import windowed_modes as windowed_modes
 from sysid_trib.results.schema import NOT_KEPT
 
 # The methods, in the order of tables and figures.
@@ -26,11 +27,78 @@ from sysid_trib.methods.classical import EnergyDecay as EnergyDecay
 from sysid_trib.methods.classical import LogarithmicDecrement as LogarithmicDecrement
 from sysid_trib.methods.classical import LinearDecrement as LinearDecrement
 from sysid_trib.methods.classical import QuadraticDecay as QuadraticDecay
-from sysid_trib.methods.windowed_era import WindowedERA as WindowedERA
 # isort: on
 
 METHODS: tuple[type[Any], ...] = tuple(kind for kind in list(globals().values()) if hasattr(kind, "scope"))
-__all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_decrement", "windowed_modes"]
+__all__ = [*(kind.__name__ for kind in METHODS), "MethodScope", "feeny_liang_decrement"]
+
+
+def __dir__() -> list[str]:
+    return sorted([*__all__, *plugins.installed(plugins.METHOD_PLUGINS)])
+
+
+def __getattr__(name: str) -> Any:
+    entry = plugins.installed(plugins.METHOD_PLUGINS).get(name)
+    if entry is None:
+        nearest = did_you_mean(name, __dir__())
+        raise AttributeError(f"There is no method {name}; there are {', '.join(__dir__())}.{nearest}")
+    return _of_package(entry)
+
+
+def every_kind() -> tuple[type[Any], ...]:
+    """Return the methods of this package, and those that other packages declare (`sysid_trib.methods`)."""
+    return (*METHODS, *(_of_package(entry) for entry in plugins.installed(plugins.METHOD_PLUGINS).values()))
+
+
+def as_method(given: Any, function: str) -> Any:
+    """Return the method that is given, by itself or by its name: `direct`, or `Direct`.
+
+    Parameters
+    ----------
+    given : Method or str
+    function : str
+        The function that takes it, for the message.
+
+    Raises
+    ------
+    UsageError
+        No such method, or a class in the place of an object.
+    """
+    if isinstance(given, str):
+        kinds = {name: kind for kind in every_kind() for name in (kind.__name__.lower(), _label_of(kind))}
+        if given.lower() not in kinds:
+            known = ", ".join(kind.__name__ for kind in every_kind())
+            nearest = did_you_mean(given, kinds)
+            raise UsageError(f"{function}: there is no method '{given}'; there are {known}.{nearest}")
+        return kinds[given.lower()]()
+    if isinstance(given, type) and hasattr(given, "identify"):
+        raise UsageError(f"{function} needs a method such as methods.{given.__name__}(), not its class.")
+    if not hasattr(given, "identify"):
+        raise UsageError(f"{function} needs a method such as methods.Direct(), not {given!r}.")
+    return given
+
+
+def _label_of(kind: type[Any]) -> str:
+    """Return the name of a method in tables, in small letters."""
+    scope = kind().scope if hasattr(kind, "scope") else None
+    return scope.label.lower() if isinstance(scope, MethodScope) else kind.__name__.lower()
+
+
+def _of_package(entry: EntryPoint) -> type[Any]:
+    """Return the method that another package declares.
+
+    Raises
+    ------
+    UsageError
+        It is no class with a method `identify`, or cannot be loaded.
+    """
+    kind = plugins.loaded(entry)
+    if isinstance(kind, type) and hasattr(kind, "identify"):
+        return kind
+    raise UsageError(
+        f"The entry point '{entry.name}' of {plugins.METHOD_PLUGINS} is no method: it must be a class with "
+        "identify(decay, library)."
+    )
 
 
 def method_of(result: xr.Dataset) -> Any:
@@ -44,12 +112,12 @@ def method_of(result: xr.Dataset) -> Any:
     Raises
     ------
     UsageError
-        The method is none of `METHODS`.
+        The method is none of this package, nor of another that is installed.
     """
-    kinds = {kind.__name__.lower(): kind for kind in METHODS}
+    kinds = {kind.__name__.lower(): kind for kind in every_kind()}
     name = result.attrs["method"]
     if name not in kinds:
-        raise UsageError(f"'{name}' is no method of this package; run it yourself on the record.")
+        raise UsageError(f"'{name}' is no method that is installed; run it yourself on the record.")
     options = json.loads(result.attrs["options"])
     # An optimiser or a start model is not kept in a result: the method goes without it.
     kept = {k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)}

@@ -1,4 +1,4 @@
-"""Simplified models of the envelope of a decay, for indirect inference, and a random force beside them."""
+"""Simplified models of the envelope of a decay for indirect inference, with a random force."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -13,12 +13,13 @@ from numpy.polynomial import legendre
 from sysid_trib.arrays import Array, Index, jacobian
 from sysid_trib.cycles.signatures import averages, tabulated_averages
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
-from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, held_ratio, rows_by_ratio, variance_ratio
 from sysid_trib.methods import half_period_equations as half_periods
 from sysid_trib.records.half_sines import IMPULSES, EnvelopeCurve, envelope, sample_responses
 from sysid_trib.results.effects import birge_ratio
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.simulation.model import Model
 
 # Degree of the polynomials in the amplitude that a random force has no part in; instants for these at least.
@@ -45,7 +46,7 @@ def energy_balance(library: ForceLibrary) -> half_periods.Equations:
 def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_periods.Equations:
     """Rate of the amplitude and frequency of each instant, against w c of each force, and w.
 
-    Of the columns L = <h sin phi> and M = <h cos phi>/a.
+    The columns are L = <h sin phi> and M = <h cos phi>/a.
     """
 
     def equations(extremum: Array, time: Array) -> tuple[Array, Array]:
@@ -229,7 +230,7 @@ def swing_frequency(measured: xr.Dataset) -> float:
 
 
 def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
-    """The envelope with the errors of white noise of the sensor; the scatter of a random force is not its."""
+    """Return the envelope with the errors of white sensor noise, without the scatter of a random force."""
     white = max(measured.white_noise.item(), float(np.finfo(float).tiny))
     scatters = [measured.attrs[name] for name in ("scatter_of_extrema", "scatter_of_times")]
     pairs = zip(half_periods.ENVELOPE_ERRORS, scatters, strict=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 import xarray as xr
@@ -25,7 +25,7 @@ from sysid_trib.methods.auxiliary import (
 from sysid_trib.methods.classical import one_record
 from sysid_trib.methods.indirect import IndirectEstimate, as_identification, as_measured, indirect_estimate
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 
 SCOPE = MethodScope(
@@ -35,7 +35,7 @@ SCOPE = MethodScope(
     family="averaging",
     variants={
         "analytic signal": {"curve": "analytic-signal"},
-        # As Le Bot et al. 2019 print it: last frequency, least squares, first order.
+        # The rule printed by Le Bot et al. 2019: last frequency, least squares, first order.
         "printed rule": {"frequency": "last", "correct": False, "weighted": False},
     },
 )
@@ -68,8 +68,6 @@ class Averaging(Constrained):
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
         held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
 
     Notes
     -----
@@ -85,8 +83,7 @@ class Averaging(Constrained):
     curve: Literal["half-sines", "analytic-signal"] = "half-sines"
     random_force: RandomForceOption = "auto"
 
-    def __post_init__(self, *old: Any) -> None:
-        super().__post_init__(*old)
+    def __post_init__(self) -> None:
         if self.frequency not in ("fit", "last"):
             raise UsageError(f"frequency='{self.frequency}' is neither 'fit' nor 'last'.")
         check_random_force(self.random_force)
@@ -202,7 +199,7 @@ class Averaging(Constrained):
 
     @property
     def scope(self) -> MethodScope:
-        """What the method says of itself; the paper's rule is for one record."""
+        """Scope of the method; the paper's rule takes one record."""
         return replace(SCOPE, several_runs=self.frequency == "fit")
 
     def _auxiliary(self, library: ForceLibrary, free: ConstraintMap) -> AuxiliaryModel:
@@ -229,10 +226,10 @@ class Averaging(Constrained):
                 parameters if reference is None else np.append(parameters, reference)
             )
             if reference is None:
-                # That at zero amplitude, which damping lowers.
+                # Frequency at zero amplitude, which damping lowers.
                 for at, factor in damping:
                     frequency = np.hypot(frequency, factor * products[at])
-            # Of the frequency that holds here, and not of the one at zero amplitude.
+            # Relative to the frequency at this amplitude, not at zero amplitude.
             coefficients = np.array(products)[free.free] / frequency
             return np.append(free.matrix @ coefficients + free.constant, frequency)
 
@@ -264,8 +261,8 @@ class Averaging(Constrained):
 def _with_errors_of_unbounded(estimate: IndirectEstimate, unbounded: IndirectEstimate) -> IndirectEstimate:
     """An estimate at its bounds with the covariance of the one that knows no bounds.
 
-    A coefficient at its bound is not known: the errors of the others allow for what it may be. What the
-    bounds leave in the residual widens them.
+    A coefficient at its bound is not known: the errors of the others include its uncertainty. The residual
+    due to the bounds widens them.
     """
     ratios = [max(1.0, of.birge_ratios[""]) for of in (estimate, unbounded)]
     widening = max(1.0, ratios[0] / ratios[1])
@@ -339,7 +336,7 @@ class FrequencyShift:
         asked = library.select(force.symbol for force in shifting if force is not stiffness)
         if not len(asked):
             label = self.scope.sentence_label
-            raise DecayError(f"{label} wants a nonlinear conservative force, and the library has none.")
+            raise DecayError(f"{label} needs a nonlinear conservative force, and the library has none.")
         auxiliary = _damped_model(asked, self.shapes)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
         forces, reference, count = asked.forces, self.reference_frequency, len(asked)

@@ -243,7 +243,7 @@ class WuDecrement(ClassicalMethod):
         needed_forces(library, [SOLID_FRICTION], label)
         powers = library.select(force.symbol for force in library if _is_power(force))
         if len(powers) < 2:
-            raise DecayError(f"{label} wants a power of the speed beside sign(v), as 2*v or v*abs(v).")
+            raise DecayError(f"{label} needs a power of the speed beside sign(v), as 2*v or v*abs(v).")
         return powers
 
     def equations(self, library: ForceLibrary) -> Equations:

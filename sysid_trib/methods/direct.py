@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -35,22 +35,22 @@ from sysid_trib.likelihood.rows import (
 )
 from sysid_trib.likelihood.stochastic_columns import regress_stochastic
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import Variables, start_variables
+from sysid_trib.results.variables import Variables, described, start_variables
 
 MAX_SELECTIONS = 5
 # The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
 FIRST_ESTIMATES = 2
-# Of a record of fewer radians the half tells no more than the whole.
+# Half of a record of fewer radians gives no better start.
 FEWEST_RADIANS = 120.0
 
 
 @dataclass(frozen=True)
 class Direct(Constrained):
-    """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by a pysindy optimiser.
+    """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by whitened least squares.
 
     The columns are those of `ForceFeatures`, a feature library of pysindy, averaged over the samples' cells,
     and they are solved by `WhitenedLeastSquares`, one of its optimisers.
@@ -83,8 +83,6 @@ class Direct(Constrained):
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
         held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
 
     Notes
     -----
@@ -112,8 +110,7 @@ class Direct(Constrained):
     random_force: RandomForceOption = "auto"
     own: tuple[str, ...] = ()
 
-    def __post_init__(self, *old: Any) -> None:
-        super().__post_init__(*old)
+    def __post_init__(self) -> None:
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and not self._takes_random_force:
             raise UsageError(
@@ -195,14 +192,15 @@ class Direct(Constrained):
         result = result.assign(_random_force(solution, self.random_force))
         reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
         result = asked.marked(result, [offered.symbols[i] for i in reached])
-        return result.assign_attrs(refined=str(refined), correlation_lags=solution.lags)
+        result = result.assign(described("identification", {"refined": refined}))
+        return result.assign_attrs(correlation_lags=solution.lags)
 
     @property
     def _fits_random_force(self) -> bool:
         return is_fitted(self.random_force) and self._takes_random_force
 
     def _regressed(self, begun: Rows, last: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
-        """The solution with the forces that are in the model, and whether it has settled.
+        """Return the solution with the forces in the model, and whether it has converged.
 
         From the rows of the first estimate, or of the last one.
         """
@@ -211,7 +209,7 @@ class Direct(Constrained):
         solution, linear_about = solve(last, constraints), begun.runs
         if self.form == "strong":
             return solution, False
-        # What was dropped is no part of the motion's stiffness and damping.
+        # Dropped forces do not contribute to stiffness and damping.
         if linear_about[0].coefficients[~constraints.in_model].any():
             pairs = zip(solution.runs, linear_about, strict=True)
             linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)
@@ -246,7 +244,7 @@ def _random_force(solution: Solution, option: RandomForceOption) -> Variables:
 
 
 def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:
-    """Coefficients and frequency by the first half of each run, whose motion slips less; None if it does too.
+    """Return coefficients and frequency from the first half of each run; None if the motion slips there too.
 
     Over many periods a first estimate is soon out of phase.
     """
@@ -259,6 +257,6 @@ def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Arra
         result = method.identify(one_or_all(halves), library)
     except DecayError:
         return None
-    if result.attrs["refined"] != "True":
+    if not result.refined:
         return None
     return np.append(result.coefficient.values, result.reference_frequency.item())

@@ -53,7 +53,7 @@ class HalfPeriodEquations:
     first: Index
 
     def noise(self, measured: xr.Dataset) -> sp.csr_matrix:
-        """How unit errors move each equation: of extrema, of their times and, if it is pushed, unit impulses.
+        """Return the derivatives of each equation by unit errors: extrema, their times, and unit impulses.
 
         Parameters
         ----------
@@ -66,7 +66,7 @@ class HalfPeriodEquations:
         return sp.hstack(parts, format="csr")
 
     def impulses(self, measured: xr.Dataset) -> sp.csr_matrix:
-        """How unit impulses of white acceleration of density 1 (rad/s^2)^2/Hz move each equation.
+        """Return the change of each equation by unit impulses of density 1 (rad/s^2)^2/Hz.
 
         Parameters
         ----------
@@ -92,7 +92,7 @@ class HalfPeriodEquations:
 
 @dataclass(frozen=True)
 class Penalty:
-    """What is known of the parameters of curves before the equations are solved.
+    """Prior knowledge of the parameters of curves.
 
     Attributes
     ----------
@@ -147,7 +147,7 @@ class EquationSolution:
         return float(sum(white @ white for white in whites))
 
     def without_bias(self, simulated: "EquationSolution") -> "EquationSolution":
-        """The solution of a simulated motion, with what this residual is beyond that motion's."""
+        """Return the solution of a simulated motion with the residual of this one beyond that motion's."""
         runs = []
         for run, other in zip(self.runs, simulated.runs, strict=True):
             kept = slice(min(len(run.residual), len(other.residual)))
@@ -279,7 +279,7 @@ def _with_noise(
 
 
 def _plain_weights(design: Array, *, last: bool) -> Array:
-    """What plain least squares make of each target, (parameter, equation)."""
+    """Return the weight of each target in ordinary least squares, (parameter, equation)."""
     free = design[:, :-1] if last else design
     size = np.linalg.norm(free, axis=0)
     inverse = np.linalg.pinv(free / size) / size[:, None]
@@ -291,7 +291,7 @@ def _plain_weights(design: Array, *, last: bool) -> Array:
 
 
 def _check_rank(design: Array, names: Sequence[str], instants: int) -> None:
-    """Refuse what the equations cannot decide, by name where there are names."""
+    """Raise an error naming the parameters that the equations cannot determine."""
     of_what = f"{len(names)} forces" if names else f"{design.shape[1]} unknowns"
     if len(design) < design.shape[1] + 2:
         raise DecayError(f"{instants} amplitudes cannot decide {of_what}; give a longer record or fewer.")

@@ -1,4 +1,4 @@
-"""Indirect inference: the bias of a simplified model is what it gets wrong on motions of its own."""
+"""Indirect inference: removal of the bias of a simplified model by fits to its own motions."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,7 +11,6 @@ from sysid_trib.arrays import Array, jacobian
 from sysid_trib.errors import DecayError, SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import (
-    RandomForce,
     RandomForceOption,
     is_fitted,
     random_force_of_ratio,
@@ -27,10 +26,11 @@ from sysid_trib.methods.auxiliary import (
 )
 from sysid_trib.methods.half_period_equations import DENSITY, ENVELOPE_ERRORS
 from sysid_trib.methods.scope import Method, scope_of
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
-from sysid_trib.results.variables import variable
+from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -56,8 +56,10 @@ class IndirectEstimate:
         Scaled by the Birge ratios.
     birge_ratios : Mapping of str to float
         Of each group of equations, and of all by an empty name.
-    bias_removed : str
-        `yes`, or `no` and why.
+    bias_removed : bool
+        Whether the bias was taken off.
+    bias_reason : str
+        Why it was not, where that was tried.
     random_forces : list of RandomForce
         Of each run; none where the motion is not pushed.
     """
@@ -66,7 +68,8 @@ class IndirectEstimate:
     bias: Array
     covariance: Array
     birge_ratios: Mapping[str, float]
-    bias_removed: str
+    bias_removed: bool
+    bias_reason: str
     random_forces: Sequence[RandomForce] = ()
 
     def mapped(self, function: Callable[[Array], Array]) -> "IndirectEstimate":
@@ -136,15 +139,17 @@ def _estimate(
 ) -> tuple[IndirectEstimate, Groups]:
     """The estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
     first = auxiliary.fit(measured)
-    values, last, bias_removed = auxiliary.values(first), first, "no"
+    values, last = auxiliary.values(first), first
+    bias_removed, bias_reason = False, ""
     if correct:
         try:
             values, last = _corrected(auxiliary, decays, measured, first)
-            bias_removed = "yes"
+            bias_removed = True
         except (SysidTribError, np.linalg.LinAlgError) as error:
-            bias_removed = f"no: {error}"
+            bias_reason = str(error)
     ratios, bias = birge_ratios(last), auxiliary.values(first) - values
-    estimate = IndirectEstimate(values, bias, auxiliary.covariance(first, ratios), ratios, bias_removed)
+    covariance = auxiliary.covariance(first, ratios)
+    estimate = IndirectEstimate(values, bias, covariance, ratios, bias_removed, bias_reason)
     return estimate, last
 
 
@@ -154,7 +159,7 @@ def _corrected(
     measured: Sequence[xr.Dataset],
     first: Groups,
 ) -> tuple[Array, Groups]:
-    """Values whose motions give the same fit as the records; the fit of these motions.
+    """Return the values whose simulated motions give the same fit as the records, and that fit.
 
     Its residuals are those of the records beyond those of the motions.
 
@@ -180,7 +185,7 @@ def _corrected(
         steps.append(biased - auxiliary.values(fit))
         values = _accelerated(tried, steps, np.where(settled > 0.0, settled, 1.0))
         if np.all(np.abs(steps[-1]) <= settled):
-            # What the auxiliary model leaves of a motion of its own is no sign of another force.
+            # The residual of the auxiliary model on its own motion does not indicate another force.
             return values, {name: old.without_bias(fit[name]) for name, old in first.items()}
     raise SysidTribError("the correction did not settle")
 
@@ -201,9 +206,9 @@ def _motion_from_start(
 
 
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
-    """Where steps that are nearly linear in the values vanish (Anderson 1965); the first step as it is.
+    """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
-    Of a motion that is pushed far the steps themselves converge slowly, or lead away.
+    With a strong random force the plain steps converge slowly, or diverge.
     """
     # Corrections by whose differences the next is shortened or lengthened.
     recent = slice(-5, None)
@@ -250,4 +255,5 @@ def as_identification(
     if indirect.random_forces:
         result = result.assign(random_force_variables(indirect.random_forces))
     assumes = scope_of(method).assumes
-    return result.assign_attrs(first_order_bias_removed=indirect.bias_removed, assumes=assumes)
+    result = result.assign(described("identification", {"first_order_bias_removed": indirect.bias_removed}))
+    return result.assign_attrs(first_order_bias_reason=indirect.bias_reason, assumes=assumes)

@@ -1,17 +1,14 @@
-"""What a method says of itself, and what follows from it for the forces of a library."""
+"""Scope of a method, and its consequences for the forces of a library."""
 
-import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import Field, InitVar, dataclass, field, fields, is_dataclass, replace
+from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, Protocol
 
-import numpy as np
 import xarray as xr
 
-from sysid_trib.cycles.signatures import averages, exactly_dependent, indistinguishable
-from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.constraints import Bounds, Constraints, ConstraintTable
-from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints, ConstraintTable
+from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import known_coefficients
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 
@@ -27,7 +24,7 @@ class Method(Protocol):
 
 @dataclass(frozen=True)
 class MethodScope:
-    """What a method assumes, observes and identifies: its attribute `scope`.
+    """Assumptions, observed quantities and identified forces of a method: its attribute `scope`.
 
     Parameters
     ----------
@@ -72,46 +69,15 @@ class MethodScope:
 
 @dataclass(frozen=True, kw_only=True)
 class Constrained:
-    """What methods have in common whose parameters can be held, bounded or tied.
+    """Base of methods whose parameters can be held, bounded or tied.
 
     Parameters
     ----------
     constraints : mapping of str to float, (float, float) or str
         See `Constraints`.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
     """
 
     constraints: ConstraintTable = field(default_factory=dict)
-    fix: InitVar[Mapping[str, float] | None] = None
-    bounds: InitVar[Mapping[str, Bounds] | None] = None
-    tie: InitVar[Mapping[str, str] | None] = None
-
-    def __post_init__(
-        self,
-        fix: Mapping[str, float] | None,
-        bounds: Mapping[str, Bounds] | None,
-        tie: Mapping[str, str] | None,
-    ) -> None:
-        old = without_old_arguments(type(self).__name__, fix, bounds, tie, stacklevel=5)
-        object.__setattr__(self, "constraints", {**self.constraints, **old})
-
-
-def without_old_arguments(
-    where: str,
-    fix: Mapping[str, float] | None,
-    bounds: Mapping[str, Bounds] | None = None,
-    tie: Mapping[str, str] | None = None,
-    *,
-    stacklevel: int,
-) -> ConstraintTable:
-    """The table of what was given as `fix`, `bounds` and `tie`, with a warning where any was."""
-    if fix is None and bounds is None and tie is None:
-        return {}
-    table = Constraints.merged(fix, bounds, tie).table
-    message = f"{where}: fix, bounds and tie are one argument now, constraints={dict(table)}."
-    warnings.warn(message, DeprecationWarning, stacklevel=stacklevel)
-    return table
 
 
 def constrained(method: Method, constraints: Constraints) -> Method:
@@ -137,7 +103,7 @@ def constrained(method: Method, constraints: Constraints) -> Method:
 
 
 def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Method) -> Constraints:
-    """Constraints, with the coefficients held that a library of one's own states if nothing else is asked.
+    """Add held coefficients that a user's library states, unless constraints say otherwise.
 
     Parameters
     ----------
@@ -180,96 +146,9 @@ def with_random_force(method: Method, random_force: RandomForceOption) -> Method
 
 
 def scope_of(method: Method) -> MethodScope:
-    """The scope of a method; of one that states none, its class as label and nothing else."""
+    """Return the scope of a method; by default its class as label."""
     stated = getattr(method, "scope", None)
     return stated if isinstance(stated, MethodScope) else MethodScope(type(method).__name__.lower())
-
-
-def force_scope(
-    method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
-) -> dict[str, Any]:
-    """What a method makes of the forces of a library, by their signatures.
-
-    Parameters
-    ----------
-    method : Method
-        With its options.
-    library : ForceLibrary
-        The forces offered.
-    result : Dataset or None
-        Its identification; None if the method failed.
-    amplitude : float, rad
-        The largest of the record.
-
-    Returns
-    -------
-    dict
-        Texts `identifies`, the forces identified and by what; `neglects`, those left out and what they are
-        taken for; `cannot_tell_apart`, those that are the same to it. Empty of a method that failed and that
-        does not identify every force offered. `damped`, whether a force that it identifies acts on the
-        envelope.
-    """
-    row = {"identifies": "", "neglects": "", "cannot_tell_apart": "", "damped": True}
-    scope, stiffness = scope_of(method), library.role("x")
-    if result is None and scope.identifies != MethodScope.identifies:
-        return row
-    fitted: Sequence[str] = () if result is None else result.force.values.tolist()
-    # Else it is exchangeable with the frequency.
-    held = stiffness is None or stiffness.symbol in fitted
-    library = library.select(s for s in library.symbols if held or library[s] is not stiffness)
-    fitted = fitted or library.symbols
-    shapes = dict(getattr(method, "shapes", {}))
-    try:
-        if scope.observes == MOTION:
-            groups = exactly_dependent(library, amplitude, shapes=shapes)
-            row["identifies"] = f"{', '.join(fitted)} by {MOTION} itself"
-            row["neglects"] = ", ".join(s for s in library.symbols if s not in fitted)
-        else:
-            groups = indistinguishable(library, 0.02 * amplitude, amplitude, shapes=shapes)
-            # One amplitude does: which forces have a signature does not depend on it, but at a zero of one.
-            parts = {force.symbol: _signature(force, 0.7 * amplitude, shapes) for force in library}
-            row["damped"] = any(parts[symbol][0] for symbol in fitted if symbol in parts)
-            row |= {"identifies": _identified(fitted, parts), "neglects": _neglected(fitted, parts)}
-    except SysidTribError:
-        return row
-    alike = (" = ".join(group) for group in groups if set(group) & set(fitted))
-    return row | {"cannot_tell_apart": "; ".join(alike)}
-
-
-def _identified(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:
-    """Which forces by the envelope, which by the frequency."""
-    ways = {"the envelope": (True, False), "the frequency": (False, True), "both": (True, True)}
-    by_way = {way: [s for s in fitted if parts.get(s) == part] for way, part in ways.items()}
-    return "; ".join(f"{', '.join(symbols)} by {way}" for way, symbols in by_way.items() if symbols)
-
-
-def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:
-    """Forces left out, by what takes their place in the envelope or in the frequency."""
-    by_place: dict[str, list[str]] = {}
-    known = [s for s in fitted if s in parts]
-    for symbol, (in_envelope, in_frequency) in parts.items():
-        if symbol in fitted and (in_envelope or in_frequency):
-            continue
-        takers = [s for s in known if in_envelope and parts[s][0]]
-        takers += [s for s in known if in_frequency and parts[s][1] and s not in takers]
-        takers += ["the frequency"] if in_frequency else []
-        place = f" (taken for {' and '.join(takers)})" if takers else ""
-        by_place.setdefault(place, []).append(symbol)
-    return "; ".join(f"{', '.join(symbols)}{place}" for place, symbols in by_place.items())
-
-
-def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> tuple[bool, bool]:
-    """Two truths: a force acts on the envelope, and on the frequency."""
-    phase = np.linspace(0.0, 2.0 * np.pi, 64)
-    try:
-        sine, cosine = (abs(float(part[0])) for part in averages(force, np.array([amplitude]), shapes))
-        size = np.abs(force.value(amplitude * np.cos(phase), -amplitude * np.sin(phase), shapes=shapes)).max()
-    except SysidTribError:
-        return True, True
-    # Internal states are zero here: a force that is made of them alone has its own averages for a size.
-    # Of the largest force on the cycle; below it a signature is rounding.
-    least = 1e-9 * max(float(size), sine, cosine)
-    return sine > least, cosine > least
 
 
 def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]) -> dict[str, Method]:

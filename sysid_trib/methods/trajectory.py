@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -31,7 +31,7 @@ from sysid_trib.motion_fit.moving_samples import points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
-from sysid_trib.records.decay import Decays, as_runs, root_mean_square
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
@@ -79,8 +79,6 @@ class Trajectory(Constrained):
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
         value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
-    fix, bounds, tie : mapping, deprecated
-        Parts of `constraints`.
 
     Notes
     -----
@@ -92,10 +90,9 @@ class Trajectory(Constrained):
     `compared_in`, and `bias` of the sensor with `bias_standard_error`; `measured_noise` is that of a sample.
 
     The window grows over the records unless the start already follows them; sensitivities are differences of
-    exact motions, so that switching times and the stop take part. Of several runs each counts by its own
+    exact motions, so that switching times and the stop take part. Each of several runs is weighted by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
-    rule. One that a bound stops is held there; the errors, its own too, are those of the fit in which it is
-    free.
+    rule. A parameter at its bound is held there; all errors are those of the fit in which it is free.
     """
 
     reference_frequency: float | None = None
@@ -108,8 +105,7 @@ class Trajectory(Constrained):
     warm_up: float = 0.0
     starts: StartsOption = "fitted"
 
-    def __post_init__(self, *old: Any) -> None:
-        super().__post_init__(*old)
+    def __post_init__(self) -> None:
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and self.noise == "coloured":
             raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
@@ -122,7 +118,7 @@ class Trajectory(Constrained):
 
     @property
     def scope(self) -> MethodScope:
-        """What the method says of itself; its errors allow for coloured noise where that is asked for."""
+        """Scope of the method; its errors allow for coloured noise if this is asked for."""
         return MethodScope(
             label="trajectory",
             assumes=f"the forces offered are all there are; the residual is {self.noise} noise",
@@ -246,12 +242,12 @@ def _regressed_start(problem: FitProblem) -> Model:
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
-    """The direct identification, first guess and colour of the sensor's noise.
+    """Return the direct identification, its first guess and the colour of the sensor noise.
 
-    None where it fails and a start model is given.
+    Return None if it fails and a start model is given.
     """
     parameters = problem.parameters
-    # What is held acts on the first guess too; of what is tied only the motion itself knows.
+    # Held parameters act on the first guess too; ties act only in the fit of the motion.
     guessed = parameters.library.select(
         s for s in parameters.library.symbols if s not in parameters.constraints.ties
     )
@@ -279,7 +275,7 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
     if no_start or method.start is not None or free:
-        # Of the runs themselves: a record may be of another quantity than the angle.
+        # Use the runs themselves: a record may hold another quantity than the angle.
         pairs = ((run.time.values.astype(float), run.angle.values.astype(float)) for run in problem.runs)
         per_run = np.array([(*first_guess(time, angle, w), 0.0) for time, angle in pairs])
     else:
@@ -310,7 +306,7 @@ def _with_random_force(
 
 
 def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tuple[Fit, Array, Iterate]:
-    """The fit in noise of the colours of the records or in white noise, whose innovations are likelier."""
+    """Return the more likely of the fits in coloured and in white noise."""
     fit = fit_random_motion(problem, values, method.random_force)
     white = [np.ones(1)] * len(problem.records)
     if all(len(record.filter_) == 1 for record in problem.records):
@@ -329,7 +325,7 @@ def _residual_is_white(fit: Fit) -> bool:
 
 
 def _residuals(fit: Fit) -> list[Array]:
-    """What the motion leaves of each run; refused where it does not follow them."""
+    """Return the residual of each run; raise an error where the motion does not follow them."""
     counted, unphysical = [], not np.all(np.isfinite(fit.sensitivity))
     for record, residual in zip(fit.problem.records, fit.problem.residuals(fit.values), strict=True):
         counted.append(residual[record.uncounted :])

@@ -12,10 +12,10 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.likelihood.random_force import RandomForce, random_force_of
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.motion_fit.linearised import sensor_on
 from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
 
@@ -105,16 +105,16 @@ def bands_of(
 def _recent_ratios(
     tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], tuple[Array, ...]]
 ) -> Array:
-    """By how much errors are to be multiplied at each start (start,), from predictions that came due before.
+    """Return the factor of the errors at each start (start,), from predictions that came due before.
 
     Birge ratio (1932) of the last `RECENT_PERIODS` predictions one period ahead where it is above 1 by more
     than chance (chi-square), else 1.
 
     Notes
     -----
-    Errors of a random force are those of a white series: of a model that lacks nothing the sum of their
-    squares is a chi-square. What a model lacks comes and goes with the amplitude, so that predictions of long
-    ago say little of it.
+    Errors of a random force are those of a white series: for a complete model the sum of their squares is a
+    chi-square. The effect of a missing force changes with the amplitude, so that old predictions say little
+    about it.
     """
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
     factors = np.ones(len(starts))
@@ -137,7 +137,7 @@ def _recent_ratios(
 def _predictions(
     tracked: TrackedRecord, result: xr.Dataset, starts: Index, ahead: Array, *, run: int
 ) -> tuple[Array, ...]:
-    """What is predicted from each start, so many periods ahead: ascending.
+    """Predict from each start over the horizons `ahead` (periods, ascending).
 
     (origin, horizon) arrays of times (s), of what is predicted with its standard error (rad), and of what was
     measured, nan where there is no sample.
@@ -229,5 +229,5 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tup
 
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
-    """Coefficients of the model, and their covariance with the reference frequency behind them."""
+    """Return the coefficients of the model, and their covariance with the reference frequency as last."""
     return tuple(result.force.values.tolist()), np.nan_to_num(schema.covariance_with_frequency(result))

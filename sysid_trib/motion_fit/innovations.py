@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array, Index
+from sysid_trib.arrays import Array, Index, root_mean_square
 from sysid_trib.errors import DecayError
-from sysid_trib.likelihood import random_force, sensor_noise
+from sysid_trib.likelihood import sensor_noise
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results import schema, signal_scale
+from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 
@@ -60,7 +60,7 @@ class TrackedRecord:
         return self.per_tau / self.noise**2
 
     def innovations(self) -> tuple[Array, Array]:
-        """What is predicted wrongly one sample ahead, and its standard deviation, (sample,) each, rad."""
+        """Return the errors of one-step predictions and their standard deviations, (sample,) each, rad."""
         _, innovations, variance = self.linear.innovations(self.ratio, self.deviation)
         return innovations[:, 0], self.noise * np.sqrt(variance)
 
@@ -80,7 +80,7 @@ class TrackedRecord:
         SimulationError
             The motion between two samples cannot be computed.
         """
-        per_tau = random_force.RandomForce(density).per_tau(self.model.reference_frequency)
+        per_tau = RandomForce(density).per_tau(self.model.reference_frequency)
         return self if per_tau == self.per_tau else _settled(replace(self, per_tau=per_tau))
 
 
@@ -114,7 +114,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     decay = decay.isel(time=slice(None, None, every))
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = model.reference_frequency
-    per_tau = random_force.random_force_of(result, run).per_tau(frequency)
+    per_tau = random_force_of(result, run).per_tau(frequency)
     # A record without noise is still one of finite digits.
     sensor = sensor_noise.sensor_noise_of(result, run).of_every(every, len(time))
     noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))
@@ -128,7 +128,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
 
 
 def _settled(tracked: TrackedRecord) -> TrackedRecord:
-    """The record about the motion at which its smoothing comes to rest."""
+    """Return the record about the motion at which its smoothing converges."""
     # The path is settled where it moves by less than this part of the sensor's noise.
     tolerance = 0.01 * tracked.noise
     changes: list[float] = []
@@ -155,7 +155,7 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
 
 @signal_scale.in_units_of_the_motion
 def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
-    """What an identification predicts wrongly one sample ahead, and the random force over time.
+    """Return the one-step prediction errors of an identification, and the random force over time.
 
     Parameters
     ----------

@@ -94,7 +94,7 @@ class LinearModel:
 
     @cached_property
     def observed_states(self) -> Array:
-        """What the sensor shows of all states, those of coloured noise behind the others, (sample, state)."""
+        """Derivatives of the signal by all states, with those of coloured noise last, (sample, state)."""
         samples, order = len(self.record), len(self.sensor_filter) - 1
         return np.concatenate([self.observed, np.tile(np.eye(1, order), (samples, 1))], axis=1)
 
@@ -149,7 +149,7 @@ class LinearModel:
         return WhiteRows(white[:, 0], -white[:, 1:], float(np.sum(np.log(variance))))
 
     def innovations(self, ratio: float, parameters: Array | None = None) -> tuple[Array, Array, Array]:
-        """States predicted from the past, what comes otherwise than predicted, and its variance.
+        """Return the predicted states, the innovations, and their variance.
 
         Parameters
         ----------
@@ -248,13 +248,13 @@ class LinearModel:
         return self._corrected(ratio, *self._surprised(ratio, parameters)), covariance
 
     def _surprised(self, ratio: float, parameters: Array | None) -> tuple[Array, Array]:
-        """States predicted from the past, and what each innovation tells of them, (sample, state, signal)."""
+        """Return the predicted states and the corrections by each innovation, (sample, state, signal)."""
         predicted, innovations, variance = self.innovations(ratio, parameters)
         weighted = innovations / variance[:, None]
         return predicted, self.observed_states[:, :, None] * weighted[:, None]
 
     def _corrected(self, ratio: float, predicted: Array, surprise: Array) -> Array:
-        """Predicted states with what innovations tell of them, without those of coloured noise."""
+        """Correct the predicted states by the innovations, without those of coloured noise."""
         samples, size = self.path.shape
         covariance = self._filtered(ratio).predicted_state_cov[:size, :, :samples]
         return np.asarray(predicted[:, :size] + np.einsum("abn,nbc->nac", covariance, surprise))

@@ -9,13 +9,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from scipy.optimize import least_squares
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.likelihood.random_force import RandomForce
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
-from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.simulate import trajectory
@@ -123,7 +122,7 @@ class Fit:
         return float(fit.residual @ fit.residual - self.residual @ self.residual)
 
     def holding(self, held: Mapping[str, float], near: Array) -> "Fit":
-        """The best fit in which parameters have these values, from one that is near."""
+        """Return the best fit with parameters held at these values, from a nearby one."""
         places = [self.parameters.index(name) for name in held]
         across = self.covariance[:, places] @ np.linalg.pinv(self.covariance[np.ix_(places, places)])
         start = near + across @ (np.array([*held.values()]) - near[places])
@@ -189,7 +188,7 @@ def sum_of_squares(fit: Fit) -> float:
 
 
 def calmer(problem: FitProblem, values: Array) -> Array:
-    """First guess, with all coefficients that are free at zero where its motion is farther from the records.
+    """Return the first guess, with free coefficients at zero if its motion is farther from the records.
 
     Many forces on few swings: the balance of forces may give coefficients whose motion runs away, from which
     no fit comes back.
@@ -205,7 +204,7 @@ def calmer(problem: FitProblem, values: Array) -> Array:
 
 
 def missed(problem: FitProblem, values: Array) -> float:
-    """RMS of the residual over that of the record, the largest of all runs."""
+    """Return the RMS of the residual over that of the record, the largest of all runs."""
     pairs = zip(problem.residuals(values), problem.records, strict=True)
     return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)
 
@@ -275,7 +274,7 @@ def fitted(
 
 
 def stopped_by_bounds(fit: Fit) -> dict[str, float]:
-    """Parameters that would pass a bound of the constraints if they could, and that bound."""
+    """Return the parameters at a bound that would pass it, and this bound."""
     parameters, covariance = fit.parameters, fit.covariance
     free = parameters.free
     step = np.zeros(len(parameters))

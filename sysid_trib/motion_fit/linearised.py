@@ -125,7 +125,7 @@ def linearised_about(
 
 
 def sensor_on(model: Model, elapsed: Array, path: Array, by: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """What the sensor shows on a path but for its zero (sample,), and its derivatives by state and names."""
+    """Return the signal on a path without its zero (sample,), and its derivatives by state and names."""
     error, by_motion, by_names = sensor_error(model, elapsed, path[:, 0], path[:, 1], by)
     observed = np.zeros_like(path)
     observed[:, 0] = 1.0
@@ -162,7 +162,8 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     Notes
     -----
     A force f(x, v) of a motion that decays is such a series, its Fourier series on the cycle: the describing
-    function is its resonant part. What acts within a step is Simpson's mean, moved on by the free oscillator.
+    function is its resonant part. The force within a step is Simpson's mean, propagated by the free
+    oscillator.
     """
     step = np.diff(tau)
     # The motion from each sample without the push of the step: with it, columns would hold what they explain.
@@ -212,7 +213,7 @@ def _series(polar: Array, size: Array, elapsed: Array) -> tuple[Array, list[str]
 
 
 def _scaled(values: Array, limits: tuple[float, float]) -> Array:
-    """From -1 at the lower limit to 1 at the upper."""
+    """Scale values from -1 at the lower limit to 1 at the upper."""
     low, high = limits
     return (2.0 * values - low - high) / max(high - low, 1e-12 * max(1.0, abs(high)))
 

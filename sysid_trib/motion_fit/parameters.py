@@ -100,7 +100,7 @@ class Parameters:
         return values[len(self.common) :].reshape(-1, len(PER_RUN))
 
     def acting(self, run: int) -> list[int]:
-        """Places of the common parameters that act in a run: not the coefficients that are another's own."""
+        """Return the places of the common parameters that act in a run, without those of other runs."""
         symbols = {f.symbol for f in self.library if f.run not in (None, run + 1)}
         return [i for i, name in enumerate(self.common) if name.partition(".")[0] not in symbols]
 

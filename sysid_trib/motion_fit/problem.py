@@ -8,13 +8,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.sensor_noise import autoregression, whitened
 from sysid_trib.motion_fit.parameters import Parameters
-from sysid_trib.records.decay import one_or_all, root_mean_square
 from sysid_trib.records.inputs import KnownInput, inputs_for
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.results import schema, variables
 from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
@@ -61,7 +61,7 @@ class WhitenedRecord:
 
     @classmethod
     def of_decay(cls, decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> "WhitenedRecord":
-        """What was measured of a run, in its own quantity: a rate is not integrated."""
+        """Return the measurement of a run in its own quantity: a rate is not integrated."""
         sensor, time, values = initial_conditions.measured_part(decay)
         swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
         inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
@@ -127,7 +127,7 @@ class WhitenedRecord:
         return None if motion is None else motion.shown_derivatives(*self.sensor)
 
     def _excess(self, model: Model, per_run: Array) -> float:
-        """By how much frequency or start are out of all proportion; the highest that samples show is 1."""
+        """Return the ratio of frequency or start to the largest plausible value, whichever is worse."""
         # An optimiser astray asks for hours of faster swings.
         highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
         far, (angle, rate, _) = OUT_OF_PROPORTION * self.size, per_run.tolist()
@@ -154,7 +154,7 @@ class WhitenedRecord:
 
 
 def _penalty(far: float, distance: float, count: int) -> Array:
-    """A residual above `far` whose least squares are where the distance is zero."""
+    """Return a residual larger than `far` whose squares are smallest at distance zero."""
     residual = np.full(count, np.sqrt(2.0) * far)
     residual[::2] = far * distance
     return residual

@@ -21,11 +21,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.likelihood.colour import most_likely_colour
 from sysid_trib.likelihood.random_force import (
-    RandomForce,
     RandomForceOption,
     average_over_ratios,
     random_force_of_ratio,
@@ -38,8 +37,8 @@ from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import birge_ratio
+from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 
 PATIENCE = 10
@@ -50,7 +49,7 @@ LEAST_PART = 0.05
 
 @dataclass(frozen=True)
 class Iterate:
-    """Where the iteration is, and the step that it would take.
+    """Iterate of the fit, and its next step.
 
     Attributes
     ----------
@@ -127,7 +126,7 @@ class Iterate:
         return linear.path + change[..., 0], np.sqrt(ratio.variance * np.maximum(covariance[:, 1, 1], 0.0))
 
     def innovations(self, run: int) -> Array:
-        """What is predicted wrongly one sample ahead, (sample,), rad."""
+        """Return the errors of one-step predictions, (sample,), rad."""
         return self.linear[run].innovations(self.ratios[run].ratio, self.solution[0])[1][:, 0]
 
     def stepped(self, step: Array) -> Array:
@@ -226,7 +225,7 @@ def fit_random_motion(
 
 
 def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
-    """The fit after the last step, which is among its errors; so is a density that is not known exactly."""
+    """Return the fit after the last step, with this step and an uncertain density in its errors."""
     step, covariance = best.solution
     covariance = covariance + np.outer(step, step)
     for run in range(len(best.linear)) if density is None else ():
@@ -238,7 +237,7 @@ def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit
 
 
 def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
-    """The part of the step to go: less where it turns back on the last one, more where it goes on."""
+    """Return the relative step length: shorter after a turn back, longer in the same direction."""
     if before is None:
         return part
     # In the metric of the errors.

@@ -1,4 +1,4 @@
-"""What follows from an identification by physics alone: weights, crossovers, energies, SI units, slip."""
+"""Consequences of an identification: weights, crossovers, energies, SI units, slip."""
 
 from sysid_trib._lazy import public_names
 

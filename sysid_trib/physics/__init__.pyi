@@ -17,10 +17,9 @@ from sysid_trib.physics.si_units import (
     per_input as per_input,
     physical_units as physical_units,
 )
+from sysid_trib.questions.law_difference import law_difference as law_difference
 from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
 from sysid_trib.smooth_laws.calibration import with_scale_error as with_scale_error
 from sysid_trib.smooth_laws.formulas import law_formulas as law_formulas
-from sysid_trib.smooth_laws.samples import law_difference as law_difference
-from sysid_trib.validation.refits import sliding_coefficients as sliding_coefficients
 
 from ..results.schema import model_of as model_of

@@ -7,7 +7,7 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import model_estimate, of_measured
 from sysid_trib.results.effects import significant
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import variable, with_error
 
 
@@ -159,7 +159,7 @@ CONTACT_STIFFNESS = ("x", "x*abs(x)", "x**3")
 
 
 def speaks_of_slip(result: xr.Dataset) -> bool:
-    """True if the ratio nu/delta of an identification can say anything of partial slip.
+    """Return true if the ratio nu/delta of an identification can indicate partial slip.
 
     Parameters
     ----------

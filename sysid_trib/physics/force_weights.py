@@ -1,4 +1,4 @@
-"""What each force does in a cycle: its weight, its energy, and where two weigh the same."""
+"""Effect of each force in a cycle: its weight, its energy, and crossovers of two forces."""
 
 import itertools
 from collections.abc import Callable, Mapping
@@ -152,7 +152,7 @@ def shares(estimate: estimates.ModelEstimate, unit: Array) -> tuple[Array, Array
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 0.0) -> Array:
     """Largest |h| on the cycles of these amplitudes (rad); internal states are on their settled cycle.
 
-    Of a force with memory it is half from peak to peak.
+    For a force with memory it is half the distance between peaks.
     """
     at = np.broadcast_to(np.asarray(time, float), a.shape)
     if not force.memoryless:
@@ -163,7 +163,7 @@ def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 
 
 
 def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Array) -> Array:
-    """Peaks on the steady cycles; of a memory half from peak to peak: an offset is what it began with."""
+    """Return the peaks on steady cycles; for memory, half the distance between peaks."""
     peaks = np.zeros(a.size)
     for rows, begun, _ in one_cycle.cycles_at(force, a, time, shapes):
         for row, of_cycle in zip(rows, begun, strict=True):
@@ -179,7 +179,7 @@ LOWEST, HIGHEST, GRID = 1e-4, np.pi, 55
 RULES = ("peak force", "averaged")
 # Forces of these characters act on the envelope, and on the frequency.
 ACTS_ON = {"envelope": ("dissipative", "mixed"), "frequency": ("conservative", "mixed")}
-# Of ln a, for the slope of two weights that cross.
+# Step of ln a, for the slope of two weights that cross.
 RELATIVE_STEP = 1e-4
 Weight = Callable[[Array], Array]
 
@@ -237,7 +237,7 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
 
 
 def _weight(estimate: estimates.ModelEstimate, i: int, acts_on: str) -> tuple[Weight, Array]:
-    """Weight of a force with coefficient 1 by amplitude, and on the grid; its peak if it acts on nothing."""
+    """Return the weight of a unit force by amplitude, and on the grid; its peak if it has no average."""
     force, shapes = estimate.forces[i], estimate.shapes
 
     def weight(a: Array) -> Array:

@@ -44,7 +44,7 @@ def propagate(
 def of_measured(
     function: Callable[[Array], ArrayLike], result: tuple[str, str, str], *measured: tuple[str, float, float]
 ) -> xr.Dataset:
-    """A function of quantities that were measured apart from each other, with its standard error.
+    """Return a function of independently measured quantities, with its standard error.
 
     Parameters
     ----------
@@ -187,10 +187,11 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     UsageError
         Not an identification.
     """
+    variables.refuse_whole_result(result)
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
     if missing or "library" not in result.attrs:
         raise UsageError(
-            "This wants an identification, as identify returns it; "
+            "This needs an identification, as identify returns it; "
             f"{', '.join(missing) or 'library'} is missing."
         )
     # A sensor term takes no energy and has no weight.
@@ -227,7 +228,7 @@ def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
 
 
 def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
-    """When the motion stops, from rest at an amplitude.
+    """Compute when the motion stops, from rest at an amplitude.
 
     Parameters
     ----------
@@ -276,7 +277,7 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
 
 def _exact_stop(estimate: ModelEstimate, start: float, averaged: float) -> float:
     period = 2.0 * np.pi / estimate.frequency
-    # Of periods: a longer motion is not simulated to its end.
+    # Periods of the longest motion that is simulated to its end.
     if not averaged < 20_000 * period:
         return np.nan
     # Averaging errs by no more than a few periods and a part of the whole.

@@ -9,12 +9,13 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import check_quantity
-from sysid_trib.physics.si_units import MU, Measured, check_length_unit, check_measured
+from sysid_trib.physics.si_units import Measured, check_length_unit, check_measured
 from sysid_trib.records.units import METRES
+from sysid_trib.results.judged import best
+from sysid_trib.results.kinds import MU
 from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
 from sysid_trib.smooth_laws.calibration import slope
-from sysid_trib.validation.findings import best
 
 # Group of a result that holds what `laws_in_si` returns.
 LAWS_SI = "laws_si"
@@ -63,8 +64,8 @@ def laws_in_si(
     Notes
     -----
     The laws of a result are forces over the inertia. Errors of inertia or mass, load and radius are the same
-    at all speeds. That of the radius also moves the speed at which the contact slides: mu(u) = T(u/r)/(N r)
-    changes by -(mu + u mu')/r. The calibration's error is in the result (`with_scale_error`).
+    at all speeds. The error of the radius also changes the speed at which the contact slides: mu(u) =
+    T(u/r)/(N r) changes by -(mu + u mu')/r. The calibration's error is in the result (`with_scale_error`).
     """
     given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
     known = {name: pair for name, pair in given.items() if pair is not None}

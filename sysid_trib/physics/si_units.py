@@ -12,6 +12,7 @@ from sysid_trib.forces.notation import signal_powers
 from sysid_trib.physics import model_estimate as estimates
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.records.units import METRES
+from sysid_trib.results.kinds import MU
 from sysid_trib.results.variables import described, signal_units, variable
 
 # A value and its standard error.
@@ -167,7 +168,7 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
 
 
 def _is_gain(force: Force) -> bool:
-    """True if a force is an input of a unit of its own, with the sign of one that drives."""
+    """Return true if a force is a driving input with its own unit."""
     single = len(force.channels) == 1 and not force.channels[0].kind
     return single and force.formula.text.replace(" ", "") == f"-{force.channels[0].name}"
 
@@ -178,16 +179,6 @@ def _at_unit_rate(force: Force) -> float | None:
     if force.kind != "force" or not names <= {"v"} or force.speed_degree is None:
         return None
     return float(force.value(0.0, 1.0))
-
-
-# Group of a result in SI units, what was given for it, and what it may hold.
-SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
-MU = "friction_coefficient"
-
-
-def si_of(tree: xr.DataTree) -> xr.Dataset | None:
-    """The answer of a result in SI units, where it holds it."""
-    return tree[SI].to_dataset() if SI in tree.children else None
 
 
 def check_measured(names: Set[str]) -> None:
@@ -303,7 +294,7 @@ def check_angle_unit(unit: str) -> None:
     UsageError
         With what to give instead.
     """
-    # What was measured of an angle may be its rate, in rad/s.
+    # The measured quantity may be the rate of an angle, in rad/s.
     if unit.partition("/")[0] != ANGLE_UNIT:
         raise UsageError(
             f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass of a "

@@ -20,9 +20,9 @@ from sysid_trib.plots.over_time import draw_in_time, draw_weights, drawn_models,
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.effects import determines
-from sysid_trib.results.files import is_of_driven, kind_of
+from sysid_trib.results.judged import LARGE, follows, kept_results, last_of, preferred_of
+from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
-from sysid_trib.validation.findings import LARGE, answer_of, holds, kept_results
 from sysid_trib.validation.lack_of_fit import residual_force
 
 # Of a row of panels, and of one of residuals, over the page and in a column, inch.
@@ -112,7 +112,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         titles = [""] * len(panels)
         if "F" in panels:
             # A model that failed has no weights, but what it lacks can be seen.
-            of_surface = main if main is not None else tree[tree["comparison"].attrs["second"]].to_dataset()
+            of_surface = main if main is not None else last_of(tree)
             _surface(panels["F"], of_surface, record[["angle"]], run, "right" if wide else "bottom")
             titles[-1] = MISSING_TITLE
         style.letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
@@ -126,16 +126,16 @@ def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
     """Identifications whose coefficients are shown, the main one last, and whether it explains the record."""
     if kind_of(tree) == "discover":
         final = tree["after"].to_dataset()
-        # Of one that lacks nothing names alone are in doubt.
+        # If nothing is missing, only names are in doubt.
         tests = [tree[group].significant.isel(selection_step=-1) for group in ("omnibus", "ranking")]
         lacks = tree.attrs["verdict"] == "unknown effect" and any(test.values.any() for test in tests)
         return {"final model": final}, not lacks and determines(final)
     if kind_of(tree) == "compare":
         best = tree["comparison"].attrs["best"]
-        ratio = tree["comparison"].holdout_over_noise.sel({"method": best})
+        ratio = tree["comparison"].holdout_over_noise.sel(model=best)
         return {best: tree[best].to_dataset()}, bool(ratio <= LARGE)
     results = kept_results(tree).items()
-    return dict(sorted(results, key=lambda pair: pair[0] == answer_of(tree))), holds(tree)
+    return dict(sorted(results, key=lambda pair: pair[0] == preferred_of(tree))), follows(tree)
 
 
 def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
@@ -221,7 +221,7 @@ def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at:
         _no_data(ax, TOO_FEW)
         return
     force, error = (factor * missing[name] for name in ("force", "force_standard_error"))
-    # What is but noise stays pale.
+    # Cells that are only noise stay pale.
     largest, noise = (np.nanpercentile(np.abs(part.values), COLOUR_PERCENT) for part in (force, error))
     mesh = draw_cells(ax, force, error, float(max(largest, DOT_BEYOND * noise)) or 1.0)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02, location=bar_at)

@@ -14,8 +14,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, shows
 from sysid_trib.plots.style import INK, ORANGE
-from sysid_trib.results.schema import library_of
-from sysid_trib.validation.findings import column_power
+from sysid_trib.results.judged import column_power, comparison_of
+from sysid_trib.results.models import library_of
 
 # Marks of the families that methods state (see `MethodScope`).
 OTHER_FAMILY = "other"
@@ -39,12 +39,12 @@ ARROW_BEYOND = 5.0
 
 def shown_methods(tree: xr.DataTree) -> xr.Dataset:
     """The group `comparison` of a result of `compare`, of the methods that have any result."""
-    table = tree["comparison"].to_dataset()
+    table = comparison_of(tree)
     # A method that failed must not set a scale.
-    table = table.isel(method=np.flatnonzero((table.failure == "") | (table.method == table.attrs["best"])))
+    table = table.isel(model=np.flatnonzero((table.failure == "") | (table.model == table.attrs["best"])))
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]
     there = [column.any("force") if "force" in column.dims else column for column in results]
-    return table.isel(method=np.flatnonzero(np.any(there, axis=0)))
+    return table.isel(model=np.flatnonzero(np.any(there, axis=0)))
 
 
 def _marks(table: xr.Dataset) -> tuple[list[style.Style], dict[str, style.Style]]:
@@ -122,7 +122,7 @@ def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.
         power, unit = column_power(column), column.unit.item()
         columns = column.coefficient, column.standard_error
     values, errors = (column.values / 10.0**power for column in columns)
-    best = table.method.values.tolist().index(table.attrs["best"])
+    best = table.model.values.tolist().index(table.attrs["best"])
     low, high = _limits(values, errors, best)
     if np.isfinite(values[best]):
         ax.axvspan(values[best] - errors[best], values[best] + errors[best], color="0.88", zorder=0)
@@ -154,7 +154,7 @@ def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[style.Style]) -> No
 
 def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     """Methods as rows, the first on top."""
-    style.name_rows(ax, table.method.values.tolist())
+    style.name_rows(ax, table.model.values.tolist())
     ax.tick_params(labelsize=7, which="both")
     ax.xaxis.label.set_fontsize(8)
     style.row_lines(ax)
@@ -203,7 +203,7 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
     named, middle = of_quantity.isel(run=far), np.mean(ax.get_xlim())
     for x, value, run in zip(at[far], named.value.values, named.run.values, strict=True):
-        # Beside its mark, towards the middle, where there is room.
+        # Place it at its mark, towards the middle, where there is room.
         if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
             side, end = (5, "left") if x < middle else (-5, "right")
             ax.annotate(str(run), (x, value), (side, 0), ha=end, fontsize=6, **style.LABEL_OFFSET)
@@ -214,7 +214,7 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
 
 
 def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
-    """Where the runs stand on the axis of a condition, and the labels of texts."""
+    """Return the places of runs on the axis of a condition, and the labels of texts."""
     if condition.dtype.kind in "fiu":
         return condition.astype(float), ()
     labels, numbers = np.unique(condition.astype(str), return_inverse=True)

@@ -1,12 +1,12 @@
-"""What a figure is: it declares what it shows, for `--plot`, pages and tests, and gives its texts room."""
+"""Figures: each declares its results for `--plot`, pages and tests, and makes room for its texts."""
 
 import inspect
 import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import lru_cache, partial, wraps
 from types import MappingProxyType
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 import xarray as xr
 from matplotlib.axes import Axes
@@ -20,16 +20,36 @@ from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator
 from matplotlib.transforms import Bbox
 
-from sysid_trib.results.files import is_of_driven, kind_of
+from sysid_trib.errors import UsageError
+from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
 Draw = TypeVar("Draw", bound=Callable[..., Figure])
-# What `kind_of` says of results, and commands that show what is no result.
+# What `kind_of` says of results of records.
+RESULTS = ("cross_check", "laws", "driven", "compare", "difference", "discover")
+# These, and commands that show what is no result.
 RESULT_KINDS = (
-    *("cross_check", "laws", "driven", "compare", "difference", "discover"),
+    *RESULTS,
     *("look", "backbone", "plan", "response"),
 )
+# What made results of these kinds, and what such a result is called.
+NAMED_KINDS = {
+    "cross_check": "identify by two methods",
+    "driven": "identify by two methods",
+    "response": "forced_response",
+}
+OF_KIND = {
+    "identify": "an identification by one method",
+    "cross_check": "a result of identify by two methods",
+    "driven": "a result of identify of a driven record",
+    **{kind: f"a result of {kind}" for kind in ("laws", "compare", "difference", "discover")},
+}
 NO_CAPTIONS: Mapping[str, str] = MappingProxyType({})
+
+
+def _type(given: object) -> str:
+    """Return the name of an object's type."""
+    return type(given).__name__
 
 
 @dataclass(frozen=True)
@@ -41,6 +61,70 @@ class Declared:
     block: str
     groups: tuple[str, ...]
     captions: Mapping[str, str]
+    of_record: Callable[[Any], Any] | None = None
+
+    def figure(self, given: Any, *args: Any, **options: Any) -> Figure:
+        """Draw what is given, where it has what the figure shows.
+
+        Parameters
+        ----------
+        given : Dataset, DataTree or record
+            A result, the part of one that is shown, or a record where the figure is of a record.
+        *args, **options
+            Further arguments of the function that draws.
+
+        Raises
+        ------
+        UsageError
+            It lacks what is shown.
+        """
+        known = isinstance(given, xr.Dataset | xr.DataTree) and "angle" not in given
+        if not known and self.of_record is not None:
+            return self.draw(self.of_record(given), *args, **options)
+        if not isinstance(given, xr.Dataset | xr.DataTree):
+            raise UsageError(
+                f"plots.{self.name} shows {self._shown()}, not an object of type {_type(given)}."
+            )
+        tree = given if isinstance(given, xr.DataTree) else xr.DataTree(given)
+        kind = kind_of(tree)
+        if self.groups and tree.children:
+            drawings = [draw for _, run, draw in self.drawings(tree) if run == options.get("run", 0)]
+            if not drawings:
+                raise UsageError(self._refusal(tree))
+            whole = "run" in inspect.signature(self.draw).parameters
+            return self.draw(given, *args, **options) if whole else drawings[0](*args, **options)
+        if kind not in self.kinds and (kind or set(self.kinds) <= set(RESULTS)):
+            raise UsageError(self._refusal(tree))
+        try:
+            return self.draw(tree if kind and not self.groups else given, *args, **options)
+        # A dataset that is no result lacks some variable.
+        except (KeyError, AttributeError) as error:
+            if kind:
+                raise
+            raise UsageError(
+                f"plots.{self.name} shows {self._shown()}; this dataset lacks {error}."
+            ) from error
+
+    @property
+    def name(self) -> str:
+        """Return the name of the function that draws it."""
+        return self.draw.__name__
+
+    def _shown(self) -> str:
+        """Say what the figure shows."""
+        kinds = [NAMED_KINDS.get(kind, kind) for kind in self.kinds]
+        parts = f" with the group {self.groups[0]}" if self.groups and set(self.kinds) <= set(RESULTS) else ""
+        record = " and of a record" if self.of_record is not None else ""
+        return f"results of {', '.join(dict.fromkeys(kinds))}{parts}{record}"
+
+    def _refusal(self, tree: xr.DataTree) -> str:
+        """Say that a result lacks what is shown, and which figures there are of it."""
+        kind = kind_of(tree)
+        if not kind:
+            return f"plots.{self.name} shows {self._shown()}; this is none."
+        others = [figure.name for figure in figures_of(kind) if any(True for _ in figure.drawings(tree))]
+        instead = f"; its figures are {', '.join(others)}" if others else ""
+        return f"plots.{self.name} shows {self._shown()}; this is {OF_KIND[kind]}{instead}."
 
     @property
     def of_each_run(self) -> bool:
@@ -48,7 +132,7 @@ class Declared:
         return "run" in inspect.signature(self.draw).parameters
 
     def caption(self, tree: xr.DataTree) -> str:
-        """What stands below it on a page: what its docstring says before the parameters."""
+        """Return the caption on a page: the docstring before the parameters."""
         said = (inspect.getdoc(self.draw) or "").partition("\n\nParameters\n")[0]
         kind = "driven" if is_of_driven(tree) else kind_of(tree)
         return self.captions.get(kind, " ".join(said.split()))
@@ -73,7 +157,11 @@ _DECLARED: dict[str, Declared] = {}
 
 
 def shows(
-    *kinds: str, block: str = "", groups: tuple[str, ...] = (), captions: Mapping[str, str] = NO_CAPTIONS
+    *kinds: str,
+    block: str = "",
+    groups: tuple[str, ...] = (),
+    captions: Mapping[str, str] = NO_CAPTIONS,
+    of_record: Callable[[Any], Any] | None = None,
 ) -> Callable[[Draw], Draw]:
     """Declare that a function draws a figure of results.
 
@@ -90,13 +178,26 @@ def shows(
         Groups of the result that are drawn.
     captions : mapping of str to str
         Captions of kinds of result of which the docstring says too much.
+    of_record : callable, optional
+        Computes from a record what is drawn, where the figure is of a record too.
+
+    Returns
+    -------
+    callable
+        Declares a function, and returns it with a check that its first argument has what is shown.
     """
     if others := {*kinds, *captions} - set(RESULT_KINDS):
         raise ValueError(f"No result is of the kind {', '.join(sorted(others))}; there are {RESULT_KINDS}.")
 
     def declare(draw: Draw) -> Draw:
-        _DECLARED[draw.__name__] = Declared(draw, kinds, block, groups, captions)
-        return draw
+        declared = Declared(draw, kinds, block, groups, captions, of_record)
+        _DECLARED[draw.__name__] = declared
+
+        @wraps(draw)
+        def checked(*args: Any, **options: Any) -> Figure:
+            return declared.figure(*args, **options)
+
+        return cast(Draw, checked)
 
     return declare
 

@@ -11,10 +11,10 @@ from sysid_trib.arrays import Mask
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND, shows
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
+from sysid_trib.results import judged
 from sysid_trib.results.variables import signal_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.shown import Curve
-from sysid_trib.validation import findings
 
 # Of a column of a journal (88 mm), and of a panel, inch.
 ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
@@ -47,7 +47,7 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     """
     unit = signal_units(tree)
     inertia = "inertia" if unit == "rad" else "mass"
-    results, answer = findings.kept_results(tree), findings.answer_of(tree)
+    results, answer = judged.kept_results(tree), judged.preferred_of(tree)
     main = tree[answer].to_dataset()
     named = shown.laws_in(main)
     figure, panels = style.grid(len(named), 2, width, LAW_HEIGHT)

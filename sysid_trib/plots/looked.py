@@ -8,13 +8,15 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from sysid_trib.cycles.backbone import backbone as backbone_of
+from sysid_trib.cycles.look import look as look_at
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
 from sysid_trib.plots.over_time import RECORD_POINTS, curve
 from sysid_trib.plots.style import BLUE, GREY, INK, MODEL_LINES, ORANGE
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.results.judged import kept_results, preferred_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
-from sysid_trib.validation.findings import kept_results
 
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
 # Room about the bands, in parts of their extent: single periods may scatter far beyond them.
@@ -24,14 +26,15 @@ END_WIDTH = 4.0
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
 
-@shows("backbone", groups=("backbone",))
+@shows("backbone", groups=("backbone",), of_record=backbone_of)
 def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """Frequency and damping ratio against amplitude, with 95 % bands; dots are single periods.
 
     Parameters
     ----------
     data : Dataset or DataTree
-        Of `backbone`; or a result of `cross_check`, whose models' curves are drawn over those of its record.
+        Of `backbone`, or a record; or a result of `identify`, whose model curves are drawn over those of its
+        record.
     run : int
         Which of several runs of a result, from 0.
     width : float, inch
@@ -107,14 +110,14 @@ HEIGHT = 2.1
 MOST_POINTS_DRAWN = 20_000
 
 
-@shows("look")
+@shows("look", of_record=look_at)
 def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """The record with its decays marked, amplitude over time, and the spectral density of each decay.
 
     Parameters
     ----------
     tree : DataTree
-        Of `look`.
+        Of `look`, or a record.
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
@@ -129,7 +132,7 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         panels[0].axvspan(decay.start.item(), decay.stop.item(), color=BLUE, alpha=0.12, linewidth=0)
         panels[1].plot(decay.instant_time, decay.amplitude, **style.line(MODEL_LINES[0]))
         panels[2].plot(decay.frequency_line, decay.spectrum, color=ORANGE, linewidth=0.8)
-    panels[0].set(xlabel="time (s)", ylabel=f"{records[0].angle.attrs['long_name']} ({unit})")
+    panels[0].set(xlabel="time (s)", ylabel=f"{records[0].angle.attrs.get('long_name', 'angle')} ({unit})")
     panels[1].set(xlabel="time (s)", ylabel=f"amplitude ({unit})", yscale="log")
     panels[2].set(xlabel="frequency (Hz)", ylabel=f"density ({unit}$^2$/Hz)", xscale="log", yscale="log")
     for axis in (panels[1].yaxis, panels[2].xaxis, panels[2].yaxis):
@@ -155,9 +158,8 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
         Of the figure; a column of a journal has 88 mm (3.46).
     """
     record = tree[record_groups(tree)[run]].to_dataset()
-    # Of a discovery it is the last model.
-    compared = tree.children.get("comparison")
-    answer = record.model.values[-1] if compared is None else compared.attrs["answer"]
+    # For a discovery, take the last model.
+    answer = preferred_of(tree) or record.model.values[-1]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
     figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
@@ -167,7 +169,8 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
         panel.set_ylabel(f"input {name}{f' ({style.unit_label(units)})' if units else ''}")
     motion, residual = panels[-2:]
     curve(motion, time, record.angle.values, RECORD_POINTS)
-    for name, colour in zip(record.model.values.tolist(), (ORANGE, BLUE), strict=False):
+    moving = record.dropna("model", how="all", subset=["simulated_angle"]).model.values.tolist()
+    for name, colour in zip(moving, (ORANGE, BLUE), strict=False):
         simulated = record.simulated_angle.sel(model=name).values
         if name == answer:
             curve(motion, time, simulated, {"color": colour, "linewidth": 0.8, "label": name})

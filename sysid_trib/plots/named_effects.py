@@ -1,4 +1,4 @@
-"""Figures of a discovery: the gap, effects named, the force that is missing, and scores of candidates."""
+"""Figures of a discovery: residual, named effects, the missing force, and scores of candidates."""
 
 from collections.abc import Sequence
 from textwrap import fill, wrap
@@ -18,8 +18,8 @@ from sysid_trib.plots.figure import FONT_SIZE, FULL_WIDTH, TALLEST, TWO_COLUMNS,
 from sysid_trib.plots.over_time import draw_in_time, held_out_sentence
 from sysid_trib.printing.layout import quantity
 from sysid_trib.results.effects import credible_set, or_others, replacing_pairs, steps_taken, strongest
+from sysid_trib.results.judged import record_noise, residual_of
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
-from sysid_trib.validation.findings import record_noise, residual_of
 
 # A cell of fewer samples has no mean; colours end where so many percent of the cells lie within; a dot marks
 # cells of more standard errors.
@@ -28,8 +28,8 @@ COLOUR_PERCENT = 98.0
 DOT_BEYOND = 3.0
 # Effects that a row names beside its own.
 TIED_IN_A_ROW = 2
-# Heights of the panels, inch: record, gap before, gap after; models without rows; maps over a page and in a
-# column; of a row of a model, and of a line of its text.
+# Heights of the panels, inch: record, residual before, residual after; models without rows; maps over a
+# page and in a column; of a row of a model, and of a line of its text.
 PANEL_HEIGHTS, LAST_HEIGHT, MAP_HEIGHTS = (1.6, 1.0, 1.4), 0.45, (2.3, 1.8)
 MODEL_ROW, LINE = 0.28, 0.26
 # Of a text, in an inch.
@@ -65,14 +65,14 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
         panels = list(figure.subplot_mosaic("AA;BB;CC;DE;FF", height_ratios=heights).values())
         draw_in_time(panels[:3], tree, run, ["before", "after"])
         for panel in panels[1:3]:
-            panel.set_ylabel(f"gap ({small_units(signal_units(tree))[1]})")
+            panel.set_ylabel(f"residual ({small_units(signal_units(tree))[1]})")
         figure.align_ylabels(panels[:3])
         _maps(tree, panels[3:5], wide)
         _explained(panels[5], tree, texts, below)
         titles = (
             "record",
-            "gap before: record \N{MINUS SIGN} start model",
-            "gap after: record \N{MINUS SIGN} final model",
+            "residual before: record \N{MINUS SIGN} start model",
+            "residual after: record \N{MINUS SIGN} final model",
             "missing force before",
             f"missing force after: dots beyond {DOT_BEYOND:g} errors",
             "effects named" if steps_taken(tree) else "no effect named",
@@ -112,7 +112,7 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
     ax.set_yticks(rows, ["start model", *(f"+ {step.symbol.item()}" for step in steps)])
     ax.set_ylim(rows[-1] + MODEL_ROW, rows[0] - MODEL_ROW)
     low, high = min(1.0, *ratios) / 1.15, max(2.0, *ratios)
-    label = f"RMS of the gap over the noise{style.short_unit('', units)[1]}"
+    label = f"RMS residual over the noise{style.short_unit('', units)[1]}"
     ax.set(xlabel=label, xscale="log", xlim=(low, high * (high / low) ** 0.2))
     style.logarithmic_ticks(ax.xaxis, low, high)
 

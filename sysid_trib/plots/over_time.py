@@ -9,14 +9,17 @@ import xarray as xr
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
+from sysid_trib import records
 from sysid_trib.arrays import Array
+from sysid_trib.errors import UsageError
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND
 from sysid_trib.plots.style import MODEL_LINES, Style
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.results.effects import steps_taken, tied_name
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.judged import LAST_THIRD, failures, is_refitted, judged_of
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_symbol, signal_units, small_units
-from sysid_trib.validation.findings import LAST_THIRD, failures, is_refitted
 
 # Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
 MOST_POINTS = 3000
@@ -26,7 +29,7 @@ RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "colo
 
 
 def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
-    """What of the records was held out; empty where nothing was.
+    """Describe the held-out part of the records; empty if there is none.
 
     Parameters
     ----------
@@ -48,14 +51,14 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
 def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[str, str]]:
     """Lines of the models of a run that have a motion, and what legends call all of them, by their names.
 
-    Those of a cross-check, those before and after of a discovery, that which predicts best of a comparison.
+    These are the models of a cross-check, the first and last of a discovery, or the best one of a comparison.
     """
     data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
     if kind == "discover":
         labels = {"before": "start model", "after": f"with {_effects(tree)}"}
     else:
-        checked = tree["comparison"].attrs
-        names = [checked["best"]] if kind == "compare" else [checked["first"], checked["second"]]
+        compared = kind == "compare"
+        names = [tree["comparison"].attrs["best"]] if compared else judged_of(tree).model.values.tolist()
         labels = dict(zip(names, names, strict=True))
     # A model that broke down must not set a scale.
     failed = failures(tree) if kind in ("cross_check", "driven") else {}
@@ -145,6 +148,12 @@ def frequency_shift(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
+    for shifts in (*measured.values(), *predicted.values()):
+        if not {"amplitude", "frequency"} <= set(shifts.variables):
+            raise UsageError(
+                "plots.frequency_shift shows what envelope and predict_envelope return, by label: "
+                "{'record': st.envelope(decay)}, and of models likewise."
+            )
     ax = style.axes(ax)
     styles = dict(zip(dict.fromkeys([*measured, *predicted]), cycle(style.SERIES)))
     for label, shifts in measured.items():
@@ -161,7 +170,7 @@ def frequency_shift(
 
 
 def motions(
-    record: xr.Dataset,
+    record: RecordLike,
     models: Mapping[str, xr.Dataset] | None = None,
     ax: Axes | None = None,
     *,
@@ -171,8 +180,8 @@ def motions(
 
     Parameters
     ----------
-    record : xr.Dataset
-        `angle(time)` in rad.
+    record : record
+        `angle(time)` in rad, or `(t, angle)`.
     models : mapping of str to xr.Dataset
         By label, `angle(time)` of `simulate`, or `amplitude(time)` of `predict_envelope`.
     ax : matplotlib.axes.Axes, optional
@@ -181,10 +190,10 @@ def motions(
         `envelope` of the whole decay: half-sines are drawn on the record, a few half periods of it
         (`decay.sel(time=slice(0, 1.5))`), and what three of them give at t_i.
     """
-    ax = style.axes(ax)
-    curve(ax, record.time.values, record.angle.values, RECORD_POINTS)
+    ax, measured = style.axes(ax), records.one_record(record, "motions")
+    curve(ax, measured.time.values, measured.angle.values, RECORD_POINTS)
     if half_periods is not None:
-        _half_sines(ax, record, half_periods)
+        _half_sines(ax, measured, half_periods)
     for (label, motion), series in zip((models or {}).items(), cycle(style.SERIES)):
         look = style.line(series) | {"label": label, "linewidth": 0.9}
         if "angle" in motion:
@@ -193,9 +202,9 @@ def motions(
         for sign in (1.0, -1.0):
             curve(ax, motion.time.values, sign * motion.amplitude.values, look)
             look |= {"label": ""}
-    units = signal_units(record)
+    units = signal_units(measured)
     name, unit = signal_label(units).split(" ", 1)
-    ax.set(xlabel="time (s)", ylabel=f"{name} ${signal_symbol(units)}$ {unit}", xlim=_ends(record))
+    ax.set(xlabel="time (s)", ylabel=f"{name} ${signal_symbol(units)}$ {unit}", xlim=_ends(measured))
     ax.legend(ncols=4, **LEGEND)
     return ax
 
@@ -205,7 +214,7 @@ def weights(
     quantity: Literal["peak_force", "decay", "frequency_shift", "decay_share", "frequency_share"],
     ax: Axes | None = None,
 ) -> Axes:
-    """How much each force weighs against amplitude, with bands of one standard error (Figs. 8 and 9).
+    """Weight of each force against amplitude, with bands of one standard error (Figs. 8 and 9).
 
     Parameters
     ----------
@@ -216,6 +225,11 @@ def weights(
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
+    if quantity not in weighed:
+        raise UsageError(
+            f"plots.weights shows {quantity} from physics.weights(result, amplitudes); give that, and "
+            "peak_force, decay, frequency_shift, decay_share or frequency_share."
+        )
     ax, attrs = style.axes(ax), weighed[quantity].attrs
     unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"
     draw_weights(ax, weighed, quantity)

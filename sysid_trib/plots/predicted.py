@@ -15,7 +15,7 @@ from sysid_trib.plots.over_time import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
 from sysid_trib.results.variables import signal_units, small_units
 
-# Of a Gaussian, in standard deviations.
+# Half width of a 95 % interval of a Gaussian, in standard deviations.
 BAND_LEVEL = 0.95
 BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - BAND_LEVEL)))
 BAND_NAME, BAND_COLOR = f"{100.0 * BAND_LEVEL:g} % band", "0.85"
@@ -32,10 +32,10 @@ SIMULATED: dict[str, Any] = style.OPEN_MARKS | {"color": INK, "marker": "o", "li
 
 @shows("cross_check", block="Random force", groups=("innovations", "prediction_bands"))
 def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: float = FULL_WIDTH) -> Figure:
-    """What is predicted wrongly one sample ahead, and its autocorrelation with the band of white noise.
+    """Errors of one-step predictions, and their autocorrelation with the band of white noise.
 
-    Below, the smoothed random force over time, and the record minus what was predicted of it from some
-    instants on, in bands that grow. All bands are of 95 %.
+    Below, the smoothed random force over time, and the record minus its predictions from some instants on,
+    with 95 % bands.
 
     Parameters
     ----------
@@ -152,10 +152,10 @@ PLAN_HEIGHT = 2.4
 
 @shows("plan")
 def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """What each run leaves against its release: entropy of the models, and errors; where two models part.
+    """Expected entropy of the models and errors after each run, against release; where two models differ.
 
-    A line stands for an error that is wanted. Where none is and there is one model: the largest of all
-    errors over the least.
+    A line shows a wanted error. Without one and with a single model, the figure shows the largest ratio of
+    an error to its smallest value.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _against_release(ax: Axes, data: xr.Dataset) -> None:
-    """What is shown of each run, a line for a duration, and a ring about the best run."""
+    """Draw the shown quantity of each run, a line per duration, and a ring about the best run."""
     durations = np.unique(data.duration.values)
     for at, length in enumerate(durations):
         rows = data.isel(run=np.flatnonzero(data.duration.values == length)).sortby("amplitude")

@@ -1,4 +1,4 @@
-"""What figures share: colours, marks, ticks, letters, grids of panels, and axes where none are given."""
+"""Common parts of figures: colours, marks, ticks, letters, grids of panels, and default axes."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any

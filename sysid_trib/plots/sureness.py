@@ -1,4 +1,4 @@
-"""How sure coefficients are: profile likelihoods, other defensible fits, and two samples compared."""
+"""Uncertainty of coefficients: profile likelihoods, other defensible fits, and two samples compared."""
 
 from typing import Any
 
@@ -11,11 +11,11 @@ from scipy.interpolate import PchipInterpolator
 
 from sysid_trib.arrays import Array
 from sysid_trib.plots import style
-from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, TWO_COLUMNS, new_figure, shows
+from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
 from sysid_trib.plots.style import BLUE, GREY, INK, ORANGE
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.validation.samples import SIDES
+from sysid_trib.questions.difference import SIDES
 
 PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
 # Colours of the kinds of fit.
@@ -27,33 +27,25 @@ CURVES_HEIGHT, ROW = 2.4, 0.28
 MOST_ERRORS = 8.0
 
 
-@shows("cross_check", "driven", block="Profiles", groups=("profile", "contour"))
-def profile(*data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
-    """Deviance of each parameter against its value, and contours of two; dashed, by their standard errors.
+@shows("cross_check", "driven", block="Profiles", groups=("profile",))
+def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
+    """Deviance of each parameter against its value; dashed, by its standard error.
 
     The fit of the motion has the parameter held, and all others fitted anew. Orange: the 95 % point of
-    chi-square, and the ends of the interval. Contours are of 68 and 95 %.
+    chi-square, and the ends of the interval.
 
     Parameters
     ----------
-    *data : Dataset
-        Of `validation.profile`, of `validation.contour`, or both.
+    data : Dataset
+        Of `validation.profile`.
     width : float, inch
         Of the figure; a column of a journal has 88 mm (3.46).
     """
-    rows = [
-        part.sel(parameter=name)
-        for part in data
-        if "correlation" not in part
-        for name in part.parameter.values.tolist()
-    ]
-    contours = [part for part in data if "correlation" in part]
-    count = len(rows) + len(contours)
-    figure, panels = style.grid(count, 4, width if count > 1 else min(width, TWO_COLUMNS), PROFILE_HEIGHT)
-    for ax, row in zip(panels, rows, strict=False):
+    rows = [data.sel(parameter=name) for name in data.parameter.values.tolist()]
+    width = width if len(rows) > 1 else min(width, TWO_COLUMNS)
+    figure, panels = style.grid(len(rows), 4, width, PROFILE_HEIGHT)
+    for ax, row in zip(panels, rows, strict=True):
         _profile(ax, row)
-    for ax, of_two in zip(panels[len(rows) :], contours, strict=True):
-        _contour(ax, of_two)
     style.letter(panels)
     return figure
 
@@ -77,37 +69,8 @@ def _profile(ax: Axes, row: xr.Dataset) -> None:
     ax.locator_params(axis="x", nbins=4)
 
 
-def _contour(ax: Axes, data: xr.Dataset) -> None:
-    """Contours of two parameters; dashed, the ellipses of their standard errors."""
-    levels = np.sqrt(data.attrs["thresholds"])
-    names, estimate, error = data.parameter.values.tolist(), data.estimate.values, data.standard_error.values
-    pairs = [_power_of_ten(value, name) for value, name in zip(data.value.values, names, strict=True)]
-    units, labels = np.array([unit for unit, _ in pairs]), [label for _, label in pairs]
-    middle, error = (estimate / units)[:, None], (error / units)[:, None]
-    slope = data.correlation.item()
-    turn = np.linspace(0.0, 2.0 * np.pi, 200)
-    round_ = np.array([np.cos(turn), slope * np.cos(turn) + np.sqrt(1.0 - slope**2) * np.sin(turn)])
-    for level in levels:
-        ax.plot(*(middle + level * error * round_), color=GREY, linewidth=0.8, linestyle="--")
-    x, y = (value / unit for value, unit in zip(data.value.values, units, strict=True))
-    # The root of the deviance is nearly straight between points.
-    lines = ax.contour(x, y, np.sqrt(data.deviance), levels, colors=[INK, ORANGE], linewidths=1)
-    names = [f"{100.0 * p:g} %" for p in data.attrs["levels"]]
-    ax.legend(lines.legend_elements()[0], names, **LEGEND, ncol=2)
-    ax.plot(*middle, color=INK, marker="+", linestyle="")
-    shown = np.isfinite(data.deviance.values)
-    ax.set(xlabel=labels[0], ylabel=labels[1], xlim=_around(x[shown]), ylim=_around(y[shown]))
-    ax.locator_params(nbins=4)
-
-
-def _around(values: Array) -> tuple[float, float]:
-    """Ends of an axis that shows values."""
-    room = 0.05 * float(np.ptp(values))
-    return float(values.min()) - room, float(values.max()) + room
-
-
 def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
-    """What values are drawn in, and the label of their axis: an offset at its end would hide the label."""
+    """Return the factor of the drawn values and the label of their axis, without an offset."""
     power = int(np.floor(np.log10(np.nanmax(np.abs(values), initial=1e-300))))
     if -2 <= power <= 3:
         return 1.0, style.in_latex(name)
@@ -210,7 +173,7 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
         style.interval(ax, at, z[at], half, (-MOST_ERRORS, MOST_ERRORS), color=colour, markersize=4)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
-        # Beside the row, or in a column above it.
+        # Place it at the row, or above it in a column.
         place, side = ((1.01, at), "center") if wide else ((0.02, at - 0.16), "bottom")
         note: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
         note |= {"va": side, "color": colour, "fontsize": 8 if wide else FONT}

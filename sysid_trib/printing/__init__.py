@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Layer(Flag):
-    """How much of a result is shown; the page shows what `--explain` prints."""
+    """Amount of a result that is shown; the page shows what `--explain` prints."""
 
     QUIET = auto()
     DEFAULT = auto()

@@ -21,9 +21,9 @@ from sysid_trib.printing.law_difference import (
     sample_names,
 )
 from sysid_trib.printing.verdict import error_parts_sentence
+from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.effects import at_bound, sufficient_forces
-from sysid_trib.results.files import identifications_of
-from sysid_trib.validation.samples import SIDES
+from sysid_trib.results.kinds import identifications_of
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
@@ -31,11 +31,13 @@ STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
 AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
-COLLINEAR = "Condition '{}' goes with {} in these records: it is left out, and an effect may be of either."
+COLLINEAR = (
+    "Condition '{}' is confounded with {} in these records and left out: an effect may be due to either."
+)
 
 
 def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None) -> list[Block]:
-    """What is shown of a campaign.
+    """Return the blocks of a campaign.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
-    """Why records have no numbers, by their names."""
+    """Return why records have no numbers, by record name."""
     return dict(store.message[store.status.values > 1].to_series())
 
 
@@ -67,12 +69,12 @@ def _of_done(store: xr.Dataset, name: str) -> list[str]:
 
 
 def _most_first(words: Iterable[str]) -> dict[str, int]:
-    """How often each word stands there; an empty one is none."""
+    """Count words, the most frequent first; empty words do not count."""
     return dict(Counter(sorted(filter(None, words))).most_common())
 
 
 def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
-    """How many records are done, and how many have no result; how often there is which verdict and name."""
+    """Describe how many records are done, and how often each verdict and name occurs."""
     bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
     yield f"{counts['done']:,} of {sum(counts.values()):,} records done{f'; {bad}' if bad else ''}."
     verdicts = [f"{count:,} {v}" for v, count in _most_first(_of_done(store, "verdict")).items()]
@@ -80,11 +82,11 @@ def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
         yield f"{'; '.join(verdicts[:REFUSALS])}."
     if listed := [f"{symbol} in {count:,}" for symbol, count in named_counts(store).items()]:
         more = f", {len(listed) - NAMES_LISTED} more" if len(listed) > NAMES_LISTED else ""
-        yield f"Named, or not to be separated from a name: {', '.join(listed[:NAMES_LISTED])}{more}."
+        yield f"Named, or not separable from a name: {', '.join(listed[:NAMES_LISTED])}{more}."
 
 
 def named_counts(store: xr.Dataset) -> dict[str, int]:
-    """In how many records each effect is named, or cannot be separated from one that is; most first."""
+    """Count the records in which each effect is named or cannot be separated from a name; most first."""
     if TIED not in store:
         return {}
     texts = zip(_of_done(store, "named"), _of_done(store, TIED), strict=True)
@@ -102,7 +104,7 @@ def named_text(record: xr.Dataset) -> str:
     p_values = record[EFFECT_P_VALUE]
     pairs = [f"{s} (p {layout.p_value_text(p_values.sel(force=s).item())})" for s in named.split(", ")]
     tied = str(record[TIED].item())
-    return f"{', '.join(pairs)}{f'; not to be separated: {tied}' if tied else ''}"
+    return f"{', '.join(pairs)}{f'; not separable: {tied}' if tied else ''}"
 
 
 def _varying(compared: xr.Dataset) -> Iterator[Block]:
@@ -170,7 +172,7 @@ POWER_STATED = 0.9
 
 
 def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """What is said of two samples, in its order; `record` says what was read."""
+    """Return the blocks of two samples, in order; `record` describes the records."""
     data = tree.to_dataset()
     said = (
         f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
@@ -206,7 +208,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
         yield error_parts_sentence(name, run)
         if "held_out_rms" in run:
             ratio = f"{(run.held_out_rms / run.noise).item():.3g} times the noise"
-            yield f"Of held-out parts of {name} its model leaves {ratio}."
+            yield f"Held-out residual of {name}: {ratio}."
 
 
 def _test_of_all(data: xr.Dataset) -> str:
@@ -216,7 +218,7 @@ def _test_of_all(data: xr.Dataset) -> str:
 
 
 def _first_sentence(tree: xr.DataTree) -> str:
-    """Which coefficients differ, and which do not."""
+    """Describe which coefficients differ, and which do not."""
     data = tree.to_dataset()
     rows, test = layout.by_label(data, "force"), _test_of_all(data)
     bounded = _at_a_bound(data)
@@ -229,13 +231,13 @@ def _first_sentence(tree: xr.DataTree) -> str:
             pair = " and ".join(layout.with_unit(layout.quantity(row, side), unit) for side in SIDES)
             parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
     if parts:
-        rest = f"; {', '.join(others)} {'does' if len(others) == 1 else 'do'} not" if others else ""
-        rest += f"; not tested, since held in both: {', '.join(held)}" if held else ""
-        rest += f"; not tested, since at a bound: {', '.join(bounded)}" if bounded else ""
+        rest = f"; no difference was found in {', '.join(others)}" if others else ""
+        rest += f"; not tested (held in both): {', '.join(held)}" if held else ""
+        rest += f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
         return f"{'; '.join(parts)}{rest}."
     if data.attrs["verdict"] == "together they differ":
-        return f"The samples differ ({test}), though no coefficient shows it by itself{_sufficient(tree)}."
-    rest = f"; not tested, since at a bound: {', '.join(bounded)}" if bounded else ""
+        return f"The samples differ ({test}), although no single coefficient does{_sufficient(tree)}."
+    rest = f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
     return f"No difference was found in {', '.join(others) or 'the samples'} ({test}){rest}."
 
 
@@ -257,7 +259,7 @@ def _sufficient(tree: xr.DataTree) -> str:
             for name, pair in choice.items()
         ]
         parts.append(" and ".join(of_each))
-    return f"; where all others are equal it is {', or '.join(parts)}" if parts else ""
+    return f"; if all others are equal, the difference is {', or '.join(parts)}" if parts else ""
 
 
 def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
@@ -265,21 +267,21 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
     data, (first, second) = tree.to_dataset(), sample_names(tree.to_dataset())
     value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
     z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
-    yield f"Stiffness of {first} over that of {second}, less 1: {layout.value_with_error(value, error)}{z}."
+    yield f"Stiffness of {first} relative to {second}, minus 1: {layout.value_with_error(value, error)}{z}."
     if incomplete := [name for name, run in _runs(tree) if "error_of_model" in run]:
         yield (
-            f"The model leaves more than noise in {', '.join(incomplete)}: the errors allow for it "
-            "(--explain splits them)."
+            f"The residual exceeds the noise in {', '.join(incomplete)}: the errors include the model error "
+            "(--explain shows both parts)."
         )
     at_bounds = [f"{symbol} in {name}" for name, run in _runs(tree) for symbol in at_bound(run)]
     if at_bounds:
         yield (
-            "At a bound, where an error has but one side and z counts too much: "
-            f"{', '.join(at_bounds)}. No test rests on it (--bound NAME=-1:1 frees it)."
+            "At a bound, where the error is one-sided and z is too large: "
+            f"{', '.join(at_bounds)}. It is not tested (--bound NAME=-1:1 frees it)."
         )
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]
     if methods[0] != methods[1]:
-        yield f"The methods differ, {' and '.join(methods)}: a part of the differences may be theirs."
+        yield f"The methods differ ({' and '.join(methods)}): part of the differences may come from them."
 
 
 def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:

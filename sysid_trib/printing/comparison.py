@@ -8,36 +8,35 @@ import pandas as pd
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.verdict import EFFECTIVE, constraint_sentences, identifiability_warnings
+from sysid_trib.results.judged import LARGE, applied_methods, column_power, comparison_of, given_results
+from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.validation.findings import LARGE, applied_methods, column_power, given_results
-from sysid_trib.validation.verdict import is_found
 
 FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than so many standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
 ALIKE, ALIKE_LEVEL = 1.01, 0.01
-BY_METHOD, HELD_OUT = "Coefficients by method", "Prediction of what was held out"
+BY_METHOD, HELD_OUT = "Coefficients by method", "Prediction of the held-out part"
 DIFFERENCES = "Difference from the method that predicts best, in standard errors of both"
 QUALITY = (
     "RMS residual (record minus simulated model) of the whole record (all); of a model identified from the "
     "first two thirds, on these (train) and on the last third (held out)"
 )
 STOCHASTIC_METHODS = (
-    "In addition to the noise a random force was found, for which the errors of these methods allow: {}. "
-    "Whether it is one, or stands for a force that is missing, `sysid-trib identify` tests."
+    "A random force was found in addition to the noise; the errors of these methods allow for it: {}. "
+    "`sysid-trib identify` tests whether it is one, or stands for a force that is missing."
 )
 # In the order in which they are looked for.
 CAUSES = {
-    "neglect": "These methods neglect forces, and the forces that they know take their place (see remarks)",
-    "lacking": "The probable cause: {} neglects forces, and others take their place (see remarks)",
-    "bias": "The probable cause is a bias that these methods leave in (see remarks)",
-    "biased": "The probable cause is a bias that {} leaves in (see remarks)",
-    "form": "They know the same forces: probably these do not have the form of what acts, and each method "
-    "weighs the residual in its own way",
+    "neglect": "These methods neglect forces, which biases the others (see remarks)",
+    "lacking": "The probable cause: {} neglects forces, which biases the others (see remarks)",
+    "bias": "The probable cause is a bias of these methods (see remarks)",
+    "biased": "The probable cause is a bias of {} (see remarks)",
+    "form": "They have the same forces, so the form of a force is probably wrong: each method weighs the "
+    "residual differently",
 }
 
 
@@ -54,7 +53,7 @@ def _coefficient_table(table: xr.Dataset) -> Table:
         columns[f"{symbol} ({parts})" if parts else symbol] = layout.values_with_errors(*numbers)
     frequency = (applied.asymptotic_frequency, applied.asymptotic_frequency_standard_error)
     columns[f"{FREQUENCY_SYMBOL} (rad/s)"] = layout.values_with_errors(*frequency)
-    return _method_table(pd.DataFrame(columns, applied.method.values))
+    return _method_table(pd.DataFrame(columns, applied.model.values))
 
 
 def _difference_table(table: xr.Dataset) -> Table:
@@ -68,7 +67,7 @@ def _difference_table(table: xr.Dataset) -> Table:
 def _differences_of(table: xr.Dataset) -> pd.DataFrame:
     """Differences from the best method over their errors, a row each method that applies."""
     applied = applied_methods(table)
-    of_forces = applied.z.transpose("method", "force").to_pandas()
+    of_forces = applied.z.transpose("model", "force").to_pandas()
     return of_forces.assign(**{FREQUENCY_SYMBOL: applied.asymptotic_frequency_z.values})
 
 
@@ -83,7 +82,7 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
         "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
         "time (s)": (table.time_taken, "{:#.2g}".format),
     }
-    given = table.method.isin(applied_methods(table).method.values).values | (table.failure == "").values
+    given = table.model.isin(applied_methods(table).model.values).values | (table.failure == "").values
     columns = {
         head: [as_text(x) if np.isfinite(x) else "-" for x in np.where(given, values.values, np.nan).tolist()]
         for head, (values, as_text) in numbered.items()
@@ -91,9 +90,9 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
     remarks = {"failure": "failed: {}", "reason": "{}", "bias": "{}", "neglects": "neglects {}"}
     columns["remarks"] = [
         "; ".join(said.format(row[name].item()) for name, said in remarks.items() if row[name].item())
-        for row in layout.by_label(table, "method").values()
+        for row in layout.by_label(table, "model").values()
     ]
-    return _method_table(pd.DataFrame(columns, table.method.values))
+    return _method_table(pd.DataFrame(columns, table.model.values))
 
 
 def _method_table(texts: pd.DataFrame) -> Table:
@@ -113,8 +112,8 @@ def _ratio(value: float) -> str:
 
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `compare`; `sources` say what each record is."""
-    table, details, units = tree["comparison"].to_dataset(), Layer.EXPLAIN, signal_units(tree)
+    """Return the blocks of a result of `compare`; `sources` describe the records."""
+    table, details, units = comparison_of(tree), Layer.EXPLAIN, signal_units(tree)
     of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
     differ, warnings = _differences(table), identifiability_warnings(table.attrs)
     # The first cause is in the remarks of the table.
@@ -134,102 +133,102 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
 
 
 def _prediction(tree: xr.DataTree) -> str:
-    """Which method predicts best what was held out, and whether these forces explain it."""
-    table, groups = tree["comparison"].to_dataset(), record_groups(tree)
+    """Describe which method predicts the held-out part best, and whether the forces explain it."""
+    table, groups = comparison_of(tree), record_groups(tree)
     starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
-    third = "The last third" if len(groups) == 1 else "The last third of each run"
-    best = table.sel({"method": table.attrs["best"]})
+    third = "the last third" if len(groups) == 1 else "the last third of each run"
+    best = table.sel(model=table.attrs["best"])
     if np.isnan(best.holdout_rms.item()):
-        return f"No method could be tested on {third.lower()}, held out."
+        return f"No method could be tested on the held-out part ({third})."
     ratio = best.holdout_over_noise.item()
-    explains = ratio <= LARGE and best.attrs.get("white_residual") != "no"
+    explains = ratio <= LARGE and bool(best.get("white_residual", True))
     explain = "explain" if explains else "do not explain"
     if ratio > LARGE and _with_random_force(tree):
         explain = "without a random force do not explain"
     return (
-        f"{third}, held out from {starts} on, is predicted best by {table.attrs['best']}: RMS residual "
-        f"{layout.in_small_units(best.holdout_rms.item(), signal_units(tree))}, {ratio:.3g} times the noise. "
-        f"These forces {explain} it."
+        f"{table.attrs['best'].capitalize()} predicts the held-out part best ({third}, from {starts} on): "
+        f"RMS residual {layout.in_small_units(best.holdout_rms.item(), signal_units(tree))}, "
+        f"{ratio:.3g} times the noise. These forces {explain} it."
     )
 
 
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
-    """What coefficients are where no method explains the record."""
+    """Describe the meaning of the coefficients where no method explains the record."""
     stochastic = _with_random_force(tree)
-    # Of a motion that leaves the record it is not a number.
+    # It is nan for a motion that diverges from the record.
     if not ratio_of_best(table) <= LARGE:
-        effective = f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record."
+        effective = f"{EFFECTIVE}. Standard errors include the change between parts of the record."
         yield STOCHASTIC_METHODS.format(", ".join(stochastic)) if stochastic else effective
 
 
 def ratio_of_best(table: xr.Dataset) -> float:
-    """What the method that predicts best leaves of the part held out, or of the whole, over the noise."""
-    best = table.sel({"method": table.attrs["best"]})
+    """Return the held-out (or whole) residual of the best method over the noise."""
+    best = table.sel(model=table.attrs["best"])
     ratio = best.holdout_over_noise.item()
     return float(best.residual_over_noise.item() if np.isnan(ratio) else ratio)
 
 
 def _with_random_force(tree: xr.DataTree) -> list[str]:
     """Methods of all forces that found a random force, if the one that predicts best is among them."""
-    table = tree["comparison"].to_dataset()
+    table = comparison_of(tree)
     stochastic = [
         label
         for label, result in given_results(tree).items()
-        if not table.neglects.sel({"method": label}).item() and is_found(random_force_of(result))
+        if not table.neglects.sel(model=label).item() and is_found(random_force_of(result))
     ]
     return stochastic if table.attrs["best"] in stochastic else []
 
 
 def _as_good(table: xr.Dataset) -> Iterator[str]:
-    """Which methods predict as well as the best."""
-    best, others = {"method": table.attrs["best"]}, table.drop_sel({"method": table.attrs["best"]})
+    """List the methods that predict as well as the best."""
+    best, others = {"model": table.attrs["best"]}, table.drop_sel(model=table.attrs["best"])
     as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
     good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
-    if labels := others.method.values[good].tolist():
-        yield f"These predict as well (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
+    if labels := others.model.values[good].tolist():
+        yield f"As good (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
 
 
 def _noise(table: xr.Dataset) -> str:
-    """What the noise is, and what it means that the forces do not explain the record."""
+    """Describe the noise, and the consequence if the forces do not explain the record."""
     levels = np.atleast_1d(table.run_noise.values if "run_noise" in table else table.noise.values)
     whose = "the record" if len(levels) == 1 else "each run"
     factor, unit = small_units(signal_units(table))
     sizes = " and ".join(f"{factor * level:.2g}" for level in levels.tolist())
-    noise = f"The noise is that of {whose}: {sizes} {unit} a sample, from {table.attrs['noise_from']}."
+    noise = f"The sensor noise of {whose} is {sizes} {unit} per sample, from {table.attrs['noise_from']}."
     ratio, kept = ratio_of_best(table), applied_methods(table)
     if ratio <= LARGE:
         return noise
     if np.isnan(ratio):
-        return f"{noise} The motion of the best model leaves the record."
-    labels = " and ".join(kept.method.values[kept.white_noise.values.astype(bool)].tolist())
+        return f"{noise} The motion of the best model diverges from the record."
+    labels = " and ".join(kept.model.values[kept.white_noise.values.astype(bool)].tolist())
     errors = f" Errors stated by {labels} are too small: they assume white noise." if labels else ""
     return (
-        f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has another form, or the "
-        f"record holds slower disturbances.{errors}"
+        f"{noise} The residual is {ratio:.3g} times as large: a force is missing or has a different form, or "
+        f"the record contains slow disturbances.{errors}"
     )
 
 
 def _by_accident(table: xr.Dataset) -> Iterator[str]:
-    """A model that is poor on the whole record may still follow its last swings, and errors be wide."""
+    """Warn that a poor model may still follow the last swings, and that errors can be wide."""
     ratios = table.residual_over_noise.fillna(np.inf)
-    best, least = table.attrs["best"], ratios.idxmin("method").item()
-    ratio = (ratios.sel({"method": best}) / ratios.min()).item()
+    best, least = table.attrs["best"], ratios.idxmin("model").item()
+    ratio = (ratios.sel(model=best) / ratios.min()).item()
     if ratio > LARGE:
         yield (
-            f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its "
-            "prediction is good by accident, and differences from it say little."
+            f"But on the whole record, the residual of {best} is {ratio:.2g} times that of {least}: its good "
+            "prediction is a coincidence, and differences from it mean little."
         )
 
 
 def _differences(table: xr.Dataset) -> dict[str, str]:
-    """By probable cause a sentence on the methods that differ from the best by more than the errors."""
+    """Return a sentence by probable cause on methods that differ significantly from the best."""
     best = table.attrs["best"]
-    # What the best method lacks is in each difference from it.
-    lacks = table.sel({"method": best})
+    # Forces missing from the best method appear in each difference from it.
+    lacks = table.sel(model=best)
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for label, z in _differences_of(table).iterrows():
         if far := ", ".join(z.index[abs(z) > APART]):
-            row = table.sel({"method": label})
+            row = table.sel(model=label)
             reasons = (row.neglects, lacks.neglects, row.bias, lacks.bias)
             cause = next((name for name, text in zip(CAUSES, reasons, strict=False) if text.item()), "form")
             by_cause[cause].append(f"{label} ({far})")
@@ -244,13 +243,13 @@ def _differences(table: xr.Dataset) -> dict[str, str]:
 
 
 def _reference(table: xr.Dataset) -> Iterator[str]:
-    """To which frequency coefficients refer, and that none can tell a stiffness from it."""
+    """Describe the frequency to which coefficients refer, and that stiffness cannot be separated from it."""
     owner, symbol = table.attrs["common_frequency_of"], table.attrs["exchangeable_with_the_frequency"]
     origin = "given" if owner == "given" else f"w of {owner}"
     yield (
-        f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Their differences are "
-        "over the errors of both methods, taken as independent. All methods saw the same noise: these "
-        "numbers are rather too small."
+        f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Differences are "
+        "divided by the errors of both methods, taken as independent. All methods see the same noise, so "
+        "these ratios are too small rather than too large."
     )
     if symbol:
         yield (
@@ -261,7 +260,7 @@ def _reference(table: xr.Dataset) -> Iterator[str]:
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `compare` as plain data."""
-    table, several = tree["comparison"].to_dataset(), len(record_groups(tree)) > 1
+    table, several = comparison_of(tree), len(record_groups(tree)) > 1
     starts = [tree[group].holdout_start for group in record_groups(tree)]
     keys = layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})
     data = {
@@ -270,6 +269,7 @@ def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
         **{name: table[name] for name in ("common_frequency", "noise")},
         **table.attrs,
         "methods": layout.mapped(table, keys),
+        **layout.judged_json(tree),
     }
     if several:
         data |= {"holdout_starts": starts, "run_noises": table.run_noise}

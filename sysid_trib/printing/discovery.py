@@ -1,4 +1,4 @@
-"""A discovery: where the gap is, what closes it, what remains, and what could have been seen."""
+"""Blocks of a discovery: residuals, missing effects, detectable effects; and its plain data."""
 
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -12,24 +12,22 @@ from sysid_trib.forces.force import Force
 from sysid_trib.printing import ALWAYS, Block, Layer, discovery_tables as tables, layout
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
-from sysid_trib.records.decay import RECORD_PARTS
 from sysid_trib.results import effects
-from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import given_results, record_noise, residual_of
-from sysid_trib.validation.verdict import MARKED
+from sysid_trib.results.judged import LARGE, given_results, record_noise, residual_of
+from sysid_trib.results.variables import PARTS_OF_RECORD, record_groups, signal_units
 
 Item = TypeVar("Item")
 # Competing effects that are named, the most probable; a file has all. And pairs of them.
 COMPETING, COMPETING_PAIRS = 10, 3
 # Odds at which one of two is outside of their 95 % credible set.
 OUTSIDE_OF_SET = 19.0
-DIFFER, MISSING, REMAINS = "Where model and record disagree", "What is missing", "What remains"
-CANDIDATES, SHOWS = "Models and candidates", "What this record can show"
+DIFFER, MISSING, REMAINS = "Residual of the start model", "Missing effects", "Residual of the final model"
+CANDIDATES, SHOWS = "Models and candidates", "Detectable effects"
 PARTS_CAPTION = "Record minus model, by its parts"
 
 
 def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `discover`; `sources` say what each record is."""
+    """Return the blocks of a result of `discover`; `sources` describe the records."""
     (verdict, *sentences), details = verdict_sentences(tree), Layer.EXPLAIN
     remarks = [line for at, step in enumerate(effects.steps_taken(tree)) for line in _remarks(tree, at, step)]
     held = f"Effects in the order in which they were added; held out: {tree.attrs['held_out']}"
@@ -53,16 +51,16 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
 
 
 def _start(tree: xr.DataTree) -> Iterator[str]:
-    """What the start model leaves, and what that is made of."""
+    """Describe the residual of the start model and its parts."""
     residual, noise, units = residual_of(tree, "before"), record_noise(tree), signal_units(tree)
     model = f"start model ({', '.join(tree['before'].force.values.tolist())})"
     if np.isfinite(residual):
-        size = f"{tables.times_noise(residual / noise)} of {layout.in_small_units(noise, units)}"
-        yield f"The {model} leaves a gap of {layout.in_small_units(residual, units)} (RMS): {size}."
+        size = f"{tables.times_noise(residual / noise)} ({layout.in_small_units(noise, units)})"
+        yield f"The residual of the {model} is {layout.in_small_units(residual, units)} (RMS), {size}."
     else:
-        yield f"The motion of the {model} leaves the record."
+        yield f"The simulated motion of the {model} diverges from the record."
     whole = float(tree["holdout"].residual_noise)
-    if whole > MARKED * noise:
+    if whole > LARGE * noise:
         yield (
             "The sensor's noise is coloured: with its slow part it is "
             f"{layout.in_small_units(whole, units)} a sample, {tables.times_noise(whole / noise)}."
@@ -72,32 +70,33 @@ def _start(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
-    """What to mind of an effect: doubts, and what competes with it."""
+    """Describe doubts on an effect, and what competes with it."""
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     if not step.significant:
         yield f"In the final model, the coefficient of {symbol} is not significant."
     yield from step_heterogeneity_sentences(tree, at)
     if step.worsens_holdout.item():
         yield (
-            f"{symbol} is in the fit only: the model before it predicts what was held out better "
+            f"The model without {symbol} predicts the held-out part better "
             f"(z = {step.prediction_z.item():.2g})."
         )
     yield from _competing(tree, step)
     if pairs:
         more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
         odds = step.pair_odds.item()
+        how = "better than" if odds > OUTSIDE_OF_SET else "as well as"
+        named = f"{', '.join(pairs[:COMPETING_PAIRS])}{more}"
         yield (
-            f"Two together would do {'better' if odds > OUTSIDE_OF_SET else 'as well'} in the place of "
-            f"{symbol}: {', '.join(pairs[:COMPETING_PAIRS])}{more}; the first with odds of {odds:.2g} to it "
-            "if they were as likely before."
+            f"These pairs would explain the record {how} {symbol}: {named}; the odds of the first pair to "
+            f"{symbol} are {odds:.2g}, with equal prior probabilities."
         )
     if (probability := step.chance_probability.item()) > 0.0:
         yield (
-            "No force in its place, a random force taking the blame, has the probability "
-            f"{_probability(probability)}."
+            f"The probability of no force in place of {symbol}, with the residual attributed to a random "
+            f"force, is {_probability(probability)}."
         )
     if failed := effects.failed_competitors(step):
-        yield f"In place of {symbol} these were tried, but their fits failed: {', '.join(failed)}."
+        yield f"The fits of these alternatives to {symbol} failed: {', '.join(failed)}."
 
 
 def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
@@ -112,7 +111,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
     likely = ", ".join(f"{s} {_probability(p)}" for s, p in [*probabilities.items()][: COMPETING + 1])
     yield f"{symbol} cannot be separated from: {named}{more}."
     yield f"With equal prior probabilities: {likely}."
-    # Which forces no run separates, and the measurement that would separate the others.
+    # List the forces that no run separates, and the measurement that would separate the others.
     size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
     fitted = [step[name].to_series().dropna() for name in ("shape", "competing_shape") if name in step]
     shapes = {name: value for part in fitted for name, value in part.items()}
@@ -121,7 +120,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
     for group in groups:
         if len(group) > 1:
             names = " and ".join(force.symbol for force in group)
-            why = "averaged over a cycle, they do the same at every amplitude"
+            why = "their averages over a cycle are equal at every amplitude"
             yield f"No run of this kind separates {names}: {why}."
     if len(groups) > 1:
         yield remedy([group[0] for group in groups])
@@ -148,17 +147,17 @@ def remedy(tied: Sequence[Force]) -> str:
     """The measurement that would separate forces, by how they differ."""
     if len({force.kind == "sensor" for force in tied}) > 1:
         what = "Another inertia, or a second sensor,"
-        why = "an error of the sensor stays the same, a force changes"
+        why = "the error of the sensor stays the same, but the coefficient of a force changes"
     elif len({force.holds_time for force in tied}) > 1:
         what = "A second release at 0.6 of the amplitude"
-        why = "a drift depends on time, the others depend on amplitude"
+        why = "a drift depends on time, but the others on amplitude"
     elif len({force.memoryless for force in tied}) > 1:
-        what = "A low release at 0.2 of the amplitude, or another inertia,"
-        why = "a history-dependent force changes in another way"
+        what = "A release at 0.2 of the amplitude, or another inertia,"
+        why = "a history-dependent force changes differently"
     elif any(force.shape or force.character != "conservative" for force in tied):
-        what, why = "A low release at 0.2 of the amplitude", "there they differ most"
+        what, why = "A release at 0.2 of the amplitude", "they differ most there"
     else:
-        what, why = "A release at a larger amplitude", "there they differ most"
+        what, why = "A release at a larger amplitude", "they differ most there"
     return f"{what} would separate them: {why}."
 
 
@@ -187,7 +186,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     computed = {
         "disagreement": _spans(tree["discrepancy"].to_dataset()),
         "steps": [_step(tree, at, step) for at, step in enumerate(effects.steps_taken(tree))],
-        "converged": attrs["converged"] == "True",
+        "converged": bool(tree["converged"]),
         **{name: attrs.get(name) or None for name in ("closing_effect", "not_improving", "refused_by_laws")},
         "laws_held_out_rms": attrs.get("laws_held_out_rms", float("nan")),
         "noise_p_value": attrs.get("noise_p_value", np.nan),
@@ -198,14 +197,14 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         "not_testable": {symbol: reason for symbol, reason in reasons.items() if reason.item()},
         "options": json.loads(attrs["options"]),
     }
-    said = layout.records_json(tree) | layout.mapped(tree, "discover", computed)
+    said = layout.records_json(tree) | layout.mapped(tree, "discover", computed) | layout.judged_json(tree)
     if GROUP in tree.children:
         said["run_differences"] = layout.mapped(tree[GROUP].to_dataset(), "run_differences")
     return said
 
 
 def _spans(spans: xr.Dataset) -> dict[str, Any]:
-    """The gap by its spans."""
+    """The residual by its spans."""
     return layout.mapped(spans, "spans", {"parts": ", ".join(spans.attrs["parts"])})
 
 
@@ -226,7 +225,7 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
         "holdout_after": held[at + 1],
         "stands_in": step.stands_in,
         "parts": len(likeliest),
-        "likeliest_in": dict(zip(RECORD_PARTS, likeliest, strict=True)),
+        "likeliest_in": dict(zip(PARTS_OF_RECORD, likeliest, strict=True)),
         "indistinguishable_from": [
             {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
             for s, p in probabilities.items()

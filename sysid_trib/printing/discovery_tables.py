@@ -1,4 +1,4 @@
-"""What the blocks of a discovery share: the effects and candidates as tables, and the gap in words."""
+"""Common parts of the blocks of a discovery: tables of effects and candidates, and the residual in words."""
 
 from collections.abc import Iterator
 
@@ -6,13 +6,13 @@ import numpy as np
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.likelihood.random_force import DENSITY_UNITS
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.printing import layout
-from sysid_trib.records.decay import root_mean_square
-from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results import effects
+from sysid_trib.results.judged import record_noise, residual_of, residual_over_noise
+from sysid_trib.results.kinds import has_input
+from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.validation.findings import record_noise, residual_of, residual_over_noise
 
 # Candidates in the table: those of the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
@@ -22,8 +22,8 @@ RANKING = (
     "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested), and "
     "the coefficient of five standard errors, at the shapes and frequencies of the highest score"
 )
-UNKNOWN = "The gap does not follow the motion: it is vibration from outside, or noise of another kind."
-# Places that a sentence names; a gap that is everywhere needs none.
+UNKNOWN = "The residual does not follow the motion: it is external vibration, or noise of another kind."
+# Places that a sentence names; a residual that is everywhere needs none.
 WHERE = {
     "large amplitude": ", mostly at large amplitude",
     "small amplitude": ", mostly at small amplitude",
@@ -31,13 +31,13 @@ WHERE = {
 }
 CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
 EVEN, TILTED = "even", "one-sided dissipative"
-SENSOR_CURVE = "an even force is missing, or the sensor is not linear"
-# What the omnibus test's types of force mean, alone and together.
+SENSOR_CURVE = "an even force is missing, or the sensor is nonlinear"
+# Meanings of the types of force in the omnibus test, alone and together.
 MEANINGS = {
     frozenset({CONSERVATIVE}): "a conservative force is missing, or the clock is wrong",
     frozenset({DISSIPATIVE}): "a dissipative force is missing",
     frozenset({EVEN}): SENSOR_CURVE,
-    frozenset({TILTED}): "friction that differs from side to side is missing, or the sensor is not linear",
+    frozenset({TILTED}): "friction that differs between the sides is missing, or the sensor is nonlinear",
     frozenset({CONSERVATIVE, DISSIPATIVE}): "forces of both types are missing, or a history-dependent one",
     frozenset({EVEN, TILTED}): SENSOR_CURVE,
 }
@@ -76,7 +76,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
 
 
 def _to(values: list[float], unit: float = 1.0) -> str:
-    """From a value before a step to that after it; a model that diverges has none."""
+    """Join values before and after a step; a model that diverges has none."""
     return " to ".join(f"{value / unit:.3g}" if np.isfinite(value) else "-" for value in values)
 
 
@@ -125,18 +125,18 @@ def ranking_table(tree: xr.DataTree) -> Table:
 
 
 def residual_text(tree: xr.DataTree) -> str:
-    """How large the gap of the final model is; one that diverges has none."""
+    """Describe the size of the residual of the final model; one that diverges has none."""
     ratio = residual_over_noise(tree, "after")
     if not np.isfinite(ratio):
-        return "the motion of the model leaves the record"
+        return "the simulated motion diverges from the record"
     runs = [tree[name].to_dataset() for name in record_groups(tree)]
-    if not any(map(inputs_of, runs)):
-        return f"the gap is {times_noise(ratio)}"
-    # No spline tells the noise of a driven motion: whether the gap is more, its colour says.
+    if not any(map(has_input, runs)):
+        return f"the residual is {times_noise(ratio)}"
+    # No spline tells the noise of a driven motion: whether the residual is more, its colour says.
     part = residual_of(tree, "after") / root_mean_square([float(run.angle.std()) for run in runs])
     p_value, level = float(tree.attrs["noise_p_value"]), tree["ranking"].significance_level.item()
     colour = "" if np.isnan(p_value) else ", and white" if p_value >= level else ", and not white"
-    return f"the gap is {100.0 * part:.2g} % of the motion (RMS){colour}"
+    return f"the residual is {100.0 * part:.2g} % of the motion (RMS){colour}"
 
 
 def times_noise(ratio: float) -> str:
@@ -145,19 +145,20 @@ def times_noise(ratio: float) -> str:
 
 
 def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
-    """From when on model and record differ, and what the gap is made of."""
+    """Describe when model and record begin to differ, and the parts of the residual."""
     spans = tree[group].to_dataset()
     start, run, groups = spans.departure_time.item(), spans.departure_run.item(), record_groups(tree)
     departs, parts = np.isfinite(start), list(spans.attrs["parts"])
     if departs:
         where = f" of run {run + 1}" if len(groups) > 1 else ""
         first = start <= float(tree[groups[run]].time.values[0])
-        yield f"The gap exceeds the noise from {'the first sample' if first else f'{start:.3g} s'}{where} on."
+        begin = "the first sample" if first else f"{start:.3g} s"
+        yield f"The residual exceeds the noise from {begin}{where} on."
     else:
-        yield "At no time does the gap by itself exceed the noise."
+        yield "The residual never exceeds the noise significantly."
     if parts:
         most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
-        yield f"Most of the gap is in the {most}{WHERE.get(spans.attrs['where'], '')}."
+        yield f"Most of the residual is an error of {most}{WHERE.get(spans.attrs['where'], '')}."
     elif departs:
         # Larger than the noise, but in no part that goes with the motion.
         yield UNKNOWN
@@ -195,7 +196,7 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
 def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
     """The type of force that scores highest in the omnibus test, and what it means.
 
-    Nothing if the test does not reject, or no part of the gap goes with the motion.
+    Nothing if the test does not reject, or no part of the residual goes with the motion.
 
     Parameters
     ----------
@@ -206,8 +207,8 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
 
     Notes
     -----
-    A fit trades phase for amplitude where the frequency depends on amplitude, so that the gap itself does not
-    show the type. Scores do: what the model's parameters can do is projected out of them.
+    A fit trades phase for amplitude where the frequency depends on amplitude, so that the residual itself
+    does not show the type. Scores do: what the model's parameters can do is projected out of them.
     """
     omnibus = tree["omnibus"].to_dataset().isel(selection_step=-1 if group.endswith("after") else 0)
     if len(tree[group].attrs["parts"]) and omnibus.significant:
@@ -215,7 +216,7 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
         scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
         near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
         meaning = MEANINGS.get(near, "forces of several types would explain it")
-        yield f"By the omnibus test (largest |z|: {scores}), {meaning}."
+        yield f"According to the omnibus test (largest |z|: {scores}), {meaning}."
 
 
 def _sort_of(name: str) -> str:

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array
 from sysid_trib.printing import discovery_tables as tables, layout, verdict
 from sysid_trib.printing.equation import equation_text
-from sysid_trib.records.decay import RECORD_PARTS
-from sysid_trib.records.inputs import inputs_of
+from sysid_trib.results import judged
 from sysid_trib.results.effects import (
     PAIRS,
     added_effects,
@@ -18,19 +18,25 @@ from sysid_trib.results.effects import (
     misnamed_effects,
     steps_taken,
 )
-from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.findings import held_out_excess, record_noise
+from sysid_trib.results.judged import held_out_excess, record_noise
+from sysid_trib.results.kinds import has_input
+from sysid_trib.results.variables import PARTS_OF_RECORD, record_groups, signal_units
 
+# By the verdict of the judge, of a search that found nothing more.
+UNEXPLAINED_WORDS = {
+    "approximate": "The model is approximate",
+    "not explained": "The model does not explain the record",
+}
 # Forces of the omnibus test, and candidates, that are named where they stand out.
 MOST_NAMED = 3
 UNDECIDED = (
-    "The record decides nothing: no coefficient of the model differs from zero, and no candidate stands out. "
-    "A longer motion, from a larger amplitude, would."
+    "The record does not determine the forces: no coefficient of the model differs from zero, and no "
+    "candidate is significant. A longer motion from a larger amplitude would help."
 )
-# Noise levels above which a gap is shown.
+# Noise levels above which a residual is shown.
 SHOWN_RATIO = 2.0
-UNSEEN = "An effect that is weaker than its detectable coefficient may be present and unseen."
-IMITATED = "a force that is no candidate may be imitated"
+UNSEEN = "An effect weaker than its detectable coefficient may still be present."
+IMITATED = "the model may imitate a force that is not among the candidates"
 
 
 def verdict_sentences(tree: xr.DataTree) -> list[str]:
@@ -44,11 +50,12 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 
 
 def _closed(tree: xr.DataTree) -> Iterator[str]:
-    """Nothing more stands out of the residual."""
+    """Nothing more is significant in the residual; the first word is the judge's."""
     effects = " and ".join(map(tables.effect_with_ties, steps_taken(tree)))
     after, residual, ratio = tree["after"].to_dataset(), tables.residual_text(tree), held_out_excess(tree)
-    held = f"{tables.times_noise(ratio)} of what was held out ({tree.attrs['held_out']})" if ratio else ""
-    unpredicted = f" But it leaves {held}." if held else ""
+    held = f"{tables.times_noise(ratio)} on the held-out part ({tree.attrs['held_out']})" if ratio else ""
+    unpredicted = f" But the residual is {held}." if held else ""
+    word = judged.verdict_of(tree)
     if not determines(after):
         yield UNDECIDED
         yield UNSEEN
@@ -56,74 +63,79 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
         most = tree.attrs["max_effects"]
         asked = f"{most} effect{'s were' if most > 1 else ' was'} asked for (--max-effects)"
         yield (
-            f"Explained but for the limit that ended the search: with {effects} {residual}; with {closing} "
-            f"it would close, but no more than {asked}.{unpredicted}"
+            f"Explained except for one effect: with {effects} {residual}. With {closing} the residual would "
+            f"be noise, but no more than {asked}.{unpredicted}"
         )
     else:
         level, ranking = tree["ranking"].significance_level.item(), _last(tree, "ranking")
         stochastic = float(np.min(after.random_force_p_value)) < level
         headline = f"Explained: with {effects}" if effects else "No missing effect was found:"
-        candidates = f"the {'other ' if effects else ''}candidates or by " * (not ranking.significant.any())
+        if judged.is_unexplained(tree):
+            what = f"with {effects}" if effects else "no missing effect was found;"
+            headline = f"{UNEXPLAINED_WORDS[word]}: {what}"
+        tests = "neither the candidates nor the omnibus test finds" * (not ranking.significant.any())
+        tests = tests or "the omnibus test does not find"
         yield (
-            f"{headline} {residual}{', as a random force leaves it' * stochastic}.{unpredicted} No further "
-            f"departure was found by {candidates}the omnibus test (significance level {level:.2g})."
+            f"{headline} {residual}{', as a random force leaves it' * stochastic}.{unpredicted} "
+            f"{tests.capitalize()} a further effect (significance level {level:.2g})."
         )
         yield UNSEEN
         yield from _high_but_not_significant(ranking)
 
 
 def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
-    """What remains was not named, or was named by effects that may imitate another."""
+    """Describe a residual without a name, or with names that may imitate another effect."""
     residual, omnibus, added = tables.residual_text(tree), _last(tree, "omnibus"), added_effects(tree)
     imitating, refuted = _marked(tree, "collinear"), _marked(tree, "worsens_holdout")
     nothing, names = f"Unknown effect: {residual}, but", f"with {' and '.join(added)} " if added else ""
     several, level = len(imitating) > 1, tree["ranking"].significance_level.item()
     imitation = (
-        f"{' and '.join(imitating)} nearly cancel{'' if several else 's'} other forces of the model: "
-        f"{'they' if several else 'it'} may imitate a force that is no candidate."
+        f"{' and '.join(imitating)} nearly cancel{'' if several else 's'} other forces of the model and may "
+        "imitate a force that is not among the candidates."
     )
     if refused := tree.attrs.get("refused_by_laws"):
         yield (
-            f"Unknown effect: {residual}. The names {refused} predict the held-out part worse than smooth "
-            "laws of friction and restoring force, which need no name: they were not added."
+            f"Unknown effect: {residual}. The effects {refused} predict the held-out part worse than smooth "
+            "laws of friction and restoring force. They were not added."
         )
         yield from _unexplained(tree)
     elif misnamed := misnamed_effects(tree):
         known = " and ".join(f"{symbol} {value:g}" for symbol, value in misnamed.items())
-        yield f"{nothing} the coefficient is not the one that physics knows ({known}): {IMITATED}."
+        yield f"{nothing} the coefficient differs from its physical value ({known}): {IMITATED}."
         yield from _unexplained(tree)
     elif omnibus.significant:
         yield from _not_explained(tree, residual)
         if imitating:
-            yield f"Of the effects that were added, {imitation}"
+            yield f"Among the added effects, {imitation}"
         yield (
-            f"The omnibus test rejects that nothing is missing (p "
+            f"The omnibus test shows that an effect is missing (p "
             f"{layout.p_value_text(omnibus.p_value.item())}). Its highest scores, by amplitude r and phase "
-            f"phi: {_highest(omnibus.z)}. What is missing moves coefficients too: errors are widened by the "
-            f"RMS of these scores, {error_widening(tree):.3g}."
+            f"phi: {_highest(omnibus.z)}. The missing effect also biases the coefficients: standard errors "
+            f"are multiplied by the RMS of these scores, {error_widening(tree):.3g}."
         )
     elif imitating:
         yield f"{nothing} {imitation}"
     elif refuted and not _last(tree, "ranking").significant.any():
-        better = f"the model before {refuted[0]} was added predicts what was held out better"
+        better = f"the model without {refuted[0]} predicts the held-out part better"
         yield f"{nothing} {better}: {IMITATED}."
-    elif tree.attrs["converged"] != "True":
-        rivals = "all that may stand in their place were" if added else "all candidates were"
-        yield f"Unknown effect: {names}{residual}, but not {rivals} compared."
+    elif not tree["converged"]:
+        rivals = "alternatives to these effects" if added else "candidates"
+        yield f"Unknown effect: {names}{residual}, but not all {rivals} were compared."
     # The final model leaves more than noise of the sensor and a random force without cause.
     elif float(tree.attrs.get("noise_p_value", 1.0)) < level:
-        driven = inputs_of(tree[record_groups(tree)[0]].to_dataset())
-        why = "and no random force leaves it so: what is left goes with angle, speed or time"
-        why = "as forces leave it that are missing, or coloured noise of the sensor" if driven else why
-        yield f"Unknown effect: {names}{residual}, {why}."
+        driven = has_input(tree[record_groups(tree)[0]].to_dataset())
+        why = "The residual depends on angle, speed or time, so it is not a random force"
+        why = "A force is missing, or the sensor's noise is coloured" if driven else why
+        yield f"Unknown effect: {names}{residual}. {why}."
         yield from _unexplained(tree)
     else:
         yield from _not_explained(tree, residual)
 
 
 def _not_explained(tree: xr.DataTree, residual: str) -> Iterator[str]:
-    named = "the named effects do" if added_effects(tree) else "the model does"
-    yield f"Unknown effect: {named} not explain the record; {residual}."
+    named = f"with {' and '.join(added)} " if (added := added_effects(tree)) else ""
+    how = "is approximate" if judged.verdict_of(tree) == "approximate" else "does not explain the record"
+    yield f"Unknown effect: {named}the model {how}; {residual}."
     yield from tables.force_type_sentences(tree, "discrepancy_after")
     yield from _unexplained(tree)
 
@@ -144,12 +156,12 @@ def _high_but_not_significant(last: xr.Dataset) -> Iterator[str]:
     high = last.isel(candidate=(abs(last.z.values) > limit) & ~last.significant.values)
     if high.sizes["candidate"]:
         named = ", ".join(f"{symbol} ({abs(z):.3g})" for symbol, z in high.z.to_series().items())
-        why = "many frequencies were tried, or few swings tell how strong a random force is there"
+        why = "many frequencies were tried, or few swings determine the random force there"
         yield f"Above the threshold of {limit:.3g}, but not significant ({why}): {named}."
 
 
 def _unexplained(tree: xr.DataTree) -> Iterator[str]:
-    """At which amplitudes, and by the force map where in a cycle, what no candidate explains is largest."""
+    """Describe at which amplitudes, and where in a cycle, the unexplained residual is largest."""
     after, units = tree["discrepancy_after"].to_dataset(), signal_units(tree)
     ratio, amplitude = after.rms.values / record_noise(tree), after.amplitude.values
     high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
@@ -160,14 +172,19 @@ def _unexplained(tree: xr.DataTree) -> Iterator[str]:
     if len(cells):
         x, v = cells.abs().idxmax()
         where = (
-            f" The force that is missing stands out most near x = {x:.2g}, v = {v:.2g} {units}: "
+            f" The missing force is most significant near x = {x:.2g}, v = {v:.2g} {units}, where it is "
             f"{after.force.sel(x=x, v=v).item():.2g} {units} times I w^2."
         )
     yield (
-        f"What no candidate explains is more than {SHOWN_RATIO:g} times the noise at amplitudes of "
-        f"{amplitude[high].min():.3g} to {amplitude[high].max():.3g} {units}, and most at "
-        f"{amplitude[most]:.3g} {units}, {ratio[most]:.3g} times.{where}"
+        f"No candidate explains the residual {_between(amplitude[high], units)}; it is largest at "
+        f"{amplitude[most]:.3g} {units}, {ratio[most]:.3g} times the noise.{where}"
     )
+
+
+def _between(amplitude: Array, units: str) -> str:
+    """Return the range of amplitudes in words."""
+    low, high = (f"{end(amplitude):.3g}" for end in (np.min, np.max))
+    return f"at {low} {units}" if low == high else f"between {low} and {high} {units}"
 
 
 def _highest(z: xr.DataArray) -> str:
@@ -177,9 +194,9 @@ def _highest(z: xr.DataArray) -> str:
 
 
 def _search(tree: xr.DataTree) -> Iterator[str]:
-    """How the search ended, candidates that stand out at its end, and in how many parts each name stands."""
+    """Describe the end of the search, remaining candidates, and the parts in which each name remains."""
     attrs, last, stands = tree.attrs, _last(tree, "ranking"), list[str]()
-    converged, limit, most = attrs["converged"] == "True", attrs["out_of_time"], attrs["max_effects"]
+    converged, limit, most = bool(tree["converged"]), attrs["out_of_time"], attrs["max_effects"]
     if not converged:
         why = f"at its time limit of {limit}" if limit else "after as many fits as its settings allow"
         yield f"The search ended {why}, before it had converged."
@@ -190,21 +207,21 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
             if tree["steps"].attrs["count"] >= most
             else "the search ended before they were fitted"
             if not converged
-            else f"{refused} is the likeliest, but in the model it does not improve what was held out"
+            else f"the best of them, {refused}, does not improve the held-out prediction and was not added"
             if refused
-            else "fitted in full, none reduces the gap as its score promises"
+            else "fitted in full, none reduces the residual as expected from its score"
         )
         strong = _highest(last.isel(candidate=last.significant.values).z)
-        yield f"By their scores, these candidates stand out: {strong}; {reason}."
+        yield f"Candidates with significant scores: {strong}; {reason}."
     for step in steps_taken(tree):
         symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.item().split(PAIRS))
         del others[symbol]
-        likelier = ", ".join(f"{name or 'no force'} is likelier in {count}" for name, count in others.items())
-        stands.append(f"{symbol} in {step.stands_in.item()} of {len(RECORD_PARTS)}")
+        likelier = ", ".join(f"{name or 'no force'} more likely in {count}" for name, count in others.items())
+        stands.append(f"{symbol} in {step.stands_in.item()} of {len(PARTS_OF_RECORD)}")
         stands[-1] += f" ({likelier})" if likelier else ""
     if stands:
-        parts = ", ".join(RECORD_PARTS)
-        yield f"Looked at again on parts of the record ({parts}), these names stand: {'; '.join(stands)}."
+        parts = ", ".join(PARTS_OF_RECORD)
+        yield f"Most likely effect when fitted to parts of the record ({parts}): {'; '.join(stands)}."
 
 
 def _model(tree: xr.DataTree) -> Iterator[str]:
@@ -215,6 +232,6 @@ def _model(tree: xr.DataTree) -> Iterator[str]:
         f", {symbol} = {layout.coefficient_text(f)}" for symbol, f in layout.by_label(own, "force").items()
     ]
     w = layout.quantity(after, "reference_frequency", " rad/s")
-    yield f"The model has {'besides ' if effects else ''}w = {w}{''.join(values)}."
+    yield f"{'Other parameters' if effects else 'Parameters'} of the model: w = {w}{''.join(values)}."
     yield from verdict.constraint_sentences([after])
     yield f"Equation: {equation_text(after)}."

@@ -11,29 +11,29 @@ from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
-from sysid_trib.records.constants import constants_of
-from sysid_trib.results.schema import library_of
+from sysid_trib.records.inputs import constants_of
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
-    "Errors: where what is left is white, by its size; with a random force that explains the record, by both "
-    "noises, and by how far the coefficient of an input is too small if that force is noise of the measured "
-    "input; else by blocks of the record (trajectory) or by rows two periods apart (direct), and by the "
-    "distance to the fit with a random force. Differences are over the larger error of both."
+    "Standard errors: of a white residual, from its size; with a random force that explains the record, from "
+    "both noises, and from the bias of the input coefficient if that force is noise of the measured input; "
+    "otherwise from blocks of the record (trajectory) or rows two periods apart (direct), and from the "
+    "distance to the fit with a random force. Differences are divided by the larger error of both."
 )
 DRIVEN_VERDICTS = {
-    "explained": "The record is explained: what its motion leaves is white.",
+    "explained": "The model explains the record: the residual is white.",
     "explained with a random force": (
-        "The record is explained with a random force, as noise of the measured input is one: what is "
-        "predicted wrongly one sample ahead is white. Its free motion leaves {} (RMS)."
+        "The model explains the record with a random force, such as noise of the measured input: the "
+        "one-step prediction errors are white. The residual of the free motion is {} (RMS)."
     ),
-    "approximate": "The model follows the record to {} (RMS); more than noise is left.",
-    "not explained": "The model does not explain the record: its motion leaves {} (RMS).",
+    "approximate": "The model is approximate: the residual is {} (RMS), which is more than noise.",
+    "not explained": "The model does not explain the record: the residual is {} (RMS).",
 }
 # A coefficient of less than so many of its errors may be zero.
 SIGNIFICANT = 2.0
-BEYOND = "Beyond the amplitudes of the record the forces may have another form."
+BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion here: friction holds it, or it grows."
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
 PRINTED = 4
@@ -41,34 +41,34 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """What is said of an identification with inputs, in its order; `record` says what was read."""
-    compared, unit = tree["comparison"].to_dataset(), signal_units(tree)
-    answer = compared.attrs["answer"]
+    """Return the blocks of an identification with inputs; `record` describes what was read."""
+    compared, unit = tree["judged"].to_dataset(), signal_units(tree)
+    answer = compared.attrs["preferred"]
     best = compared.sel(model=answer)
     remains = f"{best.residual_rms.item():.3g} {unit}, {100.0 * best.residual_over_motion.item():.2g} %"
-    first = DRIVEN_VERDICTS[compared.attrs["verdict_on_record"]].format(remains)
+    first = DRIVEN_VERDICTS[compared.attrs["verdict"]].format(remains)
     results = {name: tree[name].to_dataset() for name in compared.model.values.tolist()}
     others = [name for name in results if name != answer]
-    why = f"whose motion leaves less than that of {others[0]}" if others else ""
-    if others and compared.attrs["verdict_on_record"] == "explained with a random force":
-        why = "which needs no free motion that follows the record"
+    why = f"its residual is smaller than that of {others[0]}" if others else ""
+    if others and compared.attrs["verdict"] == "explained with a random force":
+        why = "it does not need a free motion that follows the record"
     own = results[answer].attrs.get("compared_in", "")
     if own and not others:
-        why = f"which compares the {own} itself"
-    why = why or "since no motion by the other method follows the record"
+        why = f"it is fitted to the {own} itself"
+    why = why or "the motion of the other method does not follow the record"
     # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
-    tested = dict(compared.z.to_series()) if "z" in compared else {}
+    tested = dict(tree["agreement"].z.to_series()) if "agreement" in tree.children else {}
     z = {label: value if value else np.nan for label, value in tested.items()}
     for name in layout.FREQUENCY_ROWS:
         z[name.replace("_", " ")] = z.get(name, np.nan) if fitted else np.nan
     sizes = {name: f"{compared.residual_rms.sel(model=name).item():.3g}" for name in results}
     over = ("", " over w", " over w^2")[int(tree[record_groups(tree)[0]].attrs.get("integrations", 0))]
     compared_with = f"RMS of {own}{over} minus motion" if own else "RMS of record minus motion"
-    what = {"force": f"left ({unit})", "formula": compared_with}
+    what = {"force": f"residual ({unit})", "formula": compared_with}
     table = layout.coefficient_table(results, z, [what | sizes])
     return [
-        Block([first, f"The answer is {answer}'s, {why}.", *_negative_damping(results[answer])], ALWAYS),
+        Block([first, f"Preferred method: {answer} ({why}).", *_negative_damping(results[answer])], ALWAYS),
         Block(_not_separated(tree), ALWAYS),
         Block(record),
         _constants_block(tree),
@@ -90,11 +90,11 @@ def _negative_damping(result: xr.Dataset) -> Iterator[str]:
             continue
         said = f"The damping is negative: {symbol} = {layout.value_with_error(value, error)}"
         if value > -SIGNIFICANT * error:
-            yield f"{said}, by no more than its error; --bound {symbol}=0: excludes it."
+            yield f"{said}, but not significantly; --bound {symbol}=0: excludes it."
         else:
             yield (
-                f"{said}, as if the motion gained energy. Look whether the input is late or early "
-                f"(offer gain_delay), whether a friction is missing, or exclude it: --bound {symbol}=0:."
+                f"{said}, as if the motion gained energy. Check whether the input is delayed (offer "
+                f"gain_delay) or friction is missing, or exclude it: --bound {symbol}=0:."
             )
 
 
@@ -141,32 +141,33 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     """A driven result as plain data."""
-    compared = tree["comparison"].to_dataset()
-    scaled = per_input(tree[compared.attrs["answer"]].to_dataset())
+    compared = tree["judged"].to_dataset()
+    scaled = per_input(tree[compared.attrs["preferred"]].to_dataset())
     return {
-        **{name: compared.attrs[name] for name in ("answer", "verdict_on_record")},
+        "verdict": compared.attrs["verdict"],
+        "answer": compared.attrs["preferred"],
         "methods": {
-            name: layout.mapped(tree[name].to_dataset(), "driven") | layout.mapped(row, "driven_motion")
-            for name, row in layout.by_label(compared, "model").items()
+            name: layout.mapped(tree[name].to_dataset(), "driven") for name in compared.model.values.tolist()
         },
+        **layout.judged_json(tree),
         "per_input": {} if scaled is None else layout.mapped(scaled, "per_input"),
     }
 
 
 def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
-    """How near a free run comes to each record, its start fitted there (see `predict`)."""
+    """Return the residuals of predicted records, whose starts are fitted (see `predict`)."""
     sentences = []
     for record in predicted:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
         start = f"fitted to its first {warm_up:g} s, which do not count" if warm_up else "fitted to all of it"
         start = "as measured" if record.attrs.get("starts") == "measured" else start
         sentences.append(
-            f"Predicted: {record.attrs.get('source', 'record')}, its start {start}: "
-            f"{record.residual_rms.item():.3g} {unit} are left (RMS), "
+            f"Prediction of {record.attrs.get('source', 'record')}, its start {start}: residual "
+            f"{record.residual_rms.item():.3g} {unit} (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
         if terms := record.attrs.get(REFITTED_SENSORS):
-            sentences.append(f"The errors of its sensor ({terms}) are its own: they were fitted to it too.")
+            sentences.append(f"The errors of its sensor ({terms}) were fitted to this record too.")
         if note := record.attrs.get("note"):
             sentences.append(f"{note}.")
     return Block(sentences, ALWAYS)
@@ -183,7 +184,7 @@ def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
 
 
 def response_blocks(response: xr.Dataset) -> Iterator[Block]:
-    """What the command `response` prints of a result of `forced_response`."""
+    """Return the blocks of the command `response`."""
     rows = []
     for sweep, curve in layout.by_label(response, "sweep").items():
         motions = curve.dropna("frequency", subset=["amplitude"])
@@ -227,22 +228,23 @@ MOST_RUNS, DURATION = 8, "duration (s)"
 
 
 def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
-    """What is said of runs that may be made next; `stated` is the identification that is known."""
+    """Return the blocks of a plan of runs; `stated` is the known identification."""
     rows = _rows(data, stated)
     said = [*_next_run(data, stated, data.sizes["run"] - len(rows))]
     return [Block(said, ALWAYS), Block((), ALWAYS, table=layout.text_table(rows[:MOST_RUNS]))]
 
 
 def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]:
-    """The best run, what it is expected to tell, and how many are left out that tell as much as others."""
+    """Describe the best run, its expected information, and the number of equivalent runs left out."""
     best, unit, repeats = data.isel(run=0), data.amplitude.attrs["units"], int(data.attrs["repeats"])
     run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""
     models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
     if len(models) > 1:
         yield (
-            f"{run}: of {', '.join(models[:-1])} and {models[-1]} the right one will have odds of "
-            f"{data.attrs['odds']:g} to 1 against each other with probability {best.probability.item():.2f}."
+            f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
+            f"{data.attrs['odds']:g} to 1 against each other model with probability "
+            f"{best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
         parts = [
@@ -250,17 +252,17 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
             f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
             for symbol in [*wanted] or data.force.values.tolist()
         ]
-        yield f"{run}: {', '.join(parts)}, by all records together."
+        yield f"{run}: {', '.join(parts)}, from all records together."
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
-        yield f"In these is the error of what the model lacks, which no further run takes away: {listed}."
+        yield f"The model error ({listed}) is included; more data cannot reduce it."
     if wanted and not best.meets.item():
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Left out: {runs} longer than another that tells as much, by the digits shown."
+        yield f"Not shown: {runs} longer than another with the same numbers."
 
 
 def _size(run: xr.Dataset) -> str:
@@ -269,7 +271,7 @@ def _size(run: xr.Dataset) -> str:
 
 
 def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
-    """What is printed of each run: release, duration, and what it tells."""
+    """Return the table rows of runs: release, duration, and expected information."""
     release, several, rows = f"release ({data.amplitude.attrs['units']})", len(data.attrs["models"]) > 1, []
     units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
     heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
@@ -279,7 +281,7 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
         errors = (f"{error:.2g}" for error in run.standard_error.values)
         rows.append(row | dict(zip(heads, errors, strict=True)))
-    # Of runs that are said to tell as much the shorter one comes first.
+    # Of runs with the same numbers keep the shorter one, which comes first.
     table = pd.DataFrame(rows)
     return list(table.drop_duplicates(table.columns.drop([release, DURATION])).to_dict("records"))
 

@@ -12,10 +12,9 @@ import xarray as xr
 from sysid_trib._version import __version__
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.notation import symbol_latex
-from sysid_trib.physics.si_units import GIVEN, MU, si_of
 from sysid_trib.printing import equation, layout, verdict
-from sysid_trib.results import files, schema, variables
-from sysid_trib.validation import findings
+from sysid_trib.results import judged, kinds, schema, variables
+from sysid_trib.results.kinds import GIVEN, MU, si_of
 
 # Columns of the LaTeX table, beside the methods: what stands in the column `method` of the other one.
 SI_COLUMN, DIFFERENCE_ROWS, RECORD_ROWS = "SI units", "first minus second", "record"
@@ -25,7 +24,7 @@ LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
 LATEX_ESCAPES |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim "}
 LATEX_TEXT = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 FREQUENCIES_LATEX = {"reference_frequency": r"\omega", "asymptotic_frequency": r"\omega_\infty"}
-# What each method is, in the words of a methods section.
+# Description of each method for a methods section.
 IN_WORDS = {
     "direct": (
         "regression of the equation of motion in weak form with refined instrumental variables"
@@ -50,28 +49,28 @@ def forces_latex(library: ForceLibrary) -> str:
 
 
 def about_the_record(tree: xr.DataTree) -> dict[str, str]:
-    """What a table carries of its record and of the verdict on it, by name."""
+    """Return the facts on the record and the verdict for a table, by name."""
     records = [tree[group] for group in variables.record_groups(tree)]
     windows = [f"{float(r.time.values[0]):.6g} to {float(r.time.values[-1]):.6g} s" for r in records]
     samples = [str(record.sizes["time"]) for record in records]
     details = {"window": ", ".join(windows), "samples": ", ".join(samples)}
     details["units"] = variables.signal_units(tree)
-    kind = files.kind_of(tree)
+    kind = kinds.kind_of(tree)
     if kind == "difference":
         return {"verdict": str(tree.attrs["verdict"])} | details
-    details["noise"] = f"{findings.record_noise(tree):.2g} {details['units']}"
+    details["noise"] = f"{judged.record_noise(tree):.2g} {details['units']}"
     if kind == "compare":
         best = str(tree["comparison"].attrs["best"])
-        rows = tree["comparison"].to_dataset().sel({"method": best})
+        rows = judged.comparison_of(tree).sel(model=best)
         parts = {"residual": rows.residual_over_noise, "residual held out": rows.holdout_over_noise}
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written
     if kind == "discover":
         said, model = {"verdict": str(tree.attrs["verdict"])}, "after"
     else:
-        model = findings.answer_of(tree)
-        said = {"verdict": findings.verdict_of(tree), "answer": model}
-    ratio = findings.residual_over_noise(tree, model)
+        model = judged.preferred_of(tree)
+        said = {"verdict": judged.verdict_of(tree), "answer": model}
+    ratio = judged.residual_over_noise(tree, model)
     residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
     return said | details | {"residual": residual}
 
@@ -85,8 +84,8 @@ def csv_text(tree: xr.DataTree) -> str:
 
 def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """Quantities by each method, in SI units with what these were made with, and differences of samples."""
-    for method, result in findings.given_results(tree).items():
-        yield from ({"method": method} | row for row in layout.quantities(findings.with_error_parts(result)))
+    for method, result in judged.given_results(tree).items():
+        yield from ({"method": method} | row for row in layout.quantities(judged.with_error_parts(result)))
     if (values := si_of(tree)) is not None:
         words = {"method": f"{values.attrs['of_method']} in {SI_COLUMN}"}
         for symbol, force in layout.by_label(values, "force").items():
@@ -96,7 +95,7 @@ def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
                 yield own | _number(force, MU) | {"name": MU.replace("_", " "), "unit": "1"}
         for name in (name for name in GIVEN if name in values):
             yield words | {"quantity": name, "unit": values[name].attrs["units"]} | _number(values, name)
-    if files.kind_of(tree) == "difference":
+    if kinds.kind_of(tree) == "difference":
         for symbol, row in layout.by_label(tree.to_dataset(), "force").items():
             tested = {name: row[name].item() for name in ("standard_error", "z", "p_value")}
             yield {"method": DIFFERENCE_ROWS, "quantity": symbol, "value": row.difference.item()} | tested
@@ -108,7 +107,7 @@ def _number(data: xr.Dataset, name: str) -> dict[str, float]:
 
 def latex_text(tree: xr.DataTree) -> str:
     r"""A table (`booktabs`) of all coefficients with errors, and the equation of the main identification."""
-    named = findings.given_results(tree)
+    named = judged.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
     # In the order of the methods, whichever forces they hold.
@@ -133,14 +132,14 @@ def latex_text(tree: xr.DataTree) -> str:
     tabular = table.to_latex(column_format=f"l{'c' * table.shape[1]}").rstrip()
     caption = rf"\caption{{{_caption(tree, named)}}}"
     lines = [r"\begin{table}", r"\centering", caption, tabular, r"\end{table}"]
-    if files.kind_of(tree) != "difference":
-        main = findings.main_result(tree)
+    if kinds.kind_of(tree) != "difference":
+        main = judged.main_result(tree)
         lines += ["", "% no method gave a model" if main is None else equation.equation_latex(main)]
     return "\n".join([*lines, ""])
 
 
 def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
-    """What the table of a result holds, of which record, and how far it is explained."""
+    """Describe the contents of the table of a result, its record, and the verdict."""
     details = "; ".join(f"{name}: {text}" for name, text in about_the_record(tree).items())
     by = " and ".join(", ".join(named).rsplit(", ", 1)).replace("_", " ")
     refers = "".join(verdict.reference_sentence(result) for result in list(named.values())[-1:])
@@ -178,7 +177,7 @@ def unit_in_latex(unit: str) -> str:
 
 def methods_text(tree: xr.DataTree) -> str:
     """A paragraph in LaTeX on a result of `identify`, and the equation of its answer."""
-    main = findings.main_result(tree)
+    main = judged.main_result(tree)
     records = [tree[group] for group in variables.record_groups(tree)]
     values: dict[str, Any] = {
         "several": len(records) > 1,
@@ -188,18 +187,18 @@ def methods_text(tree: xr.DataTree) -> str:
         "version": __version__,
     }
     if main is not None:
-        method, ratio = main.attrs["method"], findings.residual_over_noise(tree, main.attrs["method"])
-        others = [name for name in findings.kept_results(tree) if name != method]
-        if others and "z" in tree["comparison"]:
+        method, ratio = main.attrs["method"], judged.residual_over_noise(tree, main.attrs["method"])
+        others = [name for name in judged.kept_results(tree) if name != method]
+        if others and "agreement" in tree.children:
             values["other"] = IN_WORDS.get(others[0], others[0])
-            values["largest"] = float(np.nanmax(np.abs(tree["comparison"].z.values)))
+            values["largest"] = float(np.nanmax(np.abs(tree["agreement"].z.values)))
         names = (force.name for force in schema.library_of(main))
         values |= {
             # A library is its user's: no letter of a name is a command.
             "forces": ", ".join(re.sub(r"[^\w ,().-]", " ", name) for name in names),
             "by": IN_WORDS.get(method, method),
             "left": f"{ratio:.3g}" if np.isfinite(ratio) else "",
-            "noise": equation.power_of_ten(f"{findings.record_noise(tree):.2g}"),
+            "noise": equation.power_of_ten(f"{judged.record_noise(tree):.2g}"),
             "unit": variables.signal_units(tree),
             "of_model": "error_of_model" in main,
             "frequency": equation.frequency_text(main),

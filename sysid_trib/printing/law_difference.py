@@ -9,10 +9,10 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing import Block, layout
+from sysid_trib.questions.difference import SIDES
+from sysid_trib.questions.law_difference import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
 from sysid_trib.results.variables import signal_units
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
-from sysid_trib.smooth_laws.samples import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
-from sysid_trib.validation.samples import SIDES
 
 LAWS_TITLE = "Difference of the laws"
 # Rows of a table of a law.

@@ -10,15 +10,14 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.physics.si_laws import LAWS_SI
-from sysid_trib.physics.si_units import MU
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
-from sysid_trib.results.files import is_of_driven
-from sysid_trib.results.schema import library_of
+from sysid_trib.results import judged
+from sysid_trib.results.kinds import MU, is_of_driven
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.fits import NO_BETTER
 from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
-from sysid_trib.validation import findings
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
 SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
@@ -29,22 +28,23 @@ SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 
 # A motion that is larger by more leaves the visited range.
 LARGER_MOTION = 1.02
 REMAINING = (
-    "What is left is not a function of speed or of displacement alone: a force with memory, one that changes "
-    "with time or depends on both, or an error of the sensor. sysid-trib discover tests for these."
+    "The residual is not a function of speed or displacement alone. It may come from a force with memory, "
+    "from one that changes with time or depends on both, or from an error of the sensor. sysid-trib discover "
+    "tests for these."
 )
 NOT_ODD = (
-    "The record asks for laws that are not odd: friction differs between the directions of motion, or the "
+    "The laws are not odd: friction differs between the directions of motion, or the "
     "restoring force between the sides."
 )
-ODD_COMPARED = "Averages over a cycle see the odd parts alone: the methods are compared by these."
+ODD_COMPARED = "Averages over a cycle depend on the odd parts alone; the methods are compared by these."
 ACTIVE_FRICTION = (
-    "A passive contact cannot do that: it is the sign of an error of the sensor within the cycle, or of "
-    "another force."
+    "A passive contact cannot do that. The cause is an error of the sensor within the cycle, or another "
+    "force."
 )
 
 
 def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
-    """What is shown of a result of `laws`; `sources` say what each record is."""
+    """Return the blocks of a result of `laws`; `sources` describe the records."""
     details = Layer.EXPLAIN
     return [
         Block([verdict_sentence(tree)], ALWAYS),
@@ -68,19 +68,19 @@ def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Return how far the motion of the laws follows the record."""
-    checked, answer = tree["comparison"], findings.answer_of(tree)
-    decided = findings.verdict_of(tree)
+    checked, answer = tree["judged"], judged.preferred_of(tree)
+    decided = judged.verdict_of(tree)
     curves = not checked.attrs["reason"]
     name = "The laws" if curves else "Laws of the named forces"
     if decided == "explained":
-        return f"{name} explain the record: what they leave is nothing but noise."
+        return f"{name} explain the record: the residual is noise."
     part, near = float(checked.residual_over_motion.sel(model=answer)), "their motion diverges"
     if np.isfinite(part):
-        near = f"their motion leaves {100.0 * part:.2g} % of the record (RMS)"
+        near = f"their simulated motion differs from the record by {100.0 * part:.2g} % (RMS)"
         if not is_of_driven(tree):
             lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
             periods = lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi)
-            ratio = findings.residual_over_noise(tree, answer)
+            ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
     # Where curves follow it no better.
@@ -88,35 +88,35 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
-    """Why the record decides no curve."""
-    if reason := tree["comparison"].attrs["reason"]:
-        yield f"The record decides no curve. {reason}"
+    """Give the reason why the record does not determine a curve."""
+    if reason := tree["judged"].attrs["reason"]:
+        yield f"The record does not determine a curve. {reason}"
 
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Which method is preferred and why, what each leaves, and which failed."""
-    attrs, results = tree["comparison"].attrs, findings.kept_results(tree)
+    """Describe the preferred method with the reason, the residuals, and failed methods."""
+    attrs, results = tree["judged"].attrs, judged.kept_results(tree)
     if attrs["averaging_failed"]:
         name = "Trajectory" if is_of_driven(tree) else "Averaging"
         yield f"{name} failed: {_ended(attrs['averaging_failed'])} The laws are those of direct alone."
-    for name, why in findings.failures(tree).items():
+    for name, why in judged.failures(tree).items():
         yield f"{name.capitalize()} failed: {why}. Its laws are not given."
     if len(results) == 2:
-        yield f"Preferred: {findings.answer_of(tree)}, {_why(tree)}."
+        yield f"Preferred method: {judged.preferred_of(tree)} ({_why(tree)})."
     yield from _residual_sentence(tree, list(results))
 
 
 def _residual_sentence(tree: xr.DataTree, names: Sequence[str]) -> Iterator[str]:
-    """What the motion of each method leaves of the record."""
+    """Describe the residual of each method."""
     if not names:
         return
     if is_of_driven(tree):
-        parts = tree["comparison"].residual_over_motion
+        parts = tree["judged"].residual_over_motion
         texts = [f"{name} {100.0 * parts.sel(model=name).item():.3g} %" for name in names]
         yield f"Residuals (RMS): {' and '.join(texts)} of the motion."
     else:
-        noise = layout.in_small_units(findings.record_noise(tree), signal_units(tree))
-        texts = [f"{name} {findings.residual_over_noise(tree, name):.3g}" for name in names]
+        noise = layout.in_small_units(judged.record_noise(tree), signal_units(tree))
+        texts = [f"{name} {judged.residual_over_noise(tree, name):.3g}" for name in names]
         yield f"Residuals (RMS): {' and '.join(texts)} times the noise, which is {noise}."
 
 
@@ -125,30 +125,28 @@ def _ended(text: str) -> str:
 
 
 def _why(tree: xr.DataTree) -> str:
-    """Why the preferred one of two methods is."""
-    answer, results = findings.answer_of(tree), findings.kept_results(tree)
+    """Give the reason why a method is preferred."""
+    answer, results = judged.preferred_of(tree), judged.kept_results(tree)
     (other,) = (name for name in results if name != answer)
     if is_of_driven(tree):
-        return "whose motion leaves less of the record"
+        return "its residual is smaller"
     held_out = {name: float(result.get("held_out_rms", np.nan)) for name, result in results.items()}
     if np.isnan(held_out[answer]):
-        at_bound = answer == tree["comparison"].attrs["second"]
-        return "whose residual is nothing but noise" + ", at the smallest errors" * at_bound
+        at_bound = answer == tree["judged"].model.values[-1]
+        return "its residual is noise" + ", and its errors are the smallest" * at_bound
     if np.isnan(held_out[other]):
-        return f"since {other} predicts no part that was held out"
+        return f"{other} predicts no held-out part"
     factor, unit = small_units(signal_units(tree))
     sizes = {name: f"{factor * rms:.3g}" for name, rms in held_out.items()}
-    pair = f"{sizes[answer]} {unit} are left (RMS), {sizes[other]} {unit} by {other}"
+    pair = f"residual {sizes[answer]} {unit} (RMS), {other} {sizes[other]} {unit}"
     if held_out[answer] <= held_out[other]:
-        return f"which predicts parts that were held out better: {pair}"
-    return (
-        f"which predicts parts that were held out about as well ({pair}) and is immune to most sensor errors"
-    )
+        return f"it predicts the held-out parts better: {pair}"
+    return f"it predicts the held-out parts about as well, and most sensor errors do not affect it: {pair}"
 
 
 def law_table(tree: xr.DataTree, law: str) -> Table:
     """A law by each method at some places, their difference, and the band of the preferred one."""
-    answer, curves = findings.answer_of(tree), _chosen_curves(tree, law)
+    answer, curves = judged.preferred_of(tree), _chosen_curves(tree, law)
     if not curves:
         return layout.text_table([])
     main, deviations = curves[answer], _beyond_known(tree, law, curves)
@@ -181,8 +179,8 @@ def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> d
 
 def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
     """The law by each method at the places that are shown."""
-    answer = findings.answer_of(tree)
-    curves = shown.curves_of(findings.kept_results(tree), law, answer)
+    answer = judged.preferred_of(tree)
+    curves = shown.curves_of(judged.kept_results(tree), law, answer)
     if answer not in curves:
         return {}
     both = bool(np.any(curves[answer].places < 0.0))
@@ -191,7 +189,7 @@ def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
 
 
 def _words(tree: xr.DataTree, law: str) -> tuple[str, str, str]:
-    """What a law is of, and the units of its place and of its force over the inertia."""
+    """Return the argument of a law, its unit, and the unit of the force over the inertia."""
     unit = signal_units(tree)
     return (
         ("speed", f"{unit}/s", f"{unit}/s^2") if law == "friction" else ("displacement", unit, f"{unit}/s^2")
@@ -199,7 +197,7 @@ def _words(tree: xr.DataTree, law: str) -> tuple[str, str, str]:
 
 
 def _caption(tree: xr.DataTree, law: str) -> str:
-    """What stands above a table: what is in it, and its units."""
+    """Return the caption above a table: its contents and units."""
     unit, power, w = signal_units(tree), _power(tree, law), _preferred(tree).reference_frequency.item()
     _, unit_at, unit_of = _words(tree, law)
     inertia = "inertia" if unit == "rad" else "mass"
@@ -217,7 +215,7 @@ def _caption(tree: xr.DataTree, law: str) -> str:
 def _power(tree: xr.DataTree, law: str) -> int:
     """Power of ten of the columns of a table."""
     curves = _beyond_known(tree, law, _chosen_curves(tree, law))
-    size = float(np.median(np.abs(curves[findings.answer_of(tree)].values))) if curves else 0.0
+    size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values))) if curves else 0.0
     power = floor(log10(size)) if size > 0.0 else 0
     return 0 if -3 < power < 4 else power
 
@@ -238,11 +236,11 @@ def _spans(spans: Sequence[tuple[float, float]], unit: str) -> str:
 
 
 def _preferred(tree: xr.DataTree) -> xr.Dataset:
-    return tree[findings.answer_of(tree)].to_dataset()
+    return tree[judged.preferred_of(tree)].to_dataset()
 
 
 def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Where friction feeds energy in."""
+    """Describe where friction feeds energy in."""
     spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
         said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
@@ -260,11 +258,11 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
-    """How the methods agree, which parts are even, and which errors of the sensor were fitted."""
-    results = findings.kept_results(tree)
+    """Describe the agreement of the methods, even parts, and fitted errors of the sensor."""
+    results = judged.kept_results(tree)
     if len(results) == 2:
         yield from _differences(tree)
-    attrs = tree["comparison"].attrs
+    attrs = tree["judged"].attrs
     if any(np.any(_preferred(tree)[place].values < 0.0) for place in shown.LAW_PLACES.values()):
         yield NOT_ODD + f" {ODD_COMPARED}" * ("averaging" in results)
     if attrs["sensor"]:
@@ -272,12 +270,12 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _differences(tree: xr.DataTree) -> Iterator[str]:
-    """Where both methods' laws differ by more than their errors."""
+    """Describe where the laws of both methods differ significantly."""
     largest: dict[str, float] = {}
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
         if law == "restoring" and not shown.restores(_preferred(tree)):
             continue
-        places, z = shown.apart(findings.kept_results(tree), law)
+        places, z = shown.apart(judged.kept_results(tree), law)
         far = shown.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
         largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
         if far:
@@ -289,16 +287,16 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     if max(largest.values()) <= LARGE_DIFFERENCE:
         texts = " and ".join(f"{size:.2g} ({word})" for word, size in largest.items())
         yield f"The methods agree: they differ by at most {texts} standard errors of both."
-    elif "averaging" in findings.kept_results(tree):
+    elif "averaging" in judged.kept_results(tree):
         yield (
-            "Direct reads a law within the cycle, averaging from amplitude to amplitude: what the model "
-            "lacks misleads them differently."
+            "Direct uses the motion within each cycle, averaging the change from cycle to cycle: a missing "
+            "force biases them differently."
         )
 
 
 def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Say which sums of library forces stay within the bands, and whether the force is a sum of both laws."""
-    if tree["comparison"].attrs["reason"]:
+    if tree["judged"].attrs["reason"]:
         return
     for law, words in (("friction", "the friction law"), ("restoring", "the restoring-force law")):
         name = f"{law}_formulas"
@@ -330,7 +328,7 @@ def _formula_text(formula: xr.Dataset) -> str:
 
 def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
     """The terms of the sensor that were fitted, each run with its own."""
-    result = tree[str(tree["comparison"].attrs["second"])].to_dataset()
+    result = tree[str(tree["judged"].model.values[-1])].to_dataset()
     library = library_of(result, whole=True)
     known = result.force.values.tolist()
     texts = []
@@ -341,13 +339,13 @@ def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
         texts += [f"{name} ({symbol}) {', '.join(values)}"] if own else []
     owner = ", each run with its own," if len(record_groups(tree)) > 1 else ""
     return (
-        f"Beside the laws, direct fits errors of the sensor{owner} which belong to a record: "
+        f"In addition to the laws, direct fits errors of the sensor{owner} which belong to a record: "
         f"{'; '.join(texts)}."
     )
 
 
 def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Which range the record visits, and how the laws go on."""
+    """Describe the range that the record visits, and the extrapolation."""
     result = _preferred(tree)
     reached = {}
     for law, variable in shown.LAW_PLACES.items():
@@ -359,16 +357,16 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
         texts.append(f"displacements up to {reached['displacement']:.3g} {signal_units(tree)}")
     smallest = ""
     if not is_of_driven(tree):
-        least = float(np.min(np.abs(findings.amplitudes(tree))))
+        least = float(np.min(np.abs(judged.amplitudes(tree))))
         smallest = f", with amplitudes from {least:.2g} {signal_units(tree)} on"
     yield (
-        f"The record visits {' and '.join(texts)}{smallest}. Beyond, {100.0 * extrapolated:.0f} % of what is "
-        "shown, the laws go on as straight lines and named forces: these are extrapolations."
+        f"The record covers {' and '.join(texts)}{smallest}. Beyond that range ({100.0 * extrapolated:.0f} % "
+        "of the curves) the laws are extrapolated by straight lines and named forces."
     )
 
 
 def _details(tree: xr.DataTree) -> Iterator[str]:
-    """Which forces are outside of the penalty, the test of the residual, and the parts of the errors."""
+    """Describe the unpenalised forces, the test of the residual, and the parts of the errors."""
     result = _preferred(tree)
     library = library_of(result, whole=True)
     constraint = result.coords.get("constraint")
@@ -380,12 +378,12 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
     smooth = [force.symbol for force in library if not force.curve and force.kind != "sensor"]
     free = [symbol for symbol in smooth if symbol not in held]
     if free:
-        yield f"Outside of the penalty on bends of the curves: {', '.join(free)}."
+        yield f"Not subject to the smoothness penalty: {', '.join(free)}."
     if held:
         values = ", ".join(f"{name} = {result.coefficient.sel(force=name).item():g}" for name in sorted(held))
         yield f"Held: {values}."
-    p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
-    yield f"The residual as white noise: p {p_value}."
+    p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
+    yield f"Test that the residual is white noise: p {p_value}."
     for law in shown.laws_in(result):
         curve = shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values[curve.visited]
@@ -393,13 +391,13 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
             part = float(np.max(model / curve.errors[curve.visited]))
             word = "friction" if law == "friction" else "restoring force"
             yield (
-                f"The error of the model, by how the {word} moves between parts of the record, is up to "
+                f"The model error, from the change of the {word} between parts of the record, is up to "
                 f"{100.0 * part:.0f} % of its standard error."
             )
 
 
 def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Block:
-    """What the laws leave of records that they predicted, and whether these leave the visited range."""
+    """Return the residuals of predicted records, and whether these leave the visited range."""
     sentences = list(driven.prediction_block(predicted).sentences)
     reached = {
         variable: float(np.max(np.abs(curve.places[curve.visited])))
@@ -410,36 +408,28 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
         largest = float(np.abs(record.predicted_angle - record.predicted_angle.mean()).max())
         if shown.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
             sentences.append(
-                f"It swings up to {largest:.3g} {signal_units(tree)}, beyond the "
-                f"{reached['displacement']:.3g} {signal_units(tree)} that the laws are known for: that part "
-                "of the prediction is an extrapolation."
+                f"This record swings up to {largest:.3g} {signal_units(tree)}, beyond the "
+                f"{reached['displacement']:.3g} {signal_units(tree)} covered by the laws: that part of the "
+                "prediction is an extrapolation."
             )
     return Block(sentences, ALWAYS)
 
 
 def laws_json(tree: xr.DataTree) -> dict[str, Any]:
     """A result of `laws` as plain data: keys are the names of the variables."""
-    checked = tree["comparison"].to_dataset()
-    results = findings.kept_results(tree)
+    checked = tree["judged"].to_dataset()
+    results = judged.kept_results(tree)
     methods = {name: layout.mapped(result, "laws") for name, result in results.items()}
-    models = {
-        name: layout.mapped(checked.sel(model=name), "motion")
-        | {
-            "residual_rms": findings.residual_of(tree, name),
-            "residual_over_noise": findings.residual_over_noise(tree, name),
-        }
-        for name in results
-    }
-    compared = {
-        name: checked[name] for name in checked.data_vars if str(name).endswith(("_difference", "_z"))
-    }
-    preferred = results.get(findings.answer_of(tree))
+    preferred = results.get(judged.preferred_of(tree))
     return {
         **layout.records_json(tree),
-        "answer": findings.answer_of(tree) if preferred is not None else None,
-        "verdict_on_record": findings.verdict_of(tree),
+        "answer": judged.preferred_of(tree) if preferred is not None else None,
+        "verdict": judged.verdict_of(tree),
         "methods": methods,
-        "comparison": {"models": models, "noise": findings.record_noise(tree), **compared, **checked.attrs},
+        **layout.judged_json(tree),
+        "agreement": dict(tree["agreement"].data_vars) if "agreement" in tree.children else {},
+        "noise": judged.record_noise(tree),
+        **{name: checked.attrs[name] for name in ("even", "sensor", "reason", "averaging_failed", "options")},
         "feeds_energy": shown.feeding(preferred) if preferred is not None else {},
     }
 
@@ -468,7 +458,7 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """The preferred laws, a row each place."""
-    result, answer = _preferred(tree), findings.answer_of(tree)
+    result, answer = _preferred(tree), judged.preferred_of(tree)
     for law in shown.laws_in(result):
         variable, curve = shown.LAW_PLACES[law], shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values
@@ -500,7 +490,7 @@ def laws_csv(tree: xr.DataTree) -> str:
 
 def laws_latex(tree: xr.DataTree) -> str:
     r"""The preferred laws at some places as a table (`booktabs`)."""
-    answer = findings.answer_of(tree)
+    answer = judged.preferred_of(tree)
     tables = []
     for law in shown.laws_in(_preferred(tree)):
         curves = _chosen_curves(tree, law)

@@ -69,7 +69,7 @@ def coefficient_text(force: xr.Dataset) -> str:
 
 
 def in_small_units(size: float, units: str) -> str:
-    """What is small beside the signal as text: angles in mrad."""
+    """Format a quantity that is small relative to the signal: angles in mrad."""
     factor, unit = small_units(units)
     return f"{factor * size:.3g} {unit}"
 
@@ -108,7 +108,7 @@ def text_table(
     table = Table(box=None, pad_edge=False, header_style="bold")
     heads = list(dict.fromkeys(head for row in rows for head in row))
     for head in heads:
-        # As wide as a word of the head: a narrow terminal would break it.
+        # Make it as wide as a word of the head, which a narrow terminal would break.
         cells = (*(row.get(head, "") for row in rows), *head.split())
         longest = max(len(line) for cell in cells for line in cell.split("\n"))
         folds = head in words and head not in whole
@@ -201,7 +201,7 @@ KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("keys.toml").read_
 def mapped(
     data: Any, table: str | Mapping[str, Any], computed: Mapping[str, Any] = MappingProxyType({})
 ) -> dict[str, Any]:
-    """What a table says of a dataset, by its keys.
+    """Return the entries of a table for a dataset, by its keys.
 
     Parameters
     ----------
@@ -239,8 +239,33 @@ def _value(data: Any, source: str | Mapping[str, Any]) -> Any:
     return data[name.removesuffix("?")]
 
 
+def by_variables(data: xr.Dataset) -> dict[str, Any]:
+    """Return scalars by the names of their variables, others by each label of their dimension.
+
+    Parameters
+    ----------
+    data : Dataset
+        Of one dimension with labels, beside dimensions without.
+    """
+    dims = [dim for dim in data.dims if dim in data.coords]
+    along = {name: next((dim for dim in dims if dim in data[name].dims), "") for name in data.data_vars}
+    said: dict[str, Any] = {str(name): data[name] for name, dim in along.items() if not dim}
+    for dim in dims:
+        names = [name for name, of in along.items() if of == dim]
+        said[str(dim)] = {
+            label: {str(name): part[name] for name in names}
+            for label, part in by_label(data, str(dim)).items()
+        }
+    return said
+
+
+def judged_json(tree: xr.DataTree) -> dict[str, Any]:
+    """Return what was judged of each model, by the names of the variables."""
+    return {"judged": by_variables(tree["judged"].to_dataset())["model"]}
+
+
 def per_label(data: Any, dim: str, source: str | Mapping[str, Any]) -> dict[str, Any]:
-    """What a source says at each label of a dimension; nothing where there is none."""
+    """Return the entries of a source at each label of a dimension; nothing without the dimension."""
     if dim not in data.dims:
         return {}
     return {label: _value(part, source) for label, part in by_label(data, dim).items()}
@@ -258,7 +283,7 @@ def plain(value: Any) -> Any:
 
 
 def records_json(tree: xr.DataTree) -> dict[str, Any]:
-    """What is known of the record, and of all if there are several."""
+    """Return the attributes of the record, and of all records if there are several."""
     records = [
         {k: v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)} for group in record_groups(tree)
     ]
@@ -267,7 +292,7 @@ def records_json(tree: xr.DataTree) -> dict[str, Any]:
 
 def csv_of(heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
     """Rows by the heads of their columns, as CSV."""
-    # What a row lacks is empty, a number that is none is nan.
+    # A missing cell is empty, a number that is not finite is nan.
     whole = [dict.fromkeys(heads, "") | dict(row) for row in rows]
     table = pd.DataFrame(whole, columns=list(heads), dtype=object)
     # A spreadsheet would execute a text that begins as a formula does.

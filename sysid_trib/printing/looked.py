@@ -1,4 +1,4 @@
-"""What is shown without a fit: the forces of a library, what a record holds, and its backbone."""
+"""Blocks without a fit: the forces of a library, the contents of a record, and its backbone."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -23,7 +23,7 @@ from sysid_trib.validation.drive import FittingModel
 NORMALISED = (
     "theta'' + w^2 (theta + sum of c h) = 0 with x = theta, v = theta'/w, tau = w t.\n"
     "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
-    "A coefficient c has no unit where none stands."
+    "A coefficient c without a unit is dimensionless."
 )
 FORCE_HEADS = ("symbol", "force", "kind", "<h sin phi>", "<h cos phi>")
 WORDS, AT_TWO = 34, " (a = 0.1, 1)"
@@ -92,7 +92,7 @@ POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or
 
 
 def loses_power(force: Force) -> str:
-    """What a positive coefficient does to the energy, at the amplitudes at which a pendulum swings."""
+    """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
     a = np.array([0.05, 0.3, 1.0])
     power = -a * averages(force, a, time=1.0)[0]
     if np.all(np.abs(power) < 1e-13):
@@ -104,7 +104,7 @@ def loses_power(force: Force) -> str:
 FEW_SAMPLES = 20.0
 # An amplitude that falls by less than this factor hardly tells one law of damping from another.
 LEAST_FALL = 2.0
-# Amplitudes that an identification wants for each of its forces.
+# Amplitudes that an identification needs for each of its forces.
 AMPLITUDES_A_FORCE = 3
 # A drift that counts, beside the last amplitude.
 DRIFTS = 0.1
@@ -117,13 +117,13 @@ FACTS = (
 # Amplitudes of the printed table, evenly spaced in their logarithm.
 PRINTED_AMPLITUDES = 8
 EXPLANATION = (
-    "±: half the band that holds the whole curve in 95 % of records, for noise of the sensor and a random "
-    "walk of amplitude and phase."
+    "±: half width of the band that contains the whole curve in 95 % of records, for sensor noise and a "
+    "random walk of amplitude and phase."
 )
 
 
 def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) -> Iterator[Block]:
-    """What the command `look` prints.
+    """Return the blocks of the command `look`.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     of_record = systems.pop() if len(systems) == 1 else ""
     moving = load_system(system or of_record or None)
     if system is not None:
-        # What moves is what the user says; its forces are those of the system, if the record decides them.
+        # The user names the system; use its forces, if the record determines them.
         pointed = [*moving.forces]
     elif of_record:
         pointed = [symbol for symbol in pointed if symbol in moving.forces]
@@ -209,7 +209,7 @@ FOLLOWING_PART = 0.3
 def driven_look_blocks(
     tree: xr.DataTree, sources: Sequence[str], models: Sequence[FittingModel], next_command: str
 ) -> Iterator[Block]:
-    """What the command `look` prints of driven records.
+    """Return the blocks of the command `look` for driven records.
 
     Parameters
     ----------
@@ -257,23 +257,23 @@ def _input_sentences(run: xr.Dataset) -> Iterator[str]:
     for name, known in inputs_of(run).items():
         unit = run[name].attrs.get("units", "")
         low, high = float(known.values.min()), float(known.values.max())
-        yield f"Driven: input {name} goes from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
+        yield f"Driven: input {name} ranges from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
     own = "measured" if "measured" in run else "angle"
     low, high = float(run[own].min()), float(run[own].max())
     unit = run[own].attrs.get("units", "")
-    yield f"The signal goes from {low:.4g} to {high:.4g} {unit}; it is no free decay."
+    yield f"The signal ranges from {low:.4g} to {high:.4g} {unit}; it is not a free decay."
 
 
 def _fit_sentence(models: Sequence[FittingModel]) -> str:
-    """How much of the motion each kind of model leaves."""
+    """Describe the residual of each kind of model, relative to the motion."""
     said = []
     for model in models:
         kind = f"--system {model.system}" if model.system else f"an oscillator with {','.join(model.forces)}"
         if model.residual < 1.0:
-            said.append(f"{kind} leaves {100.0 * model.residual:.2g} %")
+            said.append(f"{kind} {100.0 * model.residual:.2g} %")
     if not said:
-        return "A first fit of an oscillator, and of each system, does not follow the motion."
-    return f"A first fit, of the motion: {'; '.join(said)}."
+        return "First fits of an oscillator and of each system do not follow the motion."
+    return f"Residuals of first fits, relative to the motion: {'; '.join(said)}."
 
 
 def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
@@ -284,36 +284,35 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     """The facts about a decay, what limits what it tells, and what it points to."""
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
-    step = f"step of the sensor {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
-    step = step if np.isfinite(value["sensor_step"]) else "no step of the sensor is seen"
+    step = f"sensor step {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
+    step = step if np.isfinite(value["sensor_step"]) else "no sensor step visible"
     first, last = value["first_damping_ratio"], value["last_damping_ratio"]
-    rates = f", its rate over w is {first:.3g} at the start and {last:.3g} at the end"
     fall = value["first_amplitude"] / value["last_amplitude"]
     limits = {
-        f"fewer than {FEW_SAMPLES:g} samples a period make few equations: sample faster": (
+        f"fewer than {FEW_SAMPLES:g} samples per period are few: sample faster": (
             value["samples_per_period"] < FEW_SAMPLES
         ),
-        f"the amplitude falls by a factor of {fall:.3g} alone, which hardly tells one law of damping from "
-        "another: record longer": 1.0 < fall < LEAST_FALL,
+        f"the amplitude falls only by a factor of {fall:.3g}, too little to separate laws of damping: record "
+        "longer": 1.0 < fall < LEAST_FALL,
         "the amplitude does not fall: the motion is driven, or the record is too short to show its damping. "
-        "If it is driven, name what drives it, --input COLUMN or FILE:COLUMN": fall <= 1.0,
-        f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record, as by a drift or by "
-        "forces that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
+        "For a driven motion, give the input (--input COLUMN or FILE:COLUMN)": fall <= 1.0,
+        f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record: a drift, or forces "
+        "that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
     }
     said = [limit for limit, applies in limits.items() if applies]
     if np.isfinite(power := _power_of_rate(decay)):
         said.append(_law(power))
     pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
     modal = (
-        f"Several modes: {several}. What is said is of the one of {1.0 / value['period']:.3g} Hz, to which "
-        "the others are noise: filter the signal to a band about it."
+        f"Several modes: {several}. These facts are about the mode of {1.0 / value['period']:.3g} Hz; the "
+        "others act as noise: filter the signal to a band around it."
     )
     return [
         *([modal] if several else []),
         f"{value['periods']:.3g} periods of {value['period']:.5g} s; the amplitude falls from "
         f"{value['first_amplitude']:.4g} to {value['last_amplitude']:.4g} {unit}"
-        f"{rates if np.isfinite(first + last) else ''}.",
-        f"{value['samples_per_period']:.3g} samples a period, noise {value['noise']:.2g} {unit}, {step}.",
+        f"{_damping_text(first, last)}.",
+        f"{value['samples_per_period']:.3g} samples per period, noise {value['noise']:.2g} {unit}, {step}.",
         *([f"{said[0][0].upper()}{'; '.join(said)[1:]}."] if said else []),
         *([f"{pointed[0].upper()}{pointed[1:]}."] if pointed else []),
         *_sentences_on_systems(decay),
@@ -321,36 +320,46 @@ def _sentences(decay: xr.Dataset) -> list[str]:
 
 
 def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
-    """What each system leaves of the frequency, what the columns say, and a scale that is off."""
+    """Describe how systems explain the frequency, what the columns say, and a wrong scale."""
     attrs = {name: str(value) for name, value in decay.attrs.items()}
     said = []
     if ranked := attrs["predicted_by"]:
-        said.append(f"Of the change of the frequency with amplitude, {ranked}.")
+        said.append(f"Part of the frequency shift that is not explained: {ranked}.")
     if columns := attrs["columns_point_to_system"]:
-        said.append(f"The columns {columns} are those of a {attrs['points_to_system']}.")
+        said.append(f"The columns {columns} suggest a {attrs['points_to_system']}.")
     if scale := attrs["points_to_scale"]:
         factor = f"{scale} ± {attrs['points_to_scale_error']}"
         said.append(
-            f"The frequency fits if the angle is {factor} times that of the file: a scale error of the film "
-            f"or encoder is the plain reading (--scale {scale})."
+            f"The frequency fits if the angle is {factor} times that of the file: probably a scale error of "
+            f"the film or encoder (--scale {scale})."
         )
     return said
 
 
 def _law(power: float) -> str:
-    """What the power of the amplitude with which the rate of decay changes speaks for."""
+    """Describe the friction that a power of the amplitude in the rate of decay suggests."""
     if power < -CLEAR_POWER:
-        return "the smaller the amplitude the faster it falls, as by dry friction"
+        return "the damping ratio is larger at small amplitudes, as with dry friction"
     if power > CLEAR_POWER:
-        return "the larger the amplitude the faster it falls, as by drag"
+        return "the damping ratio is larger at large amplitudes, as with quadratic drag"
     return (
-        f"the rate goes with the amplitude to the power of {power:.2g}: nearest to viscous friction, which "
-        "has 0 (dry friction -1, drag 1)"
+        f"the damping ratio varies as the amplitude to the power {power:.2g}: nearest to viscous friction "
+        "(0; dry friction -1, quadratic drag 1)"
     )
 
 
+def _damping_text(first: float, last: float) -> str:
+    """Describe the local damping ratio from the start to the end; empty if it is not known."""
+    if not np.isfinite(first + last):
+        return ""
+    start, end = (f"{100.0 * ratio:.2g} %" for ratio in (first, last))
+    if start == end:
+        return f"; the local damping ratio is {start}"
+    return f"; the local damping ratio {'rises' if last > first else 'falls'} from {start} to {end}"
+
+
 def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str]) -> Iterator[Block]:
-    """What the command `backbone` prints.
+    """Return the blocks of the command `backbone`.
 
     Parameters
     ----------

@@ -1,22 +1,26 @@
-"""Numbers of any result as one table: value, standard error, interval and unit, by method and quantity."""
+"""Numbers of any result as one table: value, standard error, interval and unit, by model and quantity."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import scipy
 import xarray as xr
 
+from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
-from sysid_trib.results.files import kind_of
-from sysid_trib.results.schema import library_of
-from sysid_trib.validation.findings import given_results
-from sysid_trib.validation.samples import SIDES
+from sysid_trib.questions.difference import SIDES
+from sysid_trib.results.judged import given_results
+from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.models import library_of
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
-# Of a normal interval: 95 %.
+# Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
+# Of a campaign: whether there is one for each force.
+_CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 
 
@@ -26,15 +30,16 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, `difference` or a method.
+        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
 
     Returns
     -------
     DataFrame
-        A row for each coefficient, shape parameter and frequency, by `method` (of `discover` by `model`, of
-        `difference` by `sample`) and `quantity`: `value`, `standard_error`, `low` and `high` (a normal
-        interval of 95 %) and `unit`. What is held has no error. The parts of curves are left out: `friction`
-        and `restoring` of the identification are the laws.
+        A row for each coefficient, shape parameter and frequency, by `model` (of `difference` by `sample`, of
+        `campaign` by `record` and `model`) and `quantity`: `value`, `standard_error`, `low` and `high` (a
+        normal interval of 95 %) and `unit`.
+        What is held has no error. The parts of curves are left out: `friction` and `restoring` of the
+        identification are the laws.
 
     Raises
     ------
@@ -42,18 +47,20 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
         No such result.
     """
     rows: Iterator[dict[str, Any]]
-    by = "method"
+    by = "model"
     tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
     kind = kind_of(tree)
     if kind == "difference":
         by, rows = "sample", _of_difference(tree)
+    elif {"status", "coefficient"} <= set(tree.data_vars):
+        return _of_campaign(tree.to_dataset())
     elif kind:
-        by = "model" if kind == "discover" else "method"
         named = {str(tree.attrs["method"]): tree.to_dataset()} if kind == "identify" else given_results(tree)
         rows = _of_identifications(named)
     else:
         raise UsageError(
-            "summary wants a result of identify, laws, compare, discover or difference, or of a method."
+            "summary needs a result of identify, laws, compare, discover, difference or campaign, or of a "
+            "method."
         )
     table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
     return table.rename(columns={"by": by}).set_index([by, "quantity"])
@@ -66,6 +73,24 @@ def _of_identifications(named: Mapping[str, xr.Dataset]) -> Iterator[dict[str, A
         for row in layout.quantities(result):
             if row["quantity"].partition(".")[0] not in parts:
                 yield {"by": name} | row
+
+
+def _of_campaign(store: xr.Dataset) -> pd.DataFrame:
+    """Return the numbers of all records that have some, by record, model and quantity."""
+    done = store.isel(record=np.flatnonzero(store.status.values == IDENTIFIED)).load()
+    tables = []
+    for name, of in _CAMPAIGN_QUANTITIES.items():
+        numbers = done[[name, f"{name}_standard_error" if name != "coefficient" else "standard_error"]]
+        numbers = numbers.rename(dict(zip(numbers.data_vars, NUMBER_COLUMNS, strict=False)))
+        # A quantity of one name, or one for each force.
+        numbers = numbers.rename(force="quantity") if of else numbers.expand_dims(quantity=[name])
+        units = numbers["unit"] if of else xr.DataArray([done[name].attrs["units"]], dims="quantity")
+        table = numbers.reset_coords(drop=True).assign(unit=units.reset_coords(drop=True)).to_dataframe()
+        tables.append(table.reset_index())
+    whole = pd.concat(tables).dropna(subset="value")
+    half = QUANTILE * whole.standard_error.fillna(0.0)
+    whole = whole.assign(low=whole.value - half, high=whole.value + half)
+    return whole.set_index(["record", "model", "quantity"])[list(NUMBER_COLUMNS)].sort_index(level=[0, 1])
 
 
 def _of_difference(tree: xr.DataTree) -> Iterator[dict[str, Any]]:

@@ -6,9 +6,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.physics.si_laws import LAWS_SI
-from sysid_trib.physics.si_units import GIVEN, MU
 from sysid_trib.printing import ALWAYS, Block, layout
 from sysid_trib.printing.laws import FRICTION_TITLE
+from sysid_trib.results.kinds import GIVEN, MU
 
 SI_ROWS = 8
 

@@ -1,4 +1,4 @@
-"""How sure an answer is: profiles, sensitivity and the random force, in sentences, tables and plain data."""
+"""Uncertainty of a result: profiles, sensitivity and the random force, in sentences and tables."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -6,46 +6,41 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.likelihood.random_force import DENSITY_UNITS, RandomForce, random_force_of
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.printing import ALWAYS, Block, layout
-from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results import judged
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS
+from sysid_trib.results.random_force import DENSITY_UNITS, DEPENDENCE_LEVEL, RandomForce, random_force_of
 from sysid_trib.results.variables import group_names, record_groups, signal_units
-from sysid_trib.validation import findings
-from sysid_trib.validation.verdict import DEPENDENCE_LEVEL, p_value_of_dependence
 
 NOISE_ALONE = (
-    "The model does not explain the record: quote the standard errors, which allow for that. These intervals "
-    "hold the noise alone."
+    "The model does not explain the record: quote the standard errors, which include the error of the model. "
+    "These intervals include the noise alone."
 )
-PROFILE, CONTOUR, SENSITIVITY = "profile", "contour", "sensitivity"
+PROFILE, SENSITIVITY = "profile", "sensitivity"
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
-NOT_FOUND = "No random force is found; the errors allow for {}."
+NOT_FOUND = "No random force was found; the errors allow for {}."
 TOO_SHORT = (
-    "The record is too short, or too coarsely sampled, to tell a random force from the sensor's noise, for "
-    "which all is taken: one that moves the motion by {:.2g} times that noise may hide in it."
+    "The record is too short, or too coarsely sampled, to separate a random force from the sensor's noise: "
+    "a random force that changes the motion by up to {:.2g} times that noise cannot be excluded."
 )
 SIGN_OF_MISSING = (
-    "This random force is the sign of something missing: {}. The coefficients are off by more than their "
-    "errors."
+    "The random force stands for a force that is missing: {}. The errors of the coefficients are larger than "
+    "stated."
 )
 OF_EXPERIMENT = (
-    "The random force goes with neither angle nor speed, and its size is the same at all amplitudes, "
+    "The random force depends on neither angle nor speed, and its size is the same at all amplitudes, "
     "speeds and times: it is a property of the experiment."
 )
 NOT_FOLLOWED = "The model does not explain the record, not even with a random force: {}"
 
 
 def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What profiles and a sensitivity say, where the result has them."""
+    """Return the blocks of profiles and sensitivity, where the result has them."""
     if PROFILE in tree.children:
-        lacking = findings.verdict_of(tree) in ("approximate", "not explained")
+        lacking = judged.is_unexplained(tree)
         yield _profiles(tree[PROFILE].to_dataset(), lacking)
-    if CONTOUR in tree.children:
-        data = tree[CONTOUR].to_dataset()
-        said = f"{' and '.join(data.parameter.values)} correlate by {data.correlation.item():.3f}."
-        yield Block([said], ALWAYS, "Profiles")
     if SENSITIVITY in tree.children:
         yield _sensitivity(tree[SENSITIVITY].to_dataset())
 
@@ -64,7 +59,7 @@ def _profiles(data: xr.Dataset, lacking: bool) -> Block:
             }
         )
         misled += [name] * bool(row.asymmetric.item())
-    said = [f"The standard error misleads for {', '.join(misled)}: quote the interval."] * bool(misled)
+    said = [f"The standard error is misleading for {', '.join(misled)}: quote the interval."] * bool(misled)
     caption = f"Intervals of {100.0 * data.attrs['confidence']:g} % by the profile likelihood"
     table = layout.text_table(rows, ("parameter",))
     return Block([NOISE_ALONE] if lacking else said, ALWAYS, "Profiles", table, caption)
@@ -88,7 +83,9 @@ def _sensitivity(data: xr.Dataset) -> Block:
     ]
     changed = ", ".join(largest.index[largest.round(1) > SIGNIFICANT_ERRORS])
     failed = ", ".join(data.fit.values[data.reason.values != ""])
-    sentences = [f"Some fits are over {SIGNIFICANT_ERRORS:g} errors off: {changed}."] * bool(changed)
+    sentences = [
+        f"In some fits these differ by more than {SIGNIFICANT_ERRORS:g} standard errors: {changed}."
+    ] * bool(changed)
     sentences += [f"Without a result: {failed}."] * bool(failed)
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
     return Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)
@@ -101,7 +98,7 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def not_followed(tree: xr.DataTree) -> list[str]:
-    """Why the record could not be followed with a random force, by run; none where it could."""
+    """Return why the fit with a random force failed, by run; empty if it did not."""
     return [reason for reason in tree["random_force"].reason.values.tolist() if reason]
 
 
@@ -113,13 +110,13 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
     tree : DataTree
         Result of `cross_check`.
     """
-    result, amplitude = findings.second_of(tree), float(findings.amplitudes(tree).max())
+    result, amplitude = judged.last_of(tree), float(judged.amplitudes(tree).max())
     force, frequency, noise = random_force_of(result), float(result.reference_frequency), float(result.noise)
     units = signal_units(result)
     of_density = DENSITY_UNITS.replace("rad", units)
     longest = max(float(np.ptp(tree[name].time.values)) for name in record_groups(tree))
     lasts = longest * frequency / (2.0 * np.pi)
-    if tree["comparison"].attrs["second"] in findings.failures(tree):
+    if judged.judged_of(tree).model.values[-1] in judged.failures(tree):
         return
     if "random_force" not in tree.children:
         if "random_force_density" in result:
@@ -131,28 +128,29 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
                 yield TOO_SHORT.format(walk)
     # Nothing is known of what is left where not even with such a force the model follows the record.
     elif not not_followed(tree):
-        given, explained = not force.standard_error > 0.0, findings.verdict_of(tree).startswith("explained")
+        given, explained = not force.standard_error > 0.0, judged.verdict_of(tree).startswith("explained")
         size = (
             f"{force.density:.3g}" if given else layout.value_with_error(force.density, force.standard_error)
         )
         periods = [
             _periods(force.periods_to(limit, frequency), lasts) for limit in (noise, USEFUL * amplitude)
         ]
-        is_one = " is a random force with" if explained else ", taken for a random force, has"
+        what = "The residual is a random force with" if explained else "As a random force, the residual has"
         yield (
-            f"What is left{is_one} a density of {size} {of_density}{', as given' if given else ''}; its root "
-            f"is {force.relative(frequency):.1e} w^2 per root hertz."
+            f"{what} a density of {size} {of_density}{', as given' if given else ''}; the root of the "
+            f"density is {force.relative(frequency):.1e} w^2 per root hertz."
         )
         yield (
             f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} {units}) for "
             f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) for "
             f"{periods[1]}."
         )
-        yield from _whose(tree["random_force"].to_dataset(), explained, of_density if given else "")
+        tested, p_value = tree["random_force"].to_dataset(), float(tree["judged"].random_force_p[-1])
+        yield from _whose(tested, p_value, explained, of_density if given else "")
 
 
 def _allowed_for(force: RandomForce, units: str) -> str:
-    """What the errors allow for where no random force is found."""
+    """Describe the random force that the errors allow for where none is found."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
@@ -161,7 +159,7 @@ def _allowed_for(force: RandomForce, units: str) -> str:
 
 
 def _periods(count: float, lasts: float) -> str:
-    """A number of periods; of no more than the record has anything is known."""
+    """A number of periods; nothing is known beyond the length of the record."""
     if count < 0.1:
         return "less than a tenth of a period"
     if count >= lasts:
@@ -169,26 +167,26 @@ def _periods(count: float, lasts: float) -> str:
     return f"{count:.2g} periods" if count < 10.0 else f"{count:.0f} periods"
 
 
-def _whose(tested: xr.Dataset, explained: bool, units: str) -> Iterator[str]:
-    """What says that the random force is the experiment's, or stands for something that is missing.
+def _whose(tested: xr.Dataset, p_value: float, explained: bool, units: str) -> Iterator[str]:
+    """Describe whether the random force is physical or stands for a missing force.
 
     And that the record contradicts a density that was given in these units.
     """
     against, run = tested.density_p_value.min().item(), int(np.argmin(tested.density_p_value.values))
     contradicted = bool(units and against < DEPENDENCE_LEVEL)
-    if p_value_of_dependence(tested) < DEPENDENCE_LEVEL:
+    if p_value < DEPENDENCE_LEVEL:
         yield SIGN_OF_MISSING.format(_dependences(tested))
     elif explained and not contradicted:
         yield OF_EXPERIMENT
     if contradicted:
         yield (
-            "The record contradicts the density that was given: its most likely one is "
-            f"{tested.likely_density.values[run]:.2g} {units}. Take --random-force auto."
+            "The record contradicts the given density: the most likely density is "
+            f"{tested.likely_density.values[run]:.2g} {units}. Use --random-force auto."
         )
 
 
 def _dependences(tested: xr.Dataset) -> str:
-    """What the random force depends on: `it depends on the speed, and its size on the time`."""
+    """Describe the dependences of the random force: `it depends on the speed, and its size on the time`."""
     least, on = tested.dependence_p_value.min("run"), {}
     for aspect in ("force", "size"):
         p_values = least.sel(aspect=aspect).to_series()
@@ -203,8 +201,8 @@ def _dependences(tested: xr.Dataset) -> str:
 
 def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
-    result = findings.second_of(tree)
-    data: dict[str, Any] = {"verdict": findings.verdict_of(tree), "random_force": None, "innovations": None}
+    result = judged.last_of(tree)
+    data: dict[str, Any] = {"verdict": judged.verdict_of(tree), "random_force": None, "innovations": None}
     force = random_force_of(result)
     if not force:
         return data
@@ -214,12 +212,12 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
         "standard_error": force.standard_error,
         "relative": force.relative(float(result.reference_frequency)),
         "p_value": force.p_value,
-        "dependence_p_value": None if tested is None else p_value_of_dependence(tested),
+        "dependence_p_value": None if tested is None else tree["judged"].random_force_p[-1],
         "density_p_value": None if tested is None else tested.density_p_value.min(),
     }
     groups = group_names("innovations", len(record_groups(tree)))
     if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
-        # Of runs whose lengths differ, records too short for all lags have fewer.
+        # Records too short for all lags have fewer.
         lags = min(run.sizes["lag"] for run in followed)
         correlations = [run.autocorrelation.values[:lags] for run in followed]
         data["innovations"] = {

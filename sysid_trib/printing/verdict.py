@@ -8,10 +8,9 @@ import xarray as xr
 
 from sysid_trib.printing import Block, Layer, layout
 from sysid_trib.printing.sureness import NOT_FOLLOWED, not_followed
+from sysid_trib.results import judged
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS, at_bound
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation import findings, lack_of_fit
-from sysid_trib.validation.verdict import p_value_of_dependence
 
 # The test of each model of a discovery, and its variables in the JSON.
 GROUP = "homogeneity"
@@ -27,7 +26,7 @@ DENSITY_VERDICTS = {
 
 
 def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """What each run alone gives, and the test of the differences, of several (see `run_agreement`)."""
+    """Return the results of each run, and the test of their differences (see `run_agreement`)."""
     if "runs" not in tree:
         return
     runs, rows = tree["runs"].to_dataset(), []
@@ -41,10 +40,10 @@ def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
-    """Which run alone decides nothing, the test as a whole, and which force differs."""
+    """Describe runs that cannot be used alone, the test of all differences, and the differing force."""
     for run, why in enumerate(runs.reason.values.tolist(), 1):
         if why:
-            yield f"Run {run} alone decides nothing: {why}"
+            yield f"Run {run} alone does not determine the coefficients: {why}"
     if runs.attrs["verdict"] == "unknown":
         yield "Whether the runs differ cannot be tested."
     else:
@@ -56,14 +55,14 @@ def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
 
 
 def heterogeneity_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The test that the final model of a discovery holds for all runs; nothing of a single run."""
+    """Describe the test whether the final model of a discovery fits all runs; nothing for one run."""
     if GROUP in tree.children:
         last = tree[GROUP].to_dataset().isel(model=-1)
         yield _test_of_runs(last, last.most.item() if last.differ else "")
 
 
 def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
-    """That runs which differ would explain as much as the effect of a step."""
+    """Report that individual coefficients of runs explain as much as the effect of a step."""
     before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
     if before is not None and before.chi_square >= before.gain:
         yield (
@@ -87,113 +86,134 @@ def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
 
 # By the verdict.
 EXPLAINED = {
-    "explained": "The record is explained: its residual is nothing but noise.",
-    "explained with a random force": "The record is explained with a random force: what is left depends on "
+    "explained": "The model explains the record: the residual is noise.",
+    "explained with a random force": "The model explains the record with a random force, which depends on "
     "neither angle, speed, amplitude nor time.",
-    "undetermined": "The record does not decide: the coefficients, alone or together, do not differ from "
-    f"zero by more than {SIGNIFICANT_ERRORS:g} standard errors, so that nothing in it could contradict these "
-    "forces.",
+    "undetermined": "The record does not determine the forces: no coefficient, and no combination of them, "
+    f"differs from zero by more than {SIGNIFICANT_ERRORS:g} standard errors. It could not contradict this "
+    "model.",
 }
-LACKING = "A force is missing, or one has another form."
-UNEXPLAINED = {
+LACKING = "A force is missing, or one has a different form."
+UNEXPLAINED_SENTENCES = {
     "approximate": f"The model is approximate: {{}}. {LACKING}",
     "not explained": f"The model does not explain the record: {{}}. {LACKING}",
 }
-EXPLAINED_BUT_LINE = "The record is explained: its residual is noise and a line."
-OF_A_RATE = " (The integral of a measured rate always leaves more than its noise.)"
+EXPLAINED_BUT_LINE = "The model explains the record: the residual is noise and a spectral line."
+OF_A_RATE = " (The residual of an integrated rate is always larger than its noise.)"
 NOT_SEPARATED = "The record does not separate these forces: each may be zero, but not all. Fewer suffice: {}."
-EFFECTIVE = "These coefficients are effective values of a model that is not complete"
-
-
-def answer_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that a cross-check stands by; None where its method failed."""
-    return findings.kept_results(tree).get(findings.answer_of(tree))
+EFFECTIVE = "The model is incomplete, so these coefficients are effective values"
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """The verdict on the record, in words that no test is needed to read."""
-    verdict, answer = findings.verdict_of(tree), findings.answer_of(tree)
-    if verdict not in UNEXPLAINED:
+    verdict, preferred = judged.verdict_of(tree), judged.preferred_of(tree)
+    if verdict not in UNEXPLAINED_SENTENCES:
         with_line = verdict == "explained" and [*line_sentences(tree)]
         return EXPLAINED_BUT_LINE if with_line else EXPLAINED[verdict]
     if "random_force" in tree.children and (reasons := not_followed(tree)):
         return NOT_FOLLOWED.format(f"{reasons[0][0].lower()}{reasons[0][1:]}")
-    part, near = float(tree["comparison"].residual_over_motion.sel(model=answer)), "its motion diverges"
+    part = float(tree["judged"].residual_over_motion.sel(model=preferred))
+    how_far = "its simulated motion diverges"
     if np.isfinite(part):
         lasts = sum(float(np.ptp(tree[group].time.values)) for group in record_groups(tree))
-        near = (
-            f"over {lasts * float(tree[answer].asymptotic_frequency) / (2.0 * np.pi):.0f} periods its motion "
-            f"leaves {100.0 * part:.2g} % of the record (RMS), "
-            f"{findings.residual_over_noise(tree, answer):.3g} times the noise"
+        periods = lasts * float(tree[preferred].asymptotic_frequency) / (2.0 * np.pi)
+        how_far = (
+            f"over {periods:.0f} periods its simulated motion differs from the record by "
+            f"{100.0 * part:.2g} % (RMS), {judged.residual_over_noise(tree, preferred):.3g} times the noise"
         )
-    # Where the model misses the backbone most.
-    groups = [name for name in tree.children if name.startswith("lack_of_fit")]
-    of_runs = [lack_of_fit.departures(tree[group].to_dataset(), answer) for group in groups]
-    farthest = max(of_runs, key=lambda ranges: abs(ranges[0][1]) if ranges else 0.0, default=[])
-    missed = lack_of_fit.departure_sentence(farthest, signal_units(tree))
+    wrong = _departures_sentence(tree, preferred)
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
-    said = UNEXPLAINED[verdict].format(f"{near}; it misses the record {missed}" if missed else near)
+    said = UNEXPLAINED_SENTENCES[verdict].format(f"{how_far}; {wrong}" if wrong else how_far)
     return said + OF_A_RATE * rate
+
+
+CURVE_WORDS = {"frequency": "frequency", "damping_ratio": "damping"}
+
+
+def _departures_sentence(tree: xr.DataTree, model: str) -> str:
+    """Return where the frequency and the damping of a model are wrong, of the run where they are most."""
+    groups = [name for name in tree.children if name.startswith("lack_of_fit")]
+    of_runs = [tree[group].to_dataset().sel(model=model) for group in groups]
+    farthest = max(of_runs, key=lambda of: float(abs(of.departure).max()), default=None)
+    if farthest is None:
+        return ""
+    sizes = abs(farthest.departure).to_series().sort_values(ascending=False, kind="stable")
+    said = []
+    for curve in sizes.index[sizes > 0.0]:
+        low, high = (float(farthest[f"departure_{end}"].sel(curve=curve)) for end in ("low", "high"))
+        said.append(f"its {CURVE_WORDS[curve]} is wrong {amplitude_range(low, high, signal_units(tree))}")
+    return " and ".join(said)
+
+
+def amplitude_range(low: float, high: float, unit: str) -> str:
+    """Return a range of amplitudes in words: "above 0.4 rad"."""
+    if low == 0.0:
+        return "at all amplitudes" if np.isinf(high) else f"below {high:.2g} {unit}"
+    if np.isinf(high):
+        return f"above {low:.2g} {unit}"
+    if f"{low:.2g}" == f"{high:.2g}":
+        return f"at {low:.2g} {unit}"
+    return f"between {low:.2g} and {high:.2g} {unit}"
 
 
 def test_sentences(tree: xr.DataTree) -> Iterator[str]:
     """The tests behind the verdict, and the two parts of each error of the answer."""
-    p_value = layout.p_value_text(float(tree["comparison"].residual_p_value.max()))
-    said, result = f"The residual as white noise: p {p_value}.", answer_result(tree)
+    p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
+    said, result = f"Test that the residual is white noise: p {p_value}.", judged.preferred_result(tree)
     if "random_force" in tree.children and not not_followed(tree):
-        p_value = layout.p_value_text(p_value_of_dependence(tree["random_force"].to_dataset()))
-        said += f" A random force that depends on nothing: p {p_value}."
+        p_value = layout.p_value_text(float(tree["judged"].random_force_p[-1]))
+        said += f" Test that the random force depends on nothing: p {p_value}."
     yield said
     if result is not None and "error_of_model" in result:
-        yield error_parts_sentence(findings.answer_of(tree), result)
+        yield error_parts_sentence(judged.preferred_of(tree), result)
 
 
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     """The two parts of each error of an identification."""
-    parts = zip(result.force.values.tolist(), *findings.error_parts(result), strict=True)
-    # What is held, or follows from the frequency, has no parts of its own.
+    parts = zip(result.force.values.tolist(), *judged.error_parts(result), strict=True)
+    # Held values, and those that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
-    return f"Errors of {name} by the noise and by the model: {texts}."
+    return f"Standard errors of {name}, by the noise and by the model: {texts}."
 
 
 def line_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """That the residual of the answer's model holds a line, and what that may be."""
-    of_answer = tree["comparison"].to_dataset().sel(model=findings.answer_of(tree))
-    frequency = float(of_answer.get("line_frequency", np.nan))
+    """Describe a spectral line in the residual of the preferred method."""
+    of_answer = judged.judged_of(tree).sel(model=judged.preferred_of(tree))
+    frequency = float(of_answer.spectral_line)
     if np.isfinite(frequency):
-        size = layout.in_small_units(float(of_answer.line_amplitude), signal_units(tree))
+        size = layout.in_small_units(float(of_answer.spectral_line_amplitude), signal_units(tree))
         yield (
-            f"The residual holds a line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, perhaps from "
-            "above half the sampling rate, or another mode. Record without it, or filter it out."
+            f"The residual contains a spectral line at {frequency / (2.0 * np.pi):.4g} Hz of {size}: hum, "
+            "perhaps aliased from above half the sampling rate, or another mode. Remove it, or filter it."
         )
 
 
 def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Which method failed; what coefficients of a model that is not complete are, and their errors hold."""
-    for name, reason in findings.failures(tree).items():
+    """Report failed methods, and say that coefficients of an incomplete model are effective values."""
+    for name, reason in judged.failures(tree).items():
         yield f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
-    results = findings.kept_results(tree)
-    if findings.verdict_of(tree) not in UNEXPLAINED or not results:
+    results = judged.kept_results(tree)
+    if not judged.is_unexplained(tree) or not results:
         return
-    result = results.get(findings.answer_of(tree), next(reversed(results.values())))
-    noise, model = findings.error_parts(result)
+    result = results.get(judged.preferred_of(tree), next(reversed(results.values())))
+    noise, model = judged.error_parts(result)
     if np.any(model > 0.0):
         factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
         yield (
-            f"{EFFECTIVE}. Their errors allow for that, by how they move between parts of the record: they "
-            f"are up to {factor:.3g} times those by the noise (--explain)."
+            f"{EFFECTIVE}. Standard errors include the change between parts of the record: they are up to "
+            f"{factor:.3g} times those by the noise (--explain)."
         )
     elif "error_of_model" in result:
-        yield f"{EFFECTIVE}; parts of the record move them by no more than their errors."
+        yield f"{EFFECTIVE}; between parts of the record they change by no more than their errors."
     else:
         yield f"{EFFECTIVE}, which may be off by far more than their errors."
 
 
 def error_sentences(tree: xr.DataTree) -> Iterator[str]:
     """The fewest forces that suffice, which others would do as well, and what the calibration adds."""
-    result = answer_result(tree)
-    if choices := findings.fewer_forces(tree):
-        unit = tree[findings.answer_of(tree)].to_dataset().unit
+    result = judged.preferred_result(tree)
+    if choices := judged.fewer_forces(tree):
+        unit = tree[judged.preferred_of(tree)].to_dataset().unit
         likeliest = ", ".join(
             layout.with_unit(
                 f"{symbol} = {layout.value_with_error(*quantity)}", unit.sel(force=symbol).item()
@@ -202,10 +222,12 @@ def error_sentences(tree: xr.DataTree) -> Iterator[str]:
         )
         yield NOT_SEPARATED.format("; or ".join([likeliest, *map(" and ".join, choices[1:])]))
     if result is not None and "error_of_calibration" in result:
-        others = np.hypot(*findings.error_parts(result))
+        others = np.hypot(*judged.error_parts(result))
         parts = zip(result.force.values, others, result.error_of_calibration.values, strict=True)
-        texts = [f"{name} {part:.2g} (by all else {other:.2g})" for name, other, part in parts if part > 0.0]
-        yield f"Errors hold that of the scale: {', '.join(texts) or 'it moves none'}."
+        texts = [
+            f"{name} {part:.2g} (all other causes {other:.2g})" for name, other, part in parts if part > 0.0
+        ]
+        yield f"Errors include that of the scale: {', '.join(texts) or 'it changes no coefficient'}."
 
 
 # Attributes of a comparison that warn, and their sentences.
@@ -219,7 +241,7 @@ UNIDENTIFIABLE = {
 
 
 def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
-    """Which coefficients of results are fixed, tied or at a bound, in a sentence; none if none is."""
+    """List the coefficients that are fixed, tied or at a bound; nothing if there are none."""
     parts, results = [], list(results)
     for result in results:
         for symbol, row in layout.by_label(result, "force").items():
@@ -232,7 +254,7 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
-    """What methods cannot identify or separate by principle, from the attributes of a comparison."""
+    """List what methods cannot identify or separate by principle, from attributes of a comparison."""
     return [text.format(attrs[key]) for key, text in UNIDENTIFIABLE.items() if attrs.get(key)]
 
 

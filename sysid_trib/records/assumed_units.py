@@ -1,4 +1,4 @@
-"""Units of times and signals: as the user or the file says, else what numbers and names let one assume."""
+"""Units of times and signals: as stated by the user or the file, else assumed from numbers and names."""
 
 from dataclasses import replace
 
@@ -42,7 +42,7 @@ def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tup
 
 
 def _contradicted(column: Column, stated: str, option: str, given: object, known: str = "") -> UsageError:
-    """That what the user says is not what the file says."""
+    """Return the error that an option contradicts the header of the file."""
     return UsageError(
         f"{column.source}: the header of column {column.name} says {stated}, but --{option} says {given} "
         f"({option.replace('-', '_')}= in Python){known}; leave the option out or correct the header."
@@ -70,7 +70,7 @@ def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
             return text, f"time in {text}: it counts from 1970"
     # Days that spreadsheets count from 1900 and MATLAB from the year 0, and stamps that count from 1970.
     for low, high in ((32874.0, 73051.0), (726834.0, 767011.0)):
-        # Of the years 1990 to 2100.
+        # Seconds of the years 1990 to 2100.
         if 0.0 < usual < 1e-2 and low < stamps.min() and stamps.max() < high:
             return "d", "time in days: it counts them as a calendar does"
     return None, "unit of time not stated: taken as s, though its stamps are whole" * are_whole(stamps)
@@ -79,7 +79,7 @@ def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
 def unit_of(
     table: tables.FileTable, column: Column, how: reading.Reading, time: Array, values: Array
 ) -> tuple[lab.SignalUnit, str]:
-    """Unit of a signal without bad samples, and why that one where neither user nor file says it.
+    """Return the unit of a signal without bad samples, and the reason if it is not stated.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def unit_of(
     unit, why = given or stated, ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
-        # What is not named, or by its axis alone, may be an accelerometer.
+        # A column without a name, or named by its axis alone, may be an accelerometer.
         nameless = how.quantity is None and lab.names_quantity(column.base) in ("", "displacement")
         felt = _gravity_on_axes(table, column, signals, values) if nameless else ""
         if not felt and meant in (None, ""):
@@ -201,7 +201,7 @@ OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
 
 
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
-    """Why a column is an axis of an accelerometer in m/s^2: three of them rest at gravity; or nothing."""
+    """Return why a column is an accelerometer axis in m/s^2 (three axes at rest show gravity), or nothing."""
     axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
     # More columns are gravity in some way by chance.
     if len(axes) != 3 or column not in axes:
@@ -232,7 +232,7 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
 
 
 def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
-    """Unit of what swings so far to either side as an angle, and why."""
+    """Return the unit of an angle with this range, and the reason."""
     if half > np.pi:
         return "deg", f"in degrees, since an angle does not swing to {half:.3g} rad"
     # rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it
@@ -274,7 +274,7 @@ def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
 def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
     """Rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
 
-    None where there is no decay.
+    Return None if there is no decay.
     """
     try:
         curve = half_sines.envelope(free_decay(xr.Dataset({"angle": ("time", values)}, {"time": time})))
@@ -308,7 +308,7 @@ def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
 
 
 def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
-    """Unit of what moves on a circle, and why."""
+    """Return the unit of a motion on a circle, and the reason."""
     periods = half_periods.dominant_periods(time, values)
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):

@@ -1,4 +1,4 @@
-"""Samples that are no motion: spikes, outliers, frames that are held, a wrapped angle."""
+"""Removal of samples that are no motion: spikes, outliers, repeated frames, a wrapped angle."""
 
 import numpy as np
 from scipy.interpolate import make_lsq_spline
@@ -81,7 +81,7 @@ _STEP_WITHIN_CUBIC = np.linalg.pinv(np.column_stack([_AT**0, _AT, _AT**2, _AT**3
 
 
 def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, int]:
-    """A signal that was cut at a whole turn, or at the end of its sensor's range, put together again.
+    """Unwrap a signal that was cut at a full turn or at the end of its sensor range.
 
     Parameters
     ----------
@@ -108,7 +108,7 @@ def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, i
 
 
 def _turn_and_cuts(signal: Array) -> tuple[float, int]:
-    """What is added at each cut at the end of a sensor's range, and how many there are.
+    """Return the jump at each cut at the end of the sensor range, and the number of cuts.
 
     At a cut the signal leaps over most of its range in one step, against its motion, which goes on beyond.
     The step that a cubic through the samples on either side leaves is a whole turn. A light barrier leaps as
@@ -160,7 +160,7 @@ MOST_OUTLIERS = 0.05
 
 
 def outliers(time: Array, signal: Array, period: float) -> Index:
-    """Indices of samples that are off what the others say, wherever in the swing they are.
+    """Return the indices of samples that deviate from their neighbours.
 
     Parameters
     ----------
@@ -189,7 +189,7 @@ def outliers(time: Array, signal: Array, period: float) -> Index:
 
 
 def _off_the_others(time: Array, signal: Array, period: float, least: tuple[float, float]) -> Mask:
-    """Which samples of a part without gaps are off by more than the noise, the least and a step's noise."""
+    """Return the mask of samples that deviate by more than the noise, the least and a step's noise."""
     bad = np.zeros(time.size, dtype=bool)
     knots = min(KNOTS * np.ptp(time) / period, time.size / SAMPLES_PER_INTERVAL)
     if knots < OUTLIER_DEGREE:

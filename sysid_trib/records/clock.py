@@ -1,4 +1,4 @@
-"""What stamps say of the clock: uniform and rounded, jittering, doubled, set back, with rows missing."""
+"""The clock behind time stamps: uniform and rounded, jittering, doubled, set back, with rows missing."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -86,7 +86,7 @@ def seconds_between(first: Origin, other: Origin) -> float | None:
 def read_clock(
     stamps: Array, factor: float, source: str, values: Array, numbered: Index | None = None
 ) -> Clock:
-    """Times from stamps.
+    """Return the times from time stamps.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | N
     index = (rows - rows[0]).astype(float)
     for step, said in roundings(given):
         # No line is weighted by stamps that are next to zero where others are not.
-        # Of the largest stamp; a step of a smaller one is no digit of a clock.
+        # Use the largest stamp: a step of a smaller one is no digit of a clock.
         if np.min(step) < 1e-100 * np.max(np.abs(given)):
             continue
         line = _line(index, given, step)

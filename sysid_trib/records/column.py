@@ -172,7 +172,7 @@ class Column:
 
     @property
     def quantity(self) -> str:
-        """What is measured in its unit, or what its name usually means; or nothing."""
+        """Measured quantity by its unit, or else by the usual meaning of its name; may be empty."""
         return self.unit.quantity if self.unit and self.unit.known else lab.names_quantity(self.base)
 
     @cached_property
@@ -236,7 +236,7 @@ class Column:
             return False
         column = self.cells.astype(float)
         back = np.flatnonzero(np.diff(column) <= 0.0) + 1
-        # Of the range of times: runs below each other begin as near to each other as this.
+        # Part of the range of times: runs below each other begin as near to each other as this.
         begins = np.abs(column[back] - column[0]) <= 0.01 * np.ptp(column)
         return bool(0 < back.size <= MOST_SET_BACK and begins.all())
 

@@ -1,9 +1,9 @@
-"""Which columns of a table are times and signal, where names, units and the swing make that certain."""
+"""Choice of the columns of time and signal, where names, units and the swing make it certain."""
 
 import re
 from contextlib import suppress
 from dataclasses import replace
-from typing import TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -15,17 +15,37 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
 
-# Of a run: the columns of its times, if any, and of its signal; why it is this one, nothing where there is no
-# other.
-Chosen: TypeAlias = tuple[Column | None, Column, str]
+
+class ChosenColumns(NamedTuple):
+    """Columns of a run.
+
+    Attributes
+    ----------
+    time : Column or None
+        Its times, if there are any.
+    signal : Column
+    reason : str
+        Why it is this signal; empty where there is no other.
+    """
+
+    time: Column | None
+    signal: Column
+    reason: str
 
 
-# Columns that could be the signal: how each swings, or why it does not.
-Swings: TypeAlias = dict[Column, tuple[equilibrium.Swing | None, str]]
+class TriedColumn(NamedTuple):
+    """Swing of a column, or the reason why it has none."""
+
+    swing: equilibrium.Swing | None
+    reason: str
 
 
-def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> list[Chosen]:
-    """The columns of each run in a table: as given, or where one alone can be meant.
+# Columns that could be the signal.
+Swings: TypeAlias = dict[Column, TriedColumn]
+
+
+def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> list[ChosenColumns]:
+    """Return the columns of each run in a table: as given, or the only plausible ones.
 
     Parameters
     ----------
@@ -48,7 +68,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     if how.angle is not None:
         signal = table.find(how.angle)
         _refuse_levels([signal])
-        return [(given or own_time(table, signal), signal, "")]
+        return [ChosenColumns(given or own_time(table, signal), signal, "")]
     times = [given] if given else table.times
     numeric = [c for c in table.columns if c not in times and not c.is_empty and c.is_numeric]
     signals = [c for c in numeric if not c.is_level]
@@ -71,17 +91,17 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
                 raise
         return [_chosen_of_driven(table, signals, times, acting)]
     first = runs[0][1]
-    at = first.index(_chosen(table, first, times, how)[1]) if len(first) > 1 else 0
+    at = first.index(_chosen(table, first, times, how).signal) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
     # Runs that hold no decay where others do are left out, and named.
-    swings = [signal for time, signal in pairs if (_swing_of(signal, time) or (None, ""))[0]] or signals
+    swings = [signal for time, signal in pairs if _swings(signal, time)] or signals
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
-    return [(time, signal, why) for time, signal in pairs if signal in swings]
+    return [ChosenColumns(time, signal, why) for time, signal in pairs if signal in swings]
 
 
 def _refuse_levels(columns: list[Column]) -> None:
-    """Refuse columns of levels in dB: what swings is not in them."""
+    """Raise an error for columns of levels in dB, which contain no oscillation."""
     level = next((column for column in columns if column.is_level), None)
     if level is not None:
         raise RecordError(
@@ -100,13 +120,13 @@ def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | 
     """The time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
     order = table.columns
     fitting = [time for time in times if time.cells.size == signal.cells.size] or times
-    # What names share behind their first word.
+    # Common part of the names after the first word.
     rest = {c: re.sub(r"^[^\W\d_]+", "", c.name.rpartition(".")[2]) for c in (signal, *fitting)}
     mates = [time for time in fitting if "[" in time.name and rest[signal].startswith(rest[time])]
     before = [time for time in fitting if order.index(time) < order.index(signal)]
     if mates or not before:
         return next(iter(mates or fitting), None)
-    # Of clocks in neighbouring columns the one that stands still least often; else the next one.
+    # Of clocks in neighbouring columns take the one with the fewest repeated values; else the next one.
     clocks = [before[-1]]
     while (at := order.index(clocks[0])) and order[at - 1] in before:
         clocks.insert(0, order[at - 1])
@@ -128,7 +148,7 @@ def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[
     return runs
 
 
-# What runs are called in a line above their columns.
+# Words for runs in a line above their columns.
 _RUN = re.compile(
     r"\b(?:run|trial|test|try|rep|repeat|take|messung|versuch|lauf|essai|prova|ensayo|pomiar)\b"
 )
@@ -142,15 +162,15 @@ def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
     return named_before and all(np.array_equal(first.cells, time.cells) for time in others)
 
 
-def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> Chosen:
-    """The column that alone can be meant, its times, and why."""
+def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> ChosenColumns:
+    """Return the only plausible signal column, its times, and the reason."""
     own = {signal: _time_of(table, signal, times) for signal in signals}
     # Columns that are looked at.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
     swings = {signal: swing for signal, swing in made.items() if swing is not None}
     # Where each of them holds a text, the refusal says where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
-    return own[chosen], chosen, why
+    return ChosenColumns(own[chosen], chosen, why)
 
 
 def _without_drives(
@@ -163,15 +183,14 @@ def _without_drives(
         return signals, []
 
     def decays(columns: list[Column]) -> bool:
-        made = (_swing_of(c, _time_of(table, c, times)) for c in columns[:40])
-        return any(swing is not None and swing[0] is not None for swing in made)
+        return any(_swings(c, _time_of(table, c, times)) for c in columns[:40])
 
     return (signals, []) if decays(acting) and not decays(others) else (others, acting)
 
 
 def _chosen_of_driven(
     table: FileTable, signals: list[Column], times: list[Column], acting: list[Column]
-) -> Chosen:
+) -> ChosenColumns:
     """The signal of a driven record: by its quantity, since no decay shows it; asked for if unclear."""
     pool = [c for c in signals if drives.moves(c) and not drives.is_named_as_drive(c)] or signals
     for quantity in ("angle", "displacement", "rate", "acceleration"):
@@ -179,22 +198,29 @@ def _chosen_of_driven(
         # A name says it where a unit is any number's: of a position in V no torque or temperature is one.
         named = [c for c in known if c.quantity == lab.names_quantity(c.base)] or known
         if len(named) == 1:
-            return _time_of(table, named[0], times), named[0], f"the one {quantity} of {len(signals)} columns"
+            reason = f"the one {quantity} of {len(signals)} columns"
+            return ChosenColumns(_time_of(table, named[0], times), named[0], reason)
         if len(named) > 1:
             pool = named
             break
     if len(pool) == 1:
-        return _time_of(table, pool[0], times), pool[0], f"of {len(signals)} columns"
+        return ChosenColumns(_time_of(table, pool[0], times), pool[0], f"of {len(signals)} columns")
     drive = f'; column {acting[0].name} drives it: add --input "{acting[0].name}"' if acting else ""
-    listed = _listed(pool, dict.fromkeys(pool, (None, "")))
+    listed = _listed(pool, dict.fromkeys(pool, TriedColumn(None, "")))
     raise UsageError(
         f"{table.source}: {listed} could each be the signal; name one, "
         f'such as --angle "{pool[0].name}" (angle= in Python){drive}.'
     )
 
 
-def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | None, str] | None:
-    """How a column swings, or why it does not; None if it holds a text, or next to no numbers."""
+def _swings(column: Column, time: Column | None) -> bool:
+    """True if a column swings as a free decay."""
+    tried = _swing_of(column, time)
+    return tried is not None and tried.swing is not None
+
+
+def _swing_of(column: Column, time: Column | None) -> TriedColumn | None:
+    """Return the swing of a column, or why there is none; None of a text or of fewer than three numbers."""
     try:
         values = column.values
     except SysidTribError:
@@ -209,15 +235,15 @@ def _swing_of(column: Column, time: Column | None) -> tuple[equilibrium.Swing | 
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
             whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])
-            return free_decay.swing_within(times[good], whole)
-    return None, ""
+            return TriedColumn(*free_decay.swing_within(times[good], whole))
+    return TriedColumn(None, "")
 
 
 def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, str]:
-    """The one column that can be meant, and why."""
+    """Return the only plausible signal column, and the reason."""
     moving = [c for c in swings if c.amplitude > 0.0] or [*swings]
     moving = [c for c in moving if not _is_magnitude(c.values)] or moving
-    pool = [c for c in moving if swings[c][0]] or moving
+    pool = [c for c in moving if swings[c].swing] or moving
     if signal is not None:
         pool = [c for c in pool if c.quantity == signal] or pool
     # A position is worth more than its rate, and that than its acceleration: what need not be integrated.
@@ -227,7 +253,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     others = f"of {len(swings)} columns" if len(swings) > 1 else ""
     if len(pool) == 1:
         _ask_of_larger(pool[0], moving, swings)
-        return pool[0], f"the one {others} that swings as a decay" if others and swings[pool[0]][0] else ""
+        return pool[0], f"the one {others} that swings as a decay" if others and swings[pool[0]].swing else ""
     if len(named) == 1:
         return named[0], f"named as an angle, {others}"
     axes = _without_smaller_axes(named or pool)
@@ -238,13 +264,13 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         return pool[0], f"of the columns that swing alike, {others}"
     largest, second = sorted(pool, key=lambda c: c.amplitude)[:-3:-1]
     one_unit = len({c.unit_text for c in pool}) == 1
-    # Of columns in one unit, one is the signal if it swings so many times as far as any other.
+    # A column is the signal if its range exceeds that of others in its unit by this factor.
     if one_unit and largest.amplitude > 5.0 * second.amplitude:
         times = f"{largest.amplitude / second.amplitude:.2g}"
         return largest, f"it swings {times} times as far as any other"
-    if not any(swings[c][0] for c in pool):
+    if not any(swings[c].swing for c in pool):
         pool = named or pool
-        reasons = "; ".join(f"{c.name}: {swings[c][1]}" for c in pool[:LISTED] if swings[c][1])
+        reasons = "; ".join(f"{c.name}: {swings[c].reason}" for c in pool[:LISTED] if swings[c].reason)
         beat = (
             re.search("two modes beat|several modes|rises again", reasons) is not None
             and "driven" not in reasons
@@ -257,7 +283,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
             f"{'record one mode alone.' if beat else driven}"
         )
-    swing, _ = swings[largest]
+    swing = swings[largest].swing
     several = modes.modes(swing.time, swing.signal) if swing else []
     modal = f" (several modes swing in {largest.name}: {modes.listed(several)})" if len(several) > 1 else ""
     raise UsageError(
@@ -271,7 +297,7 @@ def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> No
     for other in moving:
         swing, reason = swings[other]
         alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)
-        # What is so many times as large as the column that swings is no noise of it, and is asked about.
+        # A column larger than the oscillating one by this factor is not noise: ask about it.
         if alike and swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
                 f"{other.source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far "
@@ -281,22 +307,22 @@ def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> No
 
 
 def _without_smaller_axes(pool: list[Column]) -> list[Column]:
-    """Without axes of one sensor that move in phase with a larger one: all see the same motion."""
+    """Remove axes of one sensor that move in phase with a larger one: all see the same motion."""
     largest = max(pool, key=lambda c: c.amplitude)
     others = [c for c in pool if _are_axes(c.base, largest.base) and _in_phase(c.values, largest.values)]
     return [c for c in pool if c not in others]
 
 
 def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
-    """Without columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
+    """Remove columns that repeat another one, are its rate, or swing twice as often (y of a pendulum)."""
     ranked = sorted(pool, key=lambda c: (c.quantity != "angle", not c.unit_text))
-    periods = {c: swing.oscillation.period if swing else np.inf for c, (swing, _) in swings.items()}
+    periods = {c: tried.swing.oscillation.period if tried.swing else np.inf for c, tried in swings.items()}
     kept: list[Column] = []
     for column in ranked:
         # Two columns are one signal twice.
         alike = any(_in_phase(column.values, other.values, 0.9999) for other in kept)
         doubled = any(abs(periods[other] / periods[column] - 2.0) < 0.1 for other in pool)
-        is_rate = any(_is_rate_of(swings[column][0], swings[other][0]) for other in pool)
+        is_rate = any(_is_rate_of(swings[column].swing, swings[other].swing) for other in pool)
         if not (alike or doubled or is_rate):
             kept.append(column)
     return [c for c in pool if c in kept] or pool[:1]
@@ -319,7 +345,7 @@ def _listed(pool: list[Column], swings: Swings) -> str:
     texts = []
     for column in pool[:LISTED]:
         low, high = np.nanpercentile(column.values, [0.0, 100.0])
-        swing, _ = swings[column]
+        swing = swings[column].swing
         period = f", period {swing.oscillation.period:.4g}" if swing else ""
         texts.append(f"{column.name} ({low:.4g} to {high:.4g}{period})")
     return " and ".join([", ".join(texts[:-1]), texts[-1]] if len(texts) > 1 else texts)
@@ -349,6 +375,6 @@ def _is_magnitude(values: Array) -> bool:
     if good.size < 2 or good.min() < 0.0:
         return False
     parts = [part for part in np.array_split(good, 4) if part.size]
-    # Of its range: a magnitude comes back to zero as near as this in every swing.
+    # Part of its range: a magnitude comes as near to zero as this in every swing.
     allowed = 0.05 * max(float(part.max()) for part in parts)
     return all(part.min() < allowed for part in parts)

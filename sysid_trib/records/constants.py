@@ -8,11 +8,9 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError, did_you_mean
-from sysid_trib.records.inputs import ROLE
+from sysid_trib.records.inputs import CONSTANT, ROLE
 from sysid_trib.records.tables import FileTable
 
-# attrs[CONSTANT] of an input that does not vary within a run.
-CONSTANT = "constant"
 # A constant may vary by this part of its size, as a number that was rounded.
 CONSTANT_BUT_ROUNDED = 1e-9
 _NOTED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*[=:]\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)", re.I)
@@ -47,12 +45,6 @@ def with_constants(
             attrs["units"] = units
         record[name] = ("time", np.full(record.sizes["time"], number), attrs)
     return record
-
-
-def constants_of(record: xr.Dataset) -> dict[str, float]:
-    """Return the known constants of a run by their names."""
-    marked = ((str(name), values) for name, values in record.data_vars.items() if CONSTANT in values.attrs)
-    return {name: float(values.values[0]) for name, values in marked}
 
 
 def _number(

@@ -1,21 +1,18 @@
-"""A decay cut from a record where its motion is free, or is too short to prove it; several runs as a list."""
+"""Decay: the free part of a record, or all of a short one; several runs as a list."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
 from scipy.optimize import curve_fit
 
 from sysid_trib.arrays import Array, variable, with_error
-from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import free_motion_checks as checks, half_periods, inputs
-from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.errors import DecayError
+from sysid_trib.records import free_motion_checks as checks, half_periods
 from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.signal import Piece, as_position, checked_signal, unit_of_signal
+from sysid_trib.records.signal import Piece, as_position, unit_of_signal
 
 # Part of a half period to which the extremum before the first zero crossing is known.
 EXTREMUM_ERROR = 0.003
@@ -53,9 +50,9 @@ def free_part(swing: Swing) -> Swing:
 def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     """First sample at the extremum before the first zero crossing, 0 if the record is free before it, too.
 
-    What comes before that extremum may be the hand that holds the body, or moves it to its release. Free
-    motion takes a quarter period from the extremum to the crossing, a little more where it decays, and before
-    the extremum it is the mirror image of what follows, up to the decay, whatever the elastic forces.
+    Before that extremum a hand may hold the body, or move it to its release. Free motion takes a quarter
+    period from the extremum to the crossing, a little more where it decays, and before the extremum it is the
+    mirror image of what follows, up to the decay, whatever the elastic forces.
     """
     time, run, peak = swing.time, swing.run, swing.peaks
     duration = swing.halves.duration[run]
@@ -64,7 +61,7 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     # Half periods of the same sign: an error of the equilibrium makes them as long.
     half_period = duration[1] + np.clip(duration[1] - duration[3], -0.1 * duration[1], 0.1 * duration[1])
     decay = max(0.0, float(np.log(peak[0] / peak[2])) / 2.0)
-    # Of the cosine whose amplitude decays; the extremum itself comes a little sooner.
+    # Time of the cosine with a decaying amplitude; its extremum comes a little sooner.
     middle = swing.halves.crossing[run.start] - 0.5 * half_period
     extremum = middle - half_period * np.arctan(decay / np.pi) / np.pi
     away = middle - smoothed[smoothed < extremum]
@@ -253,66 +250,3 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
         return None
     values, covariance = fits[int(np.argmin(residuals))]
     return float(values[0] * size), float(np.sqrt(covariance[0, 0]) * size)
-
-
-Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
-
-# Of each run, by which it shows how far names and coefficients hold.
-RECORD_PARTS = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
-
-
-def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
-    """The runs as a list, also if there is but one.
-
-    Parameters
-    ----------
-    decay : Dataset or sequence of Dataset
-        `angle(time)` of one run, or of several.
-    driven : bool
-        Whether a known input is taken; a driven record is cleaned, and parted at its gaps.
-
-    Raises
-    ------
-    UsageError
-        None is given, or one is no decay, or has a known input that is not taken.
-    DecayError
-        One holds what is no number, or times that do not rise.
-    """
-    runs = [decay] if isinstance(decay, xr.Dataset) else list(decay)
-    if not runs:
-        raise UsageError("No run is given; give at least one decay.")
-    for run in runs:
-        checked_signal(run)
-    if driven:
-        runs = [part for run in runs for part in driven_parts(run)]
-    for run in runs:
-        if not driven:
-            inputs.refuse_inputs(run)
-    if driven:
-        _refuse_mixed_inputs(runs)
-    return runs
-
-
-def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
-    """Refuse runs whose inputs of one name are in different units."""
-    units: dict[str, set[str]] = {}
-    for run in runs:
-        for name, values in run.variables.items():
-            if values.attrs.get("role") == inputs.ROLE and (unit := values.attrs.get("units")):
-                units.setdefault(str(name), set()).add(str(unit))
-    for name, different in units.items():
-        if len(different) > 1:
-            raise UsageError(
-                f"The input {name} is in different units ({', '.join(sorted(different))}); runs of one "
-                "experiment have it in one: convert it."
-            )
-
-
-def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
-    """The decay itself where there is but one."""
-    return runs[0] if len(runs) == 1 else list(runs)
-
-
-def root_mean_square(values: ArrayLike) -> float:
-    """RMS of numbers."""
-    return float(np.sqrt(np.mean(np.square(values))))

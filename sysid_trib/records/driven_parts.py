@@ -1,4 +1,4 @@
-"""The parts of a driven record: without outliers, and without the gaps that nobody knows the motion in."""
+"""Parts of a driven record: without outliers, divided at gaps."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -192,7 +192,7 @@ def _outliers(time: Array, values: Array) -> Index:
         return np.zeros(0, dtype=np.int64)
     spikes = cleaning.spikes(time, values)
     calm = np.delete(np.arange(time.size), spikes)
-    # As many knots as samples allow: a driven motion is faster at times than its period says.
+    # Use as many knots as samples allow: a driven motion can be faster than its period suggests.
     shortest = cleaning.KNOTS * cleaning.SAMPLES_PER_INTERVAL * usual_step(np.diff(time))
     both = np.union1d(spikes, calm[cleaning.outliers(time[calm], values[calm], shortest)]).astype(np.int64)
     return both[(both >= AT_END) & (both < time.size - AT_END)]

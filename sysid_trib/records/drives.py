@@ -10,7 +10,7 @@ from sysid_trib.records import units as lab
 from sysid_trib.records.column import Column
 
 _WORDS = lab.LAB_WORDS["drives"]
-# Of the steps of an input that is held between changes, so many are zero.
+# Fraction of zero steps of an input that is held between changes.
 MOSTLY_HELD = 0.5
 
 

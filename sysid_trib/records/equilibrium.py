@@ -1,4 +1,4 @@
-"""The swing within a record, and the equilibrium it swings about."""
+"""Swing within a record, and its equilibrium."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -68,7 +68,7 @@ class Swing:
 def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> Swing | None:
     """Find the regular swing of a signal and, unless it is given, its equilibrium.
 
-    None if the signal holds no oscillation that stands out of its noise.
+    Return None if no oscillation is visible above the noise.
     """
     periods = half_periods.dominant_periods(time, signal)
     swings = [_settle(time, signal, period, equilibrium) for period in periods]
@@ -111,7 +111,7 @@ def with_half_periods(
     source = str(decay.attrs.get("source", "decay"))
     halves = _whole_half_periods(time.tobytes(), angle.tobytes(), equilibrium)
     if halves is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise.")
+        raise DecayError(f"{source}: no oscillation is visible above the noise.")
     count = halves.sign.size
     if count < fewest:
         raise DecayError(f"{source}: only {count} whole half periods; at least {fewest} needed.")
@@ -160,7 +160,7 @@ def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
 def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods) -> Array:
     """Extremum of each half period of a roughly centred signal, from a cosine through its middle two thirds.
 
-    What is left of the equilibrium passes with gain one, up to the cosine's curvature.
+    A remaining offset passes with gain one, up to the cosine's curvature.
     """
     duration = halves.duration
     local = np.convolve(np.pad(duration, 1, mode="edge"), SHORT_BINOMIAL, "valid")

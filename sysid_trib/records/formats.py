@@ -1,11 +1,11 @@
-"""What files of many formats hold: vectors by their names, with units and notes; the content decides."""
+"""Readers of many formats: vectors by their names, with units and notes; the content decides the format."""
 
 import json
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -21,13 +21,28 @@ FEWEST_OF_A_RECORD = 20
 WITHOUT_NUMBERS = ("string", "categorical", "datetime", "duration", "function_handle", "containers.Map")
 # Texts of a list that are taken as a note.
 MOST_TEXTS = 100
-# Columns by name, in the order of the file; their units, where it states them apart from the names; and what
-# else it says: comment lines, texts and scalars as `name = value`.
-Contents: TypeAlias = tuple[dict[str, Any], dict[str, str], Sequence[str]]
+
+
+class Contents(NamedTuple):
+    """Contents of a file.
+
+    Attributes
+    ----------
+    columns : dict of str to array_like
+        By name, in the order of the file.
+    units : dict of str to str
+        Units of columns, where the file states them apart from the names.
+    notes : sequence of str
+        Comment lines, and texts and scalars as `name = value`.
+    """
+
+    columns: dict[str, Any]
+    units: dict[str, str]
+    notes: Sequence[str]
 
 
 def reader_of(path: Path) -> Callable[[Path], Contents]:
-    """What reads a file, by its first bytes.
+    """Return the reader of a file, by its first bytes.
 
     Raises
     ------
@@ -63,11 +78,11 @@ def read_lines(path: Path) -> Contents:
     content = _json_content(path)
     if content is None:
         return _from_frame(*read_text(path))
-    return dict(_json_columns(content)), {}, _notes(content)
+    return Contents(dict(_json_columns(content)), {}, _notes(content))
 
 
 def _json_content(path: Path) -> Any:
-    """What a file of JSON holds, an object a line or not; None of any other one."""
+    """Read JSON, as one value or one object per line; return None for any other file."""
     content = path.read_bytes().removeprefix(b"\xef\xbb\xbf").strip()
     if not content.startswith((b"{", b"[")) or not content.endswith((b"}", b"]")):
         return None
@@ -85,7 +100,7 @@ def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     if isinstance(value, dict):
         names, rows = value.get("columns"), value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
-            # As pandas writes a table that is split.
+            # The format of pandas for a split table.
             yield from _json_columns([dict(zip(map(str, names), row, strict=False)) for row in rows], name)
         elif value and all(key.isdigit() for key in value):
             yield from _json_columns(list(value.values()), name)
@@ -107,7 +122,7 @@ def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[st
     columns: dict[str, Any] = {}
     for index, name in zip(range(frame.shape[1]), names or map(str, range(frame.shape[1])), strict=False):
         columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
-    return columns, {}, notes
+    return Contents(columns, {}, notes)
 
 
 def read_excel(path: Path) -> Contents:
@@ -137,12 +152,12 @@ def read_netcdf(path: Path) -> Contents:
 
     with path.open("rb") as file:
         engine = "scipy" if file.read(3) == b"CDF" else "h5netcdf"
-    # Of HDF5 without dimensions, so that it has some.
+    # Give dimensions to HDF5 variables without them.
     named: dict[str, Any] = {"phony_dims": "sort"} if engine == "h5netcdf" else {}
     with xr.open_dataset(path, engine=engine, decode_times=False, **named) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
         units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
-    return columns, units, ()
+    return Contents(columns, units, ())
 
 
 def read_matlab(path: Path) -> Contents:
@@ -157,7 +172,7 @@ def read_matlab(path: Path) -> Contents:
     content = {k: v for k, v in loaded.items() if not k.startswith("__")}
     columns = dict(_flatten(content))
     _check_objects(path, list(_classes_in(content)), columns)
-    return columns, {}, _notes(content)
+    return Contents(columns, {}, _notes(content))
 
 
 def _is_object(value: Any) -> bool:
@@ -210,7 +225,7 @@ def read_numpy(path: Path) -> Contents:
     loaded = np.load(path, allow_pickle=False)
     arrays = {"data": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
     scalars = {name: array.item() for name, array in arrays.items() if array.size == 1}
-    return dict(_flatten(arrays)), {}, _notes(scalars)
+    return Contents(dict(_flatten(arrays)), {}, _notes(scalars))
 
 
 def _notes(content: Any, name: str = "") -> list[str]:
@@ -277,7 +292,7 @@ def read_hdf5(path: Path) -> Contents:
     with h5py.File(path, "r") as file:
         columns = dict(_flatten(content(file, file)))
     _check_objects(path, objects, columns)
-    return columns, units, notes
+    return Contents(columns, units, notes)
 
 
 def _plain(value: Any) -> Any:
@@ -307,4 +322,4 @@ def read_tdms(path: Path) -> Contents:
                 columns[f"{group.name}/time"] = channel.time_track()
             columns[name] = channel[:]
             units[name] = str(channel.properties.get("unit_string", ""))
-    return columns, units, ()
+    return Contents(columns, units, ())

@@ -12,7 +12,8 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.in_memory import as_record
+from sysid_trib.records.in_memory import one_record
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
@@ -23,7 +24,7 @@ SMALLEST_FURTHER = 0.2
 
 
 def free_decay(
-    record: xr.Dataset,
+    record: RecordLike,
     *,
     window: tuple[float | None, float | None] = (None, None),
     equilibrium: float | str = "auto",
@@ -31,11 +32,11 @@ def free_decay(
 ) -> xr.Dataset:
     """Cut a record to its free decay and centre it on its equilibrium.
 
-    Of several decays in one record it is the one that travels farthest; `free_decays` gives them all.
+    If a record has several decays, this is the one with the longest travel; `free_decays` gives all.
 
     Parameters
     ----------
-    record : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
+    record : Dataset, DataArray, pandas Series or DataFrame, dict, (t, angle), or (sample, 2) array
         With ``angle(time)``; times in s, or dates.
     window : s
         Times between which to look; None for the record's end.
@@ -69,7 +70,7 @@ def free_decay(
 
 
 def free_decays(
-    record: xr.Dataset,
+    record: RecordLike,
     *,
     window: tuple[float | None, float | None] = (None, None),
     equilibrium: float | str = "auto",
@@ -102,7 +103,7 @@ def free_decays(
     UsageError, DecayError
         As `free_decay`.
     """
-    record = as_record(record)
+    record = one_record(record, "free_decay")
     checked_signal(record, *filter(None, [getattr(record, "attrs", {}).get("measured")]))
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
@@ -194,9 +195,9 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         if decays and (not _alike(decay, decays[0]) or checks.is_held(decay, decays[0])):
             continue
         decays.append(decay)
-        # What comes after it and before it.
+        # Search after it and before it.
         ends = slice(decay.free.stop, None), slice(decay.free.start)
-        waiting = [*((decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
+        waiting = [*(Piece(decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
         raise _naming_modes(refusals[0], longest, source)
     return sorted(decays, key=lambda decay: decay.time[decay.free.start])
@@ -207,7 +208,7 @@ _OF_MODES = re.compile(r"rises again|half period|does not decay|grows")
 
 
 def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
-    """A refusal with the frequencies of the modes that swing at once, where there are several."""
+    """Add the frequencies of simultaneous modes to an error, if there are several."""
     said = str(refusal).removeprefix(f"{source}: ")
     several = modes.modes(*piece[:2]) if _OF_MODES.search(said) else []
     if len(several) < 2:
@@ -240,7 +241,7 @@ def _swing(time: Array, signal: Array, mended: str, value: float | None, source:
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
     swing = find_swing(time, signal, value)
     if swing is None:
-        raise DecayError(f"{source}: no oscillation stands out of the noise; check column and window.")
+        raise DecayError(f"{source}: no oscillation is visible above the noise; check column and window.")
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)
@@ -282,7 +283,8 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     longest = max(range(len(parts)), key=lambda at: parts[at].size)
     mended = [swing.mended] * len(parts)
     mended[longest] = "; ".join(text for text in (swing.mended, said) if text)
-    return [(swing.time[part], swing.signal[part], text) for part, text in zip(parts, mended, strict=True)]
+    pairs = zip(parts, mended, strict=True)
+    return [Piece(swing.time[part], swing.signal[part], text) for part, text in pairs]
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:

@@ -20,7 +20,7 @@ PACE_TOLERANCE = 0.03
 
 
 def _held(peak: Array, scatter: float) -> tuple[int, float]:
-    """Half periods until the amplitude leaves what a drive holds it within, and that part of it."""
+    """Return the half periods until the amplitude leaves the range of a drive, and this range."""
     held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
     # Part of the amplitude within which a drive holds it.
     allowed = 0.03 * held + scatter
@@ -47,12 +47,12 @@ def after_the_drive(swing: Swing) -> Swing:
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
-# What is left to do with a record that is no decay.
+# Advice for a record that is no decay.
 AS_IT_IS = "name the forces that act (--forces) to take it as it is"
 
 
 def is_held(swing: Swing, decay: Swing) -> bool:
-    """True if a drive holds the amplitude of a swing throughout, beside a decay of the same record."""
+    """Return true if a drive holds the amplitude of a swing throughout, unlike a decay of the same record."""
     peak, falling = swing.extrema, decay.extrema
     end, allowed = _held(peak, swing.scatter)
     throughout = end == peak.size >= DRIVEN_HALF_PERIODS
@@ -149,7 +149,7 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
     rise, lowest_before = min(rises)
     level = float(peak[rise:].max())
     stop = int(np.argmax(peak <= level))
-    # What goes on after a decay at less than this part of its largest amplitude is shaken by something else.
+    # A motion after a decay below this part of its largest amplitude has another cause.
     if level <= 0.25 * peak[0] and stop >= FEWEST_EXTREMA:
         return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
     instant = swing.halves.crossing[swing.run.start + rise]
@@ -206,12 +206,12 @@ def wrong_swings(swing: Swing) -> Index:
 
 
 def _deviation_from_decay(level: Array) -> Array:
-    """By how much logarithms are off those on both sides, where these are a decay; else 0."""
+    """Return the deviation of logarithms from their neighbours where these decay; else 0."""
     off = np.zeros(level.size)
     before, after = level[1:-3], level[3:-1]
     around = np.stack([level[:-4], before, after, level[4:]])
     off[2:-2] = level[2:-2] - np.median(around, axis=0)
-    # Of a push, or of beats, what follows is larger than what was before.
+    # After a push, and in beats, the amplitude rises.
     off[2:-2][after > before + 0.5 * WRONG_PART] = 0.0
     return off
 
@@ -282,7 +282,7 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
 
 
 def before_the_hand(swing: Swing) -> slice | None:
-    """The run up to the last half period that is free, or None if the swing does not end by a hand.
+    """Return the run up to the last free half period; None if no hand ends the swing.
 
     For a record that goes on after its run of half periods otherwise than the swing would.
     """

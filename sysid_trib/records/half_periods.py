@@ -172,7 +172,7 @@ def _periods_of_lines(signal: Array, interval: float) -> list[float]:
     periods: list[float] = []
     for peak in peaks:
         period = float(size * interval / index[peak])
-        # Of times near the smallest number a period may be zero.
+        # With times near the smallest number a period may be zero.
         if period > 0.0 and not any(0.8 < period / other < 1.25 for other in periods):
             periods.append(period)
     return periods
@@ -195,8 +195,8 @@ def smooth(time: Array, signal: Array, period: float) -> Oscillation:
 def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> HalfPeriods:
     """Split an oscillation at the zero crossings that lead from one clear side to the other.
 
-    A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis).
-    Of several chattering crossings on the way, the middle counts.
+    A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis). The
+    middle of several noisy crossings counts.
     """
     time, signal = oscillation.time, oscillation.signal - equilibrium
     magnitude = np.abs(signal)

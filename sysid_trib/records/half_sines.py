@@ -8,10 +8,12 @@ import numpy as np
 import scipy.sparse as sp
 import xarray as xr
 
+from sysid_trib import records
 from sysid_trib.arrays import Array, Index, Variables, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import equilibrium, signal
 from sysid_trib.records.half_periods import HalfPeriods, analytic_extrema, noise_of_record
+from sysid_trib.records.runs import RecordLike
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
@@ -19,7 +21,7 @@ IMPULSES = 8
 """Impulses in each half period that stand for white acceleration."""
 SPAN = 4
 """Half periods before and after an impulse whose extrema it moves otherwise than for good."""
-# Of the swing's amplitude.
+# Relative to the amplitude of the swing.
 IMPULSE_SIZE = 1e-5
 
 
@@ -108,7 +110,7 @@ EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, 
 }
 
 
-def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
+def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
     """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
 
     Parameters
@@ -148,6 +150,7 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     """
     if curve not in EXTREMA:
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
+    decay = decay if isinstance(decay, xr.Dataset) else records.one_record(decay, "envelope")
     time, angle, halves = equilibrium.with_half_periods(decay)
     # A half-sine of known frequency has two unknowns.
     if np.diff(halves.samples(time)[0]).min() < 2:
@@ -168,7 +171,7 @@ def envelope(decay: xr.Dataset, curve: EnvelopeCurve = "half-sines") -> xr.Datas
 
 
 def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
-    """How much more values scatter than their errors say; 1 where that may be chance.
+    """Return the scatter of values over their errors; 1 where the excess may be chance.
 
     `decay_ratio` : of extrema a period apart. Differences are between half periods of one sign: whatever
     differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line
@@ -231,7 +234,7 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
     -cos(phi)/a to the phase. A curve through the half period of the impulse takes part of it, found here by
     trying.
     """
-    # Of the swing that has the impulse.
+    # Half periods around the one with the impulse, and samples of each.
     around, samples = 10, 64
     number = np.arange(-around, around + 2)
     crossing = np.pi * (np.append(number, around + 2) - 0.5)
@@ -252,7 +255,7 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
 def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_matrix]:
     """Response of extrema and times to impulses of density 1: (2 half periods, impulse) each.
 
-    What stays for good, from one extremum to the next; and what passes.
+    There is a lasting part, from one extremum to the next, and a transient part.
     """
     b, t = measured.extremum.values, measured.extremum_time.values
     (lasting, passes), count = _impulse_response(measured.attrs.get("curve", "half-sines")), len(b)
@@ -261,7 +264,7 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
 
-    # Of extrema, then of their times.
+    # For extrema, then for their times.
     of_half_period = np.stack([size, size * (duration / np.pi)])
     of_extremum = np.stack([np.ones(count), 1.0 / b])
 

@@ -1,6 +1,7 @@
-"""What a user has in memory as a record: its times and signal by the same names and units as in files."""
+"""Records from memory (pandas, xarray, arrays): the same names and units as in files."""
 
-from collections.abc import Hashable
+import os
+from collections.abc import Hashable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.signal import ANGLE_UNIT
 
 ANGLE, TIME = "angle", "time"
+# How a record is given, for messages.
+GIVE_A_RECORD = "give (t, angle), a pandas Series or DataFrame with times, or a Dataset with angle(time)"
 
 
 def as_record(given: Any) -> Any:
@@ -20,16 +23,18 @@ def as_record(given: Any) -> Any:
 
     Parameters
     ----------
-    given : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
-        Over time, or with a column of times; of a DataFrame the column `angle`, or the only one that is one
-        or is there; of an array times and angles. Names say units as in files, `time (ms)`, `angle (deg)`.
-        Anything else comes back as it is.
+    given : Dataset, DataArray, pandas Series or DataFrame, dict, (t, angle), or (sample, 2) array
+        Over time, or with a column of times; of a DataFrame or dict of columns the column `angle`, or the
+        only one that is one or is there; of an array, whose other dimension counts samples, times and angles.
+        Names say units as in files, `time (ms)`, `angle (deg)`. Anything else comes back as it is.
 
     Raises
     ------
     UsageError
         It is not clear what the signal is, there are no times, or their unit cannot be the right one.
     """
+    if isinstance(given, Mapping) and not isinstance(given, xr.Dataset | xr.DataTree):
+        given = pd.DataFrame(dict(given))
     if isinstance(given, pd.DataFrame):
         return _of_frame(given)
     if isinstance(given, pd.Series):
@@ -38,6 +43,13 @@ def as_record(given: Any) -> Any:
     if isinstance(given, np.ndarray):
         # A matrix has columns of two dimensions; a value that is masked is missing.
         plain = np.ma.filled(given.astype(float), np.nan) if np.ma.isMaskedArray(given) else np.asarray(given)
+        if plain.ndim == 2 and plain.shape[0] == 2 and plain.shape[1] > 2:
+            plain = plain.T
+        if plain.ndim == 1:
+            raise UsageError(
+                "An array of one dimension has no times: give (t, angle), with t = np.arange(len(angle)) / "
+                "sampling_rate."
+            )
         if plain.ndim != 2 or plain.shape[1] != 2:
             raise UsageError(f"An array is a record as (sample, 2), times and angles, not as {plain.shape}.")
         return _of_columns(_column(TIME, plain[:, 0]), _column(ANGLE, plain[:, 1]), "array")
@@ -45,7 +57,120 @@ def as_record(given: Any) -> Any:
         if given.ndim != 1:
             raise UsageError(f"A DataArray is a record over time alone; this one is over {given.dims}.")
         given = _of_data_array(given)
+    if is_pair(given):
+        return _of_pair(*given)
     return _in_numbers(given) if isinstance(given, xr.Dataset) else given
+
+
+def is_pair(given: Any) -> bool:
+    """Return true if something is times and angles, two columns of numbers or dates of one length."""
+    if not isinstance(given, tuple | list) or len(given) != 2:
+        return False
+    return all(_is_column(part) for part in given)
+
+
+def _is_column(given: Any) -> bool:
+    """Return true if something is a column of numbers or dates, and no record by itself."""
+    if isinstance(given, np.ndarray | xr.DataArray):
+        return given.ndim == 1
+    if isinstance(given, pd.Series | pd.Index):
+        return True
+    return isinstance(given, list | tuple | range) and all(np.ndim(part) == 0 for part in given[:3])
+
+
+def _of_pair(times: Any, signal: Any) -> xr.Dataset:
+    """Make the record of times and a signal; what they are called says their units.
+
+    Raises
+    ------
+    UsageError
+        They are not of one length.
+    """
+    if len(times) != len(signal):
+        raise UsageError(
+            f"(t, angle) has {len(times)} times and {len(signal)} angles; give one time an angle."
+        )
+    columns = []
+    for usual, given in ((TIME, times), (ANGLE, signal)):
+        name = getattr(given, "name", None)
+        values = given if hasattr(given, "dtype") else np.asarray(given)
+        columns.append(_column(usual if name is None else name, values))
+    time, angle = columns
+    return _of_columns(time, angle, "pair")
+
+
+def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
+    """Return the record that is given, or the list of several, as Datasets with `angle(time)`.
+
+    Parameters
+    ----------
+    given : RecordsLike
+        A record as `as_record` takes it, or several of them.
+    function : str
+        The function that takes it, for the message.
+
+    Raises
+    ------
+    UsageError
+        Something else, or a record without times.
+    """
+    if _is_record(given):
+        return _checked_record(given, function)
+    if isinstance(given, Iterable) and not isinstance(given, str | bytes | Mapping | xr.DataTree):
+        return [_checked_record(record, function) for record in given]
+    return _checked_record(given, function)
+
+
+def one_record(given: Any, function: str) -> xr.Dataset:
+    """Return the one record that is given, as `as_decays`.
+
+    Raises
+    ------
+    UsageError
+        Something else, or several records.
+    """
+    records = as_decays(given, function)
+    runs = [records] if isinstance(records, xr.Dataset) else records
+    if len(runs) != 1:
+        raise UsageError(f"{function} takes one record, not {len(runs)}; call it for each.")
+    return runs[0]
+
+
+def _is_record(given: Any) -> bool:
+    """Return true if something stands for one record."""
+    if isinstance(given, xr.Dataset | xr.DataArray | pd.DataFrame | pd.Series | np.ndarray):
+        return True
+    if isinstance(given, Mapping) and not isinstance(given, xr.DataTree):
+        # Columns by their names.
+        return bool(given) and all(_is_column(column) for column in given.values())
+    return is_pair(given)
+
+
+def _checked_record(given: Any, function: str) -> xr.Dataset:
+    """Return one record as a Dataset, or say what it is instead."""
+    if isinstance(given, str | os.PathLike):
+        raise UsageError(
+            f"{function} takes a record, not the name of a file; read it: "
+            f"st.free_decay(st.read_record({str(given)!r}))."
+        )
+    if not _is_record(given):
+        raise UsageError(f"{function} takes a record: {GIVE_A_RECORD}; not {_kind(given)}.")
+    record: xr.Dataset = as_record(given)
+    if "angle" not in record.variables:
+        if "coefficient" in record:
+            raise UsageError(f"{function} takes a record, not a result; give the record that it is from.")
+        names = [str(name) for name, values in record.data_vars.items() if values.ndim == 1]
+        remedy = f"rename its signal: record.rename({names[0] if len(names) == 1 else 'NAME'}='angle')"
+        held = ", ".join(map(str, record.data_vars)) or "nothing"
+        raise UsageError(f"{function} takes a Dataset with angle(time), and this one holds {held}; {remedy}.")
+    return record
+
+
+def _kind(given: Any) -> str:
+    """Name what was given in place of a record, in a few words."""
+    if isinstance(given, xr.DataTree):
+        return "a result"
+    return f"an object of type {type(given).__name__}"
 
 
 def _of_frame(frame: pd.DataFrame) -> xr.Dataset:

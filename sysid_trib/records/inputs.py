@@ -20,12 +20,14 @@ from sysid_trib.records.signal import checked_signal, unit_of_signal
 # The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
 INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
-# What follows the signal's unit in that of an input of a kind.
+# Suffix of the signal's unit in the unit of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
 # The library whose forces hold inputs.
 SHIPPED = "inputs"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
+# attrs[CONSTANT] of an input that does not vary within a run.
+CONSTANT = "constant"
 # Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
 BETWEEN_SAMPLES = {"linear": 1, "held": 0, "cubic": 3, "smooth": 7}
 
@@ -120,7 +122,7 @@ def named_inputs(given: str | Sequence[str] | Mapping[str, str | int] | None) ->
 def values_of_inputs(
     inputs: Mapping[str, KnownInput], channels: Iterable[Channel], elapsed: ArrayLike, frequency: float
 ) -> dict[str, Array]:
-    """What formulas call `u` and `du` at times since the first sample; zero of an input that is not there.
+    """Return the inputs `u` and `du` of formulas at times since the first sample; zero without an input.
 
     Parameters
     ----------
@@ -156,6 +158,12 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
     """
     names = [str(n) for n in record.variables if n == INPUT or record[n].attrs.get("role") == ROLE]
     return {name: _input(record, name) for name in names}
+
+
+def constants_of(record: xr.Dataset) -> dict[str, float]:
+    """Return the known constants of a run by their names."""
+    marked = ((str(name), values) for name, values in record.data_vars.items() if CONSTANT in values.attrs)
+    return {name: float(values.values[0]) for name, values in marked}
 
 
 def _input(record: xr.Dataset, name: str) -> KnownInput:
@@ -266,9 +274,9 @@ def refuse_inputs(record: xr.Dataset) -> None:
     names = [name for name, given in inputs_of(record).items() if np.any(given.values)]
     if names:
         raise UsageError(
-            f"This record has a known input ({', '.join(names)}), which Direct and Trajectory identify it "
-            "with, and simulate, predict, innovations and prediction_bands take; leave it out where it is "
-            f"zero, drop_vars('{names[0]}')."
+            f"This record has a known input ({', '.join(names)}), which only Direct, Trajectory, "
+            "simulate, predict, innovations and prediction_bands accept; if it is zero, remove it: "
+            f"drop_vars('{names[0]}')."
         )
 
 

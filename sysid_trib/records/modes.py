@@ -22,7 +22,7 @@ CENTRED = 2
 
 
 def modes(time: Array, signal: Array) -> list[float]:
-    """Frequencies (1/time) of the modes in a decay, rising; one or none where it is a single one.
+    """Return the frequencies (1/time) of the modes in a decay, rising; at most one for a single mode.
 
     Parameters
     ----------

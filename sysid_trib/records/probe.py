@@ -29,7 +29,7 @@ MEMORY, MEMORY_PER_BYTE = 2**29, 16
 # How a file was read: to its end or not, it points outside of itself or in circles, the package that reads it
 # is not installed.
 WHOLE, DAMAGED, LINKED, NO_READER = "whole", "damaged", "linked", "no reader"
-# What a reader needs, and what it uses besides: imported before a process is forked.
+# Modules that readers need, imported before a process is forked.
 PACKAGES: dict[str, tuple[str, ...]] = {
     "read_hdf5": ("h5py",),
     "read_matlab": ("scipy.io",),
@@ -50,7 +50,7 @@ runpy.run_module("sysid_trib.records.probe", run_name="__main__")
 """
 
 
-# Of each process, as a forked one has its own: the process that reads files for it, one at a time.
+# The process that reads files, one for each process: a forked one needs its own.
 _processes: dict[int, subprocess.Popen[bytes]] = {}
 _locks: dict[int, threading.Lock] = {}
 
@@ -82,7 +82,7 @@ def check_binary(path: Path, reader: str) -> None:
 
 
 def _ask(reader: str, path: Path) -> tuple[str, str]:
-    """How a file was read, and what is wrong with it."""
+    """Read a file in the other process; return the reader used and the error message."""
     process = _processes.get(os.getpid())
     if process is None or process.poll() is not None:
         process = _processes[os.getpid()] = _started()
@@ -141,7 +141,7 @@ def _end(process: subprocess.Popen[bytes], owner: int) -> None:
 def _answer_all() -> None:
     """Answer questions until no more come: a reader, a path and seconds as a line of JSON each."""
     answers = os.fdopen(os.dup(1), "w", buffering=1)
-    # What a library prints is no answer.
+    # Discard the output of libraries.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
     for line in sys.stdin:
         reader, path, seconds = json.loads(line)
@@ -163,7 +163,7 @@ def _answer(reader: str, path: str, seconds: float) -> tuple[str, str]:
     ours, its = os.pipe()
     child = os.fork()
     if child == 0:
-        # Whatever happens here must not go on as a second process that answers.
+        # An error here must not leave a second process that answers.
         try:
             _limit(seconds, MEMORY + MEMORY_PER_BYTE * os.path.getsize(path))
             os.write(its, json.dumps(_read(reader, path)).encode())

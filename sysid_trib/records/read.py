@@ -21,7 +21,7 @@ from sysid_trib.records import (
     tables,
     units as lab,
 )
-from sysid_trib.records.columns import Chosen, choose_columns
+from sysid_trib.records.columns import ChosenColumns, choose_columns
 from sysid_trib.records.constants import with_constants
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
@@ -94,6 +94,10 @@ def read_record(
     RecordError
         A file without such a record: malformed, not finite, times out of order.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise UsageError(
+            "read_record reads a file; what is in memory is a record as it is: st.free_decay((t, angle))."
+        )
     given = time, angle, signal, units, sampling_rate, time_units, length
     how = reading.Reading(
         *given, inputs=inputs.named_inputs(input), between=between, constants=constants or {}
@@ -148,14 +152,14 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     return records
 
 
-def _read(table: tables.FileTable, columns: Chosen, how: reading.Reading) -> xr.Dataset:
-    time_column, column, why_this = columns
+def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading) -> xr.Dataset:
+    column, time_column = columns.signal, columns.time
     values, absent = column.signal
     times = row_times(table, time_column, column, values, how)
     time, rows, breaks, seen, _ = times.clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [why_this, *table.said, *times.said, absent]
+    said = [columns.reason, *table.said, *times.said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]
@@ -229,9 +233,9 @@ def _as_record(
 
 
 def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict[str, Any]:
-    """What an accelerometer at a distance (m) from the axis feels, by the sine of the angle."""
+    """Return the acceleration that an accelerometer at a distance (m) measures per sine of the angle."""
     if swing is None:
-        raise RecordError(f"{source}: no oscillation stands out of the noise; choose another axis.")
+        raise RecordError(f"{source}: no oscillation is visible above the noise; choose another axis.")
     felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
     # An accelerometer that feels less of gravity than this part shows no angle.
     if felt < 0.02 * lab.STANDARD_GRAVITY:

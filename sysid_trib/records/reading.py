@@ -1,4 +1,4 @@
-"""How a file is to be read, as its user says; a signal that is a formula of columns, `atan2(x - 3.1, -y)`."""
+"""Options for reading a file; a signal that is a formula of columns, `atan2(x - 3.1, -y)`."""
 
 import ast
 import re
@@ -30,7 +30,7 @@ GIVEN_NUMBERS = {
 
 @dataclass(frozen=True)
 class Reading:
-    """How a file is to be read; what is not given is taken from the file.
+    """Options for reading a file; options that are not given are taken from the file.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class Reading:
 
     @property
     def quantity(self) -> str | None:
-        """What is measured, if it is given; what an accelerometer feels is in units of an acceleration."""
+        """Measured quantity, if it is given; an accelerometer measures an acceleration."""
         return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
 
 
@@ -158,7 +158,7 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
     known = frozenset({*names, *stated})
     try:
         parts = [parse(part, known, frozenset(), flag) for part in _arguments(text.lower())]
-        # What the file states is a number as if it stood there.
+        # Replace names by the numbers that the file states.
         for name, value in stated.items():
             parts = [with_instead(part, name, repr(value)) for part in parts]
     except LibraryError as error:
@@ -180,7 +180,7 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
 
 def is_expression(table: FileTable, wanted: str | int | None) -> bool:
     """True if a text could be a formula of columns, and no column has that name."""
-    # What makes a text an expression and no name.
+    # Characters of an expression that names do not have.
     signs = isinstance(wanted, str) and re.search(r"[-+*/(]", wanted) is not None
     return signs and table.match(wanted) is None
 
@@ -197,7 +197,7 @@ def _arguments(text: str) -> list[str]:
 def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> dict[str, float]:
     """Numbers that the notes of a file state as `name = value`, of the names in a formula."""
     stated: dict[str, float] = {}
-    # What has arguments is a function.
+    # A name with arguments is a function.
     words = {*re.findall(r"\b\w+\b(?!\s*\()", text.lower())} - {*columns, "pi"}
     for match in filter(None, (_STATED.fullmatch(note.lower()) for note in table.notes)):
         name, value = match["name"], match["value"]

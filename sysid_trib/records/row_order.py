@@ -19,7 +19,7 @@ COLUMNS_LOOKED_AT = 40
 
 
 def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
-    """Columns with their rows in order of time and no head among them, and sentences on what was done.
+    """Return columns with rows in order of time, without a head, and sentences on the changes.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What rows of a file hold besides the signal: times, and inputs, also of a file with its own clock."""
+"""Data of the rows other than the signal: times, and inputs, also from a file with its own clock."""
 
 import json
 import re
@@ -28,12 +28,12 @@ from sysid_trib.records.inputs import ROLE, usual_between
 from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.tables import FileTable, read_table
 
-# Of its steps so many are those of a counter.
+# Fraction of steps of one in a counter.
 MOSTLY = 0.9
 _PACKETS = re.compile(r"\b(packet|paket|paquet|pkt|block|burst|seq|sequence)")
 
 
-# What a file lacks that does not state the unit of its times.
+# Text about a missing unit of the times.
 GIVE_UNIT = (
     f"give it, --time-units {units.OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, "
     "--sampling-rate HZ."
@@ -90,7 +90,7 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
     given, source = how.sampling_rate, table.source
     # A column of another length, or that does not move, cannot contradict a sampling rate.
     idle = time is None or time.cells.size != values.size or not time.is_plain or np.ptp(time.cells) == 0
-    # Nor can one that counts the rows.
+    # A column that counts the rows cannot be a signal either.
     idle = idle or (time is not None and not time.is_time and bool(np.all(np.diff(time.cells) == 1)))
     numbered, gaps = _numbered(table, (time, signal), values.size)
     if time is None or (given is not None and idle):
@@ -196,8 +196,8 @@ def input_columns(inputs: Mapping[str, str | int], table: FileTable) -> list[Col
 def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
     """Inputs of other files, looked for in its folder too; a `*` in a name stands for the record's own.
 
-    Of several files that fit, as `*_y.mat`, it is the one whose name agrees with the record's for longest; a
-    UsageError is raised where there is none, or several agree as long.
+    If several files match, as `*_y.mat`, the file with the longest common beginning of its name and the
+    record's is taken. A UsageError is raised if there is none, or several are equal.
     """
     return {
         name: wanted if other is None else f"{_near(other, record)}:{wanted}"

@@ -36,7 +36,7 @@ def sensor_step(signal: Array) -> float:
     the sensor's. A step divides nearly all spacings between neighbouring values.
     """
     held, every = np.unique(signal[1:][np.diff(signal) == 0.0]), np.unique(signal)
-    # Of values that repeat twenty times on average two spacings are enough.
+    # If values repeat twenty times on average, two spacings are enough.
     fewest = 12 if 20 * every.size > signal.size else 2
     for values in (held, every):
         step = _lattice(values, fewest)
@@ -103,7 +103,7 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
 
 
 def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
-    """What rounding and the rest of the noise leave of a motion, (sample,), `ROUNDED_MOTIONS` times.
+    """Yield the error of a rounded, noisy record of a motion, (sample,), `ROUNDED_MOTIONS` times.
 
     The zero of the sensor lies anywhere between two of its steps.
     """
@@ -115,7 +115,7 @@ def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
 
 
 def slow_part(x: Array, v: Array) -> tuple[int, Callable[[Array], float]]:
-    """The part of noise that changes amplitude and phase of a motion (x, v) little by little.
+    """Return the part of noise that slowly changes amplitude and phase of a motion (x, v).
 
     How many numbers describe it, and what takes the sum of its squares from noise: of white noise of one, a
     chi square of so many.

@@ -1,7 +1,7 @@
-"""What every function of a record asks of it: `angle(time)`, integrated or not, in pieces without gaps."""
+"""The signal of a record for other functions: `angle(time)`, integrated or not, in parts without gaps."""
 
 from collections.abc import Mapping
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
@@ -53,7 +53,7 @@ def checked_signal(record: Any, *names: str) -> None:
             raise UsageError(f"{source}: a record has {name}(time), one number a sample; this one has none.")
         if variable.dtype.kind not in "fiu":
             raise UsageError(f"{source}: {name}(time) holds {variable.dtype}; give numbers in s and rad.")
-        # Whatever is not finite is not below either.
+        # A value that is not finite is not below the limit either.
         # In double precision: single has no numbers as large as the limit.
         bad = np.flatnonzero(~(np.abs(variable.values.astype(float)) <= LARGEST_NUMBER))
         if bad.size:
@@ -94,9 +94,21 @@ FILL_DEGREE = 7
 PARTED_STEP = 1.5
 
 
-# A part of a record without a long gap: times (s) in steps that differ by 2 % at most, signal, and what was
-# done to make it so; nothing where it was so.
-Piece: TypeAlias = tuple[Array, Array, str]
+class Piece(NamedTuple):
+    """A part of a record without a long gap.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+        In steps that differ by 2 % at most.
+    signal : (sample,) array of float
+    changes : str
+        What was done to make the steps even; empty if they were.
+    """
+
+    time: Array
+    signal: Array
+    changes: str
 
 
 def usual_step(steps: Array) -> float:
@@ -147,7 +159,7 @@ def is_uniform(time: Array) -> bool:
 
 def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece:
     if is_uniform(time):
-        return time, signal, ""
+        return Piece(time, signal, "")
     count = max(1, round((time[-1] - time[0]) / usual))
     grid = np.linspace(time[0], time[-1], count + 1)
     value = CubicSpline(time, signal)(grid)
@@ -166,7 +178,7 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
     steps = np.diff(time)
     jitters = not is_uniform(np.cumsum(steps[steps <= PARTED_STEP * usual]))
     said = [text for text, is_so in ((uneven, jitters or not filled), (gaps, filled > 0)) if is_so]
-    return grid, value, " and ".join(said)
+    return Piece(grid, value, " and ".join(said))
 
 
 DRIFT_DEGREE = 3

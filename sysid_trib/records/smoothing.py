@@ -211,8 +211,8 @@ def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float
 def first_frequency(runs: Sequence[xr.Dataset]) -> float:
     """Frequency from which fits of runs begin, by the median of theirs, rad/s.
 
-    What is driven, as by a belt, may swing beside its zero: about its own middle then. A driven run that does
-    not swing, as one that is lifted slowly, has no frequency beside others that do; where none swings, the
+    A driven body, as on a belt, may swing away from zero: its own middle is used then. A driven run that does
+    not swing, as one that is lifted slowly, has no frequency beside others that do. If none swings, the
     frequency is one below which their rates have nearly all of their power.
 
     Raises
@@ -244,7 +244,7 @@ def clock_of(record: xr.Dataset) -> float:
 
 
 def nominal_frequency(frequency: float) -> float:
-    """A frequency to two digits: the same for records that differ by noise, and so is their spline.
+    """Round a frequency to two digits, so that records which differ by noise have the same splines.
 
     The digits are those in a unit of time, a power of two of the second, that makes the frequency 5 to 10:
     results do not depend on the unit.

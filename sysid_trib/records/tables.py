@@ -31,7 +31,7 @@ LISTED = 12
 
 @dataclass(frozen=True, eq=False)
 class FileTable:
-    """What a file holds.
+    """Contents of a file.
 
     Attributes
     ----------
@@ -120,7 +120,7 @@ class FileTable:
 
     @property
     def no_clock(self) -> str:
-        """Why there are no times, and what to give."""
+        """Message that there are no times, and what to give."""
         over = [column.name for column in self.columns if column.base.startswith("freq")]
         if over:
             why = f"its columns are over {over[0]}, not over time: it is a response; a record is needed."

@@ -99,7 +99,7 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
     if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
-    # What columns of texts hold next to the first numbers, as an oscilloscope's facts.
+    # Texts next to the first numbers, such as the settings of an oscilloscope.
     texts = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
     facts = [" ".join(str(cell) for cell in row if cell == cell) for row in texts]
     return frame, header if named else None, [*lines[:start], *facts]
@@ -118,7 +118,7 @@ def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tup
     ]
     if keys:
         block = block[:1] + [row for row in block[1:] if not _begins_with(row[1], keys, delimiter)]
-    # What a logger writes below the numbers is no row of them.
+    # Texts that a logger writes below the numbers are no data.
     usual = _fields(block[0][1], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1][1], delimiter), usual):
         block.pop()
@@ -228,7 +228,7 @@ def _without_labels(lines: list[str]) -> list[str]:
 
 
 def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | None:
-    """Labels, numbers and units of the cells of a line; None if a cell is anything else.
+    """Return labels, numbers and units of the cells of a line; None if a cell is anything else.
 
     Either each cell has a label of its own, or none has one.
     """
@@ -362,12 +362,12 @@ def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) ->
 
 
 def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | None]:
-    """Which row names the columns, nearest first, and the row of their units; no row if all are units."""
+    """Return the row that names the columns, nearest first, and the row of their units, or None."""
     last, above = rows[0], rows[1] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     if _are_names(above, last) and (bracketed or _are_units_of(last, above)):
         return 1, last
-    # What is measured, or how, may stand below the units.
+    # The quantity, or the sensor, may be named below the units.
     if len(rows) > 2 and _are_names(rows[2], above) and _are_units_of(above, rows[2]):
         return 2, above
     if _are_names(last, above) and _are_units_of(above, last, known=True):

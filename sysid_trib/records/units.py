@@ -1,4 +1,4 @@
-"""What files say as laboratories write it: units and their factors, names of columns, sampling rates."""
+"""Spellings of laboratories: units and their factors, names of columns, sampling rates."""
 
 import re
 import tomllib
@@ -30,7 +30,7 @@ RADIANS |= {name: _TURN / count for name, count in _PER_TURN.items()}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
 # How often a signal is to be integrated to become an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
-# What an accelerometer on a pendulum feels is no derivative of its angle.
+# An accelerometer on a pendulum does not measure a derivative of the angle.
 ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 POSITIONS = ("angle", "displacement")

@@ -1,4 +1,4 @@
-"""What a page says of each kind of result: the blocks of the command with --explain, and figures."""
+"""Contents of a page for each kind of result: the blocks of the command with --explain, and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
@@ -13,6 +13,7 @@ from sysid_trib import plots
 from sysid_trib._version import __version__
 from sysid_trib.campaigns.conditions import reported_method
 from sysid_trib.campaigns.rows import STATUS, counts_of
+from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.plots.over_time import MOST_POINTS
@@ -27,7 +28,7 @@ from sysid_trib.printing import (
     laws,
     layout,
 )
-from sysid_trib.results.files import kind_of
+from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups
 
 # A part of a page as `page.html` reads it.
@@ -56,6 +57,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
 
 def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
     """Title of the page of a result, sentences above all sections, and sections."""
+    tree = with_consequences(tree)
     title, blocks_of = PAGES[kind_of(tree)]
     return title, *sections_of(blocks_of(tree), _figures(tree))
 
@@ -156,7 +158,7 @@ def campaign_contents(
         "records": [{"source": f"{store.sizes['record']:,} records"}],
         "summary": summary,
         "sections": [*sections, _records(store, compared, conditions)],
-        "facts": [*facts.items(), ("methods", ", ".join(store.method.values.tolist()))],
+        "facts": [*facts.items(), ("methods", ", ".join(store.model.values.tolist()))],
         "command": command,
     }
 
@@ -178,8 +180,8 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
         z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
         largest[compared["at"].values] = z.max(axis=1)
     order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
-    # Of a large store only what is shown is read.
-    last = store.sel({"method": reported_method(store)}).isel(record=order).load()
+    # Read only the shown part of a large store.
+    last = store.sel(model=reported_method(store)).isel(record=order).load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     rows = [
         _row(last.isel(record=place), symbols, largest[at], [*map(str, known.iloc[at])])
@@ -188,7 +190,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     heads = ["record", "free decay", *known, *symbols, "w_inf (rad/s)", "off by", "verdict"]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
-    by = BY_MODEL.get(last.method.item(), f"by {last.method.item()}")
+    by = BY_MODEL.get(last.model.item(), f"by {last.model.item()}")
     title = f"Coefficients {by}; off by: distance from the others in standard deviations"
     numbers = range(2 + len(known.columns), len(heads) - 1)
     table = {"title": title, "heads": heads, "rows": rows, "numbers": numbers}

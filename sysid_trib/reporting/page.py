@@ -17,7 +17,8 @@ from matplotlib.figure import Figure
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.reporting import provenance
 from sysid_trib.reporting.contents import Part, contents_of
-from sysid_trib.results.files import kind_of, write_file
+from sysid_trib.results.files import write_file
+from sysid_trib.results.kinds import kind_of
 
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
 # Letters are outlines: they were placed by the widths of a font that few readers have.
@@ -147,7 +148,7 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
         )
     except SysidTribError:
         raise
-    # Of a result that was edited any part may be missing, or of another form.
+    # An edited result may lack any part, or have it in another form.
     except Exception as error:
         reason = " ".join(str(error).split())
         raise RecordError(f"The result is not whole ({reason}); make it again with this version.") from error

@@ -1,4 +1,4 @@
-"""Where a result is from: record, methods, library, and the Python that makes it again."""
+"""Provenance of a result: record, methods, library, and the Python code that reproduces it."""
 
 import json
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ from sysid_trib.forces.library import library_folder, library_of_text, load_libr
 from sysid_trib.methods import method_of
 from sysid_trib.printing.equation import from_template
 from sysid_trib.reporting.contents import Part
-from sysid_trib.results.files import identifications_of, kind_of
+from sysid_trib.results.kinds import identifications_of, kind_of
 from sysid_trib.results.schema import NOT_KEPT
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
@@ -38,7 +38,7 @@ def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
 
 
 def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
-    """What is known of the result and its records, as terms and texts."""
+    """Return the known facts on a result and its records, as terms and texts."""
     first = next(iter(identifications_of(tree).values())).attrs
     general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY)}
     records = kept_records(tree)
@@ -93,9 +93,9 @@ def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
 def python_text(tree: xr.DataTree) -> str:
     """Lines of Python that read the records and compute the result."""
     kind, named = kind_of(tree), identifications_of(tree)
-    checked = tree["comparison"].attrs if kind in ("cross_check", "laws", "driven") else {}
-    only = next(iter(named))
-    first, last = (named[checked.get(which, only)] for which in ("first", "second"))
+    checked = tree["judged"].attrs if kind in ("cross_check", "laws", "driven") else {}
+    models = tree["judged"].model.values.tolist() if checked else [next(iter(named))]
+    first, last = named[models[0]], named[models[-1]]
     options = json.loads(tree.attrs["options"]) if kind == "discover" else {}
     known = [last[name].item() for name in ("omega0", "omega0_standard_error") if name in last]
     return from_template(
@@ -118,7 +118,7 @@ def python_text(tree: xr.DataTree) -> str:
 
 
 def _asked(options: Mapping[str, Any]) -> str:
-    """What `laws` was asked for beside its records, as further arguments."""
+    """Return the options of `laws` other than its records, as further arguments."""
     table = {
         name: tuple(value) if isinstance(value, list) else value
         for name, value in options["constraints"].items()
@@ -204,7 +204,7 @@ def _method(result: xr.Dataset) -> str:
 
 
 def _python(value: Any) -> Any:
-    """What was kept as JSON, which has no tuples; a side of bounds that is open is None."""
+    """Restore values from JSON, which has no tuples; an open side of bounds becomes None."""
     if isinstance(value, dict):
         return {key: _python(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -1,4 +1,4 @@
-"""What a result says of effects: which coefficients differ from zero, and what a discovery names."""
+"""Effects in a result: significant coefficients, and the names of a discovery."""
 
 import math
 from collections.abc import Sequence
@@ -9,11 +9,12 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.forces import force, library
+from sysid_trib.forces import force
+from sysid_trib.forces.library import library_of_text
 
 # Between the names of a pair of candidates, and between pairs.
 PAIR, PAIRS = " and ", "; "
-# Of an effect of this many standard errors the name is asked for.
+# Number of standard errors at which an effect needs a name.
 NAMED = 20.0
 
 
@@ -44,7 +45,7 @@ def at_bound(result: xr.Dataset) -> list[str]:
 
 
 def significant(result: xr.Dataset) -> Mask:
-    """True where a coefficient differs from zero; one that is held is as large as it was given.
+    """Return the mask of significant coefficients; a held one counts if it is not zero.
 
     Parameters
     ----------
@@ -114,7 +115,7 @@ def _where_others_are_zero(
 
 def candidates_of(tree: xr.DataTree) -> force.ForceLibrary:
     """The candidates that were offered."""
-    return library.library_of_text(tree.attrs["candidates"], "candidates")
+    return library_of_text(tree.attrs["candidates"], "candidates")
 
 
 def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:
@@ -130,7 +131,7 @@ def added_effects(tree: xr.DataTree) -> list[str]:
 
 
 def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
-    """Effects of which the coefficient is not the one that physics knows, and that one."""
+    """Return effects whose coefficient differs from the known one, and the known one."""
     offered, steps = candidates_of(tree), tree["steps"].to_dataset()
     known = {symbol: offered[symbol].coefficient for symbol in added_effects(tree)}
     # Standard errors by which a coefficient differs from the one that physics knows where it is another

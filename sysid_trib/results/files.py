@@ -13,12 +13,9 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.records import inputs, tables
+from sysid_trib.records import tables
 from sysid_trib.records.probe import check_binary
-from sysid_trib.results.variables import record_groups
-
-# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 3
+from sysid_trib.results.variables import FORMAT_VERSION
 
 # netCDF gives a list of one text back as the text, and an empty list as an array.
 LISTS = (
@@ -28,7 +25,7 @@ LISTS = (
 
 
 def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
-    """A tree as it was before it was written.
+    """Convert a tree of an earlier file to the present format.
 
     Parameters
     ----------
@@ -53,38 +50,6 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
         lists = [name for name in LISTS if name in node.attrs and "source" not in node.attrs]
         node.attrs |= {name: np.ravel(node.attrs[name]).astype(str).tolist() for name in lists}
     return tree
-
-
-def kind_of(tree: xr.DataTree) -> str:
-    """Return what made a result: one of identify, cross_check, laws, driven, compare, difference, discover.
-
-    Empty if none did.
-    """
-    if "stiffness_difference" in tree.ds:
-        return "difference"
-    if "coefficient" in tree.ds and "method" in tree.attrs:
-        return "identify"
-    if {"record", "record_1"}.isdisjoint(tree.children):
-        return ""
-    if {"steps", "ranking"} <= set(tree.children):
-        return "discover"
-    checked = tree["comparison"].attrs if "comparison" in tree.children else {}
-    # The first of these that it has says what made it.
-    kinds = {"laws": "laws", "driven": "driven", "best": "compare", "first": "cross_check"}
-    return next((kind for attr, kind in kinds.items() if attr in checked), "")
-
-
-def is_of_driven(tree: xr.DataTree) -> bool:
-    """True if the records of a result are driven; an identification alone keeps none."""
-    kept = (tree[group].to_dataset() for group in record_groups(tree) if group in tree.children)
-    return any(inputs.inputs_of(record) for record in kept)
-
-
-def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications of a result by name."""
-    if kind_of(tree) == "identify":
-        return {tree.attrs["method"]: tree.to_dataset()}
-    return {name: node.to_dataset() for name, node in tree.children.items() if "covariance" in node.ds}
 
 
 # How the names of files begin that are not whole yet.
@@ -171,7 +136,7 @@ def write_file(target: Path, content: bytes) -> None:
 
 
 def _mark(process: int) -> str:
-    """How temporary files of a process of this machine begin."""
+    """Return the beginning of the names of temporary files of a process of this machine."""
     return f"{TEMPORARY}{uuid.getnode():x}-{process}-"
 
 

@@ -1,4 +1,4 @@
-"""The reference of coefficients: a common one for comparison, and the frequency without contact."""
+"""Reference frequency of coefficients: a common one for comparison, and that without contact."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -9,21 +9,11 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
-from sysid_trib.results import files, schema, variables
+from sysid_trib.results import kinds, schema, variables
+from sysid_trib.results.models import forces_in_model as forces_in_model, in_model as in_model
 
 Result = TypeVar("Result", xr.Dataset, xr.DataTree)
 ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
-
-
-def in_model(result: xr.Dataset, symbol: str) -> bool:
-    """True if a coefficient refers to the identification's own reference frequency."""
-    return symbol in forces_in_model(result)
-
-
-def forces_in_model(result: xr.Dataset) -> list[str]:
-    """Forces whose coefficient refers to the identification's own reference frequency."""
-    own = np.isclose(result.refers_to.values, result.reference_frequency.item(), rtol=1e-12)
-    return [str(symbol) for symbol in result.force.values[own]]
 
 
 def comparable(*results: xr.Dataset) -> list[str]:
@@ -134,7 +124,7 @@ def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: fl
 
 def _of_each(result: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:
     """The tree with each of its identifications changed."""
-    named = files.identifications_of(result)
+    named = kinds.identifications_of(result)
     return result.assign({name: xr.DataTree(change(own)) for name, own in named.items()})
 
 
@@ -171,7 +161,7 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
     force = library.role("x")
     if force is None:
         raise UsageError(
-            f"Library '{library.title}' has no force of formula x, so omega0 has nothing to give."
+            f"Library '{library.title}' has no force of formula x, so that omega0 cannot be used."
         )
     if force.symbol in result.force:
         return result

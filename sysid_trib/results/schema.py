@@ -10,14 +10,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib._version import __version__
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.library import library_of_text
-from sysid_trib.records.constants import CONSTANT
-from sysid_trib.records.decay import Decays, as_runs, root_mean_square
-from sysid_trib.records.inputs import inputs_of
-from sysid_trib.results.files import FORMAT_VERSION
-from sysid_trib.results.variables import Variable, described, variable
+from sysid_trib.records.inputs import CONSTANT, inputs_of
+from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.results.models import library_of as library_of, shape_values_of as shape_values_of
+from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, refuse_whole_result, variable
 from sysid_trib.simulation.model import Model
 
 # Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
@@ -28,7 +26,7 @@ INPUT_UNITS = "input_units"
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a method estimates, before it becomes a Dataset.
+    """Estimate of a method, before it becomes a Dataset.
 
     Attributes
     ----------
@@ -117,7 +115,7 @@ def identification(
 
 
 def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = None) -> dict[str, Variable]:
-    """What describes each force: coordinates over `force`; of inputs their units by name."""
+    """Return the coordinates that describe each force, with the units of inputs by name."""
     # The degree in the rate says how a coefficient changes with its reference: a sensor's does not.
     speed_degree = [None if f.kind == "sensor" else f.speed_degree for f in forces]
     values = {
@@ -140,7 +138,7 @@ def _shape_values(method: Any, library: ForceLibrary, estimate: Estimate) -> dic
 
 
 def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, Any]:
-    """How a result came about: package version, method and options, library text, record(s)."""
+    """Return the provenance of a result: package version, method and options, library text, record(s)."""
     runs = as_runs(decay, driven=True)
     names = [f.name for f in fields(method)] if is_dataclass(method) else []
     options = {name: getattr(method, name) for name in names}
@@ -196,12 +194,6 @@ def covariance_with_frequency(result: xr.Dataset) -> Array:
     return whole
 
 
-def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
-    """The force library of an identification: the forces it holds, or the whole file it was read from."""
-    library = library_of_text(result.attrs["library"], result.attrs["library_source"])
-    return library if whole else library.select(result.force.values.tolist())
-
-
 def model_of(result: xr.Dataset, run: int = 0) -> Model:
     """The identified model: active forces that refer to the reference frequency.
 
@@ -215,6 +207,7 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
     -------
     Model with the coefficients, frequency (rad/s) and shape parameters found, without their errors.
     """
+    refuse_whole_result(result)
     frequency = result.reference_frequency.item()
     kept = result.active.values & np.isclose(result.refers_to.values, frequency, rtol=1e-12)
     identified = zip(
@@ -223,11 +216,3 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
     acting = library_of(result).in_run(run + 1)
     coefficients = {symbol: c for symbol, c in identified if symbol in acting.symbols}
     return Model(acting, coefficients, frequency, shape_values_of(result, acting))
-
-
-def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> dict[str, float]:
-    """Shape parameters of an identification by name, such as `dahl.s`; those of a library alone if given."""
-    if "shape" not in result:
-        return {}
-    values = dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
-    return values if library is None else {k: v for k, v in values.items() if k in library.shape_values()}

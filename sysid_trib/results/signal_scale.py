@@ -1,4 +1,4 @@
-"""Displacements and tiny angles: computed in a unit of their own motion, and told in that of the record.
+"""Scaling of displacements and tiny angles to a unit of their own motion, and back.
 
 Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted
 in a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come
@@ -15,22 +15,21 @@ from typing import Any, ParamSpec, TypeVar, cast
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces, records
 from sysid_trib.errors import UsageError
-from sysid_trib.forces import library, notation
+from sysid_trib.forces import notation
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
-from sysid_trib.results.variables import PER_FORCE_UNIT
+from sysid_trib.results.variables import PER_FORCE_UNIT, refuse_whole_result, scaling_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
 # rad; amplitudes for which a computation in radians loses no digit that counts.
 USUAL_ANGLES = 1e-4, 1e4
-# Variables in rad or rad/s that are no signal: phases and frequencies have no unit of length.
-NO_SIGNAL = ("phase", "frequency", "refers_to", "omega0")
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2": 2, "(rad/s^2)^2/Hz": 2}
-SHAPE_VARIABLES = ("shape", "shape_standard_error", "competing_shape")
 # Units of what is counted by coefficients.
 PER_FORCE = (PER_FORCE_UNIT, "1; rad/s for the frequency")
 UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
@@ -49,16 +48,21 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
     UsageError
         The function does if a force is asked for that knows a radian, `sin(x)`, where no angle was measured.
     """
-    names = list(inspect.signature(function).parameters)
+    parameters = inspect.signature(function).parameters
+    names = list(parameters)
+    one_identification = "result" in parameters and parameters["result"].annotation is xr.Dataset
 
     @wraps(function)
     def run(*args: P.args, **kwargs: P.kwargs) -> R:
         given: dict[str, Any] = dict(zip(names, args, strict=False)) | kwargs
+        given |= _usual_forms(function.__name__, given)
+        if one_identification:
+            refuse_whole_result(given.get("result"))
         scale = _scale_of(given)
         if scale is None:
-            return function(*args, **kwargs)
+            return function(**given)  # type: ignore[call-arg]
         if isinstance(candidates := given.get("candidates"), ForceLibrary):
-            # What may be missing is offered as far as it can be; what is asked for is refused by name.
+            # Offer possible candidates where they apply; raise an error for forces that were named.
             kept = tuple(force for force in candidates if scalable(force))
             given["candidates"] = replace(candidates, forces=kept)
         inside = scale.inwards(given)
@@ -69,19 +73,31 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
     return run
 
 
+def _usual_forms(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the record and the library of a call as Datasets and a `ForceLibrary`, where they are not."""
+    changed: dict[str, Any] = {}
+    decay, library_given = given.get("decay"), given.get("library")
+    runs = decay if isinstance(decay, list | tuple) else [decay]
+    if decay is not None and not all(isinstance(run, xr.Dataset) for run in runs):
+        changed["decay"] = records.as_decays(decay, name)
+    if library_given is not None and not isinstance(library_given, ForceLibrary):
+        changed["library"] = forces.as_library(library_given, name)
+    return changed
+
+
 def counts_angles(decay: xr.Dataset) -> bool:
     """True if the signal of a decay is an angle in rad."""
     return unit_of_signal(decay) == ANGLE_UNIT
 
 
 def scalable(force: Force) -> bool:
-    """True if a force has a meaning for a displacement: it knows no radian."""
+    """Return true if a force has a meaning for a displacement: its formula does not need radians."""
     return notation.signal_powers(force) is not None
 
 
 @dataclass(frozen=True)
 class _SignalScale:
-    """Unit of a record, and how much of it is counted as one; degrees of the forces by symbol.
+    """Scale of a signal: its unit, the size counted as one, and the degrees of the forces by symbol.
 
     `inputs` are those in the unit of the signal; others stay as they are.
     """
@@ -92,11 +108,11 @@ class _SignalScale:
     inputs: frozenset[str] = frozenset()
 
     def inwards(self, given: Any) -> Any:
-        """What is computed with."""
+        """Convert arguments to the scaled signal used in computations."""
         return _changed(given, self._scaled)
 
     def outwards(self, made: Any) -> Any:
-        """What comes out, in the unit of the record; each run's own forces have names of their own."""
+        """Convert results to the unit of the record; individual forces of runs have their own names."""
         whole = replace(self, degrees=_degrees(made) | self.degrees)
         return _changed(made, lambda part: whole._dataset(part) if isinstance(part, xr.Dataset) else part)
 
@@ -121,15 +137,16 @@ class _SignalScale:
         for key, variable in data.variables.items():
             name, attrs = str(key), dict(variable.attrs)
             units = unit_of_signal(data) if name == "angle" else str(attrs.get("units", ""))
-            power = _power(name, units, old)
+            scaling = scaling_of(name)
+            power = _power(units, old) if scaling == "unit" else 0
             if attrs.get("role") == "input" and name != "input":
                 power, units = int(name in self.inputs), units or old
             if power:
                 values = variable.values * factor**power
                 changed[name] = (variable.dims, values, attrs | {"units": units.replace(old, new)})
-            elif units in PER_FORCE or name == "frequency_covariance" or name in SHAPE_VARIABLES:
+            elif units in PER_FORCE or scaling in ("coefficient", "shape"):
                 # Of the shapes of what competes, those of each step are in one row.
-                dims = variable.dims[-1:] if name in SHAPE_VARIABLES else variable.dims
+                dims = variable.dims[-1:] if scaling == "shape" else variable.dims
                 changed[name] = (variable.dims, (variable * self._factors(data, dims, factor)).values, attrs)
         dims = data["unit"].dims if "unit" in data.variables else ()
         labels = _labels(data, str(dims[0])) if len(dims) == 1 else None
@@ -223,7 +240,7 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     inputs = frozenset(c.input for force in _forces(given) for c in force.channels if c.kind)
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees, inputs)
-    # What does not move, or is no number, is refused where it is used.
+    # A signal without motion, or not finite, is rejected where it is used.
     # The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
     size = 2.0 ** np.ceil(np.log2(largest / 0.5)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])
@@ -252,7 +269,7 @@ def _degrees(given: Any) -> dict[str, notation.Powers]:
 
 
 def _changed(given: Any, change: Callable[[Any], Any]) -> Any:
-    """What is given with each part changed: trees, lists and dicts hold parts."""
+    """Apply a change to each part of trees, lists and dicts."""
     if isinstance(given, xr.DataTree):
         groups = {node.path: change(node.to_dataset(inherit=False)) for node in given.subtree}
         return xr.DataTree.from_dict(groups)
@@ -278,14 +295,12 @@ def _forces(given: Any) -> Iterator[Force]:
         elif isinstance(part, xr.Dataset):
             for name in ("library", "candidates"):
                 if name in part.attrs:
-                    yield from library.library_of_text(str(part.attrs[name]), "")
+                    yield from library_of_text(str(part.attrs[name]), "")
 
 
-def _power(name: str, units: str, old: str) -> int:
-    """Power of the signal in a variable's unit; zero of frequencies and phases."""
-    if any(part in name for part in NO_SIGNAL) or old not in units:
-        return 0
-    return POWERS.get(units.replace(old, ANGLE_UNIT), 0)
+def _power(units: str, old: str) -> int:
+    """Power of the signal in a variable's unit."""
+    return POWERS.get(units.replace(old, ANGLE_UNIT), 0) if old in units else 0
 
 
 def _labels(data: xr.Dataset, dim: str) -> Any:

@@ -15,11 +15,45 @@ from sysid_trib.arrays import (
     variable as variable,
     with_error as with_error,
 )
+from sysid_trib.errors import UsageError
 
+# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
+FORMAT_VERSION = 6
+# Parts of each run in which a result is fitted again, from and to in parts of its length.
+PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
-# What validation and physics return, by their names.
+# Variables of validation and physics, by name.
 RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
+
+
+# Scaling of each variable with the unit of the signal, where its own unit does not say it.
+SCALINGS: Mapping[str, str] = {
+    name: row[3] for table in RESULT_TABLES.values() for name, row in table.items() if len(row) > 3
+}
+# Beginnings and endings of the names of variables that scale as another one.
+OF_A_PERIOD = "period_"
+ERRORS_AND_LIMITS = ("_standard_error", "_low", "_high")
+
+
+def scaling_of(name: str) -> str:
+    """Return the scaling of a variable with the unit of the signal: the fourth column of `variables.toml`.
+
+    Parameters
+    ----------
+    name : str
+        Its standard errors and limits scale as the variable itself.
+
+    Returns
+    -------
+    str
+        "fixed", "coefficient", "shape", or "unit" where its own unit says it.
+    """
+    if name not in SCALINGS:
+        name = name.removeprefix(OF_A_PERIOD)
+        for ending in ERRORS_AND_LIMITS:
+            name = name.removesuffix(ending)
+    return SCALINGS.get(name, "unit")
 
 
 def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any]) -> Variables:
@@ -28,14 +62,14 @@ def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any
     Parameters
     ----------
     table : mapping of str to (str, str, str), or str
-        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts. Or the name of a
-        table in `variables.toml`.
+        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts; a fourth text is the
+        scaling. Or the name of a table in `variables.toml`.
     values : mapping of str to array_like, or to a pair of them
         By names of the table; a pair is values and their standard errors.
     """
     known, variables = RESULT_TABLES[table] if isinstance(table, str) else table, Variables()
     for name, value in values.items():
-        dims, units, meaning = known[name]
+        dims, units, meaning, *_ = known[name]
         if isinstance(value, tuple):
             variables |= with_error(name, tuple(dims.split()), value, meaning, units)
         elif units == "text":
@@ -44,6 +78,21 @@ def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any
         else:
             variables[name] = variable(tuple(dims.split()), value, meaning, units)
     return variables
+
+
+def refuse_whole_result(result: Any) -> None:
+    """Refuse a whole result where one identification is wanted.
+
+    Raises
+    ------
+    UsageError
+        With how to take one of its identifications.
+    """
+    if isinstance(result, xr.DataTree) and result.children:
+        raise UsageError(
+            "This takes one identification; give the preferred one of this result, st.best(result), or that "
+            "of a method, result['direct'].to_dataset()."
+        )
 
 
 def start_variables(
@@ -108,7 +157,7 @@ def small_units(units: str) -> tuple[float, str]:
 
 
 def signal_label(units: str) -> str:
-    """What a signal is, with its unit, as the label of an axis."""
+    """Return the label of the signal with its unit, for an axis."""
     return f"{'angle' if units == 'rad' else 'displacement'} ({units})"
 
 

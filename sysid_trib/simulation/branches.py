@@ -1,4 +1,4 @@
-"""Which way a motion goes on from a switching or from rest (Filippov 1988)."""
+"""Direction of a motion after a switching or from rest (Filippov 1988)."""
 
 from typing import Any
 
@@ -76,7 +76,7 @@ def signs_and_values(program, c, out):
 
 @inner
 def signs_ahead(program, c):
-    """Signs of a motion that goes on from here: near a surface, those where it will be a little later."""
+    """Set the signs of a motion that continues: near a surface, those shortly after."""
     J, y, later = c.aside[at.TRIAL], c.v[at.STATE], c.v[at.STATE_LATER]
     state_at(program, c, J, y, 0.0)
     signs_and_values(program, c, c.v[at.SIGNS_FAR])
@@ -151,7 +151,7 @@ def settle(program, c):
 
 @inner
 def grip_of(program, J, slot):
-    """By how much a surface moves with v; J holds the first two orders."""
+    """Return the derivative of a surface by v; J holds the first two orders."""
     here, still = J[slot, 1], J[1, 1]
     J[1, 1] = still + 1.0
     order(program, J, np.int64(1))
@@ -165,7 +165,8 @@ def grip_of(program, J, slot):
 def held_by(program, c):
     """The surface near which both sides push towards it, so that a motion stays there, or `FREE`.
 
-    That of v alone is rest, of which `settle` decides. Most are crossed, which the first side tells.
+    The surface of v alone is rest, which `settle` decides. Most surfaces are crossed, which the first side
+    shows.
     """
     for m in range(1, len(program.signs)):
         near = abs(c.v[at.VALUES, m]) < at.NEAR_SURFACE
@@ -177,7 +178,7 @@ def held_by(program, c):
 
 @inner
 def _rise_on(program, c, m, way):
-    """How fast a surface rises on this side of it; the trial holds the first two orders there."""
+    """Return the rate at which a surface rises on this side; the trial holds its first two orders."""
     J = c.aside[at.TRIAL]
     state_at(program, c, J, c.v[at.STATE], 0.0)
     parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])

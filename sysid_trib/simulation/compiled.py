@@ -1,4 +1,4 @@
-"""What numba compiles and where it is kept; Taylor series of all slots of a program, with their derivatives.
+"""Compilation by numba and its cache; Taylor series of all slots of a program, with their derivatives.
 
 J[slot, k] is the k-th Taylor coefficient, T[slot, k, parameter] its derivative, order by order. The
 recurrences are those of automatic differentiation (Jorba and Zou 2005, Table 2); their derivatives are the
@@ -39,7 +39,7 @@ _COMPILING = "Compiling the simulator, once: up to a minute ..."
 
 
 class _RebuiltCache(FunctionCache):
-    """What numba keeps of a function on disk; a damaged file is compiled anew, not an error.
+    """Cache of numba on disk; a damaged file is compiled again instead of raising an error.
 
     A file is cut short where a process was killed or the disk was full. Reading it raises any exception.
     """

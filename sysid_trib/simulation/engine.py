@@ -58,7 +58,7 @@ def advance(program, c, n, h, held):
 
 @inner
 def forgotten(program, c):
-    """What has faded out of the derivatives is zero: what rounding leaves of it would hold up every step."""
+    """Set faded derivatives to zero: their rounding errors would make every step short."""
     for q in range(c.dy.shape[1]):
         for i in range(program.states):
             c.v[at.LARGEST_DERIVATIVES, q] = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.dy[i, q]))
@@ -85,7 +85,7 @@ def begun_anew(program, given, c, start):
 
 @inner
 def at_knot(program, given, c, piece, held):
-    """What happens at a knot: a start, impulses, impulses to the derivatives; true if it begins anew."""
+    """Apply the events of a knot: a start, impulses, impulses to the derivatives; true for a new start."""
     c.v[at.CLOCK, 0], c.v[at.CLOCK, 1] = given.knots[piece], 0.0
     if given.marks[piece] >= 0:
         begun_anew(program, given, c, given.marks[piece])
@@ -101,7 +101,7 @@ def at_knot(program, given, c, piece, held):
 
 @inner
 def driven(given, c, piece):
-    """What is given over time, about here."""
+    """Shift the polynomials of the inputs to the present time."""
     degree, since = given.drives.shape[2] - 1, c.v[at.CLOCK, 0] - given.knots[piece]
     for m in range(len(c.drive)):
         for k in range(degree + 1):
@@ -124,7 +124,7 @@ def on_branch(program, c, held):
 
 @inner
 def outcome_of(c, h, furthest, steps, most_steps):
-    """How a motion stands."""
+    """Return the state of the integration: moving, grown, not finite, or out of steps."""
     if abs(c.v[at.STATE, 0]) > furthest:
         return at.GROWS
     if not (np.isfinite(c.v[at.STATE, 0]) and np.isfinite(c.v[at.STATE, 1]) and h >= 0.0):

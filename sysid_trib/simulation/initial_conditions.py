@@ -19,7 +19,7 @@ MEASURED, MEASURED_TIME = "measured", "measured_time"
 
 
 def measured_part(decay: xr.Dataset) -> tuple[tuple[str, float], Array, Array]:
-    """What was measured of a decay (see `SimulatedMotion.shown`), its times (s) and values.
+    """Return sensor (see `SimulatedMotion.shown`), times (s) and values of the measurement of a decay.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ FROZEN = 1e300
 
 
 def watched(force: Force, shapes: ShapeValues | None, frequency: float) -> Model:
-    """A model in which a force has its history and does not act; `t` counts tau over this frequency."""
+    """Return a model in which a force has its history but does not act; `t` counts tau over a frequency."""
     idle = replace(force, formula=NO_FORCE, kind="force")
     values = {f"{force.symbol}.{k}": value for k, value in force.shape_values(shapes).items()}
     return Model(ForceLibrary("watched", (idle,)), {force.symbol: 0.0}, frequency, values)
@@ -40,12 +40,12 @@ def begun_with(force: Force, values: Mapping[str, float]) -> Force:
 
 
 def leading(force: Force, tau: Array, x: Array, v: Array) -> Forcing:
-    """What leads a body without forces along the cubics through angles and rates (Hermite), from tau = 0."""
+    """Return the forcing that moves a free body along Hermite cubics through angles and rates."""
     cube, square, slope, value = CubicHermiteSpline(tau, x, v).c
     forcing = np.zeros((len(tau) - 1, 1 + len(force.channels), 4))
     # x'' + x of each cubic; inputs of the force, which does not act, are zero.
     forcing[:, 0] = np.stack([value + 2.0 * square, slope + 6.0 * cube, square, cube], axis=1)
-    return tau[:-1] - tau[0], forcing, np.zeros((len(forcing), 2))
+    return Forcing(tau[:-1] - tau[0], forcing, np.zeros((len(forcing), 2)))
 
 
 def states_along(
@@ -152,7 +152,7 @@ def is_stepped(force: Force) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_linear(force: Force) -> bool:
-    """True if a force follows the motion as springs and dashpots do: in proportion, constant coefficients."""
+    """Return true if a force is linear in the motion with constant coefficients."""
     formulas, names = [force.formula, *force.state.values()], ["x", "v", "t", *force.state]
     at_rest = force.test_points | dict.fromkeys(names, 0.0)
     with np.errstate(all="ignore"):

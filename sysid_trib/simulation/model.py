@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sysid_trib import forces
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
 from sysid_trib.forces.formulas import Formula
@@ -29,7 +30,7 @@ class Model:
 
     Parameters
     ----------
-    library : ForceLibrary
+    library : ForceLibrary, str, or what `library` takes
         Forces to choose from.
     coefficients : mapping of str to float
         By symbol, dimensionless with angles in rad; forces left out are absent.
@@ -56,6 +57,8 @@ class Model:
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if not isinstance(self.library, ForceLibrary):
+            object.__setattr__(self, "library", forces.as_library(self.library, "Model"))
         for symbol, value in self.coefficients.items():
             if not np.isfinite(value):
                 raise LibraryError(f"Coefficient {symbol} = {value} of a model must be a finite number.")
@@ -76,7 +79,7 @@ class Model:
 
     @property
     def driven(self) -> tuple[Channel, ...]:
-        """What the equation of motion holds of inputs: first one that pushes by itself, if there is one."""
+        """Input channels of the equation of motion; a direct forcing comes first."""
         forcing = (FORCING_CHANNEL,) if INPUT in self.inputs else ()
         return (*forcing, *channels_of(self.forces))
 
@@ -117,7 +120,7 @@ def check_shapes(names: Iterable[str], library: ForceLibrary) -> None:
 def sensor_error(
     model: Model, elapsed: Vector, x: Vector, v: Vector, by: Sequence[str]
 ) -> tuple[Vector, Vector, Vector]:
-    """What the sensor adds to the angle (sample,), and its derivatives by x and v, and by `by`."""
+    """Return the sensor error (sample,), its derivatives by x and v, and those by the names `by`."""
     error, by_motion = np.zeros_like(x), np.zeros((len(x), 2))
     by_names = np.zeros((len(x), len(by)))
     for sensor in model.sensors:
@@ -162,13 +165,13 @@ class Motion:
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """What a motion starts with: x, v and what is hidden; then its parameters, which stay."""
+        """Names of the initial values (x, v, internal states) and of the parameters."""
         shapes = (f"{f.symbol}.{k}" for f in self.forces for k in f.shape)
         return (BY_ANGLE, BY_RATE, *self.hidden, PACE, *(f.symbol for f in self.forces), *shapes, "1/w")
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:
-        """What is given over time."""
+        """Input channels over time."""
         return (FORCING_CHANNEL,) * self.forced + channels_of(self.forces)
 
     @cached_property

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,7 +69,7 @@ class SimulatedMotion:
 
     @property
     def stop_time(self) -> float:
-        """When it stops (s); NaN if it goes on, or is pushed."""
+        """Time at which it stops (s); NaN if it goes on, or has a random force."""
         return self.start + self.stop / self.model.reference_frequency
 
     @property
@@ -78,7 +78,7 @@ class SimulatedMotion:
         return self.start + self.turns / self.model.reference_frequency
 
     def shown(self, quantity: str, distance: float = 0.0) -> Vector:
-        """What a sensor shows, without its zero: a quantity of the above, or what an accelerometer feels.
+        """Return the signal of a sensor without its zero: a quantity above, or that of an accelerometer.
 
         It feels gravity along its path too, at a distance (m) from the axis of the pendulum.
         """
@@ -114,11 +114,24 @@ class SimulatedMotion:
         return sensor_error(self.model, elapsed, self.rows[:, 0], self.rows[:, 1], self.by)
 
 
-# What is given over time: knots (knot,) in tau, increasing, the first at the start and none at the end;
-# polynomials from each on by powers of tau since it, (knot, channel, power), the first an acceleration over
-# w^2 (rad) that pushes if there is one more than forces hold; what is added to x and v at the knots but the
-# start, (knot, 2).
-Forcing: TypeAlias = tuple[Vector, Vector, Vector]
+class Forcing(NamedTuple):
+    """Inputs and random force of a motion over time.
+
+    Attributes
+    ----------
+    knots : (knot,) array of float
+        tau, increasing, the first at the start and none at the end.
+    polynomials : (knot, channel, power) array of float
+        From each knot on by powers of tau since it. The first channel is an acceleration over w^2 (rad) that
+        pushes if there is one more than forces hold.
+    increments : (knot, 2) array of float
+        What is added to x and v at the knots but the start.
+    """
+
+    knots: Vector
+    polynomials: Vector
+    increments: Vector
+
 
 # Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
 STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
@@ -158,7 +171,7 @@ def integrate(
         It diverges, switches without end, takes too many steps, or is not finite.
     """
     own = len(channels_of(model.forces))
-    knots, polynomials, increments = forcing or (tau[:1], np.zeros((1, own, 1)), np.zeros((1, 2)))
+    knots, polynomials, increments = forcing or Forcing(tau[:1], np.zeros((1, own, 1)), np.zeros((1, 2)))
     motion = motion_of(model.forces, forced=polynomials.shape[1] > own, paced=FREQUENCY in by)
     marks = np.where(_jumps(knots, polynomials[:, int(motion.forced) :]), under_way.INPUT_JUMPS, -1)
     marks[0] = 0
@@ -184,7 +197,7 @@ def integrate(
 
 
 def _jumps(knots: Vector, held: Vector) -> Mask:
-    """At which knots what forces hold of inputs, (knot, channel, power), jumps."""
+    """Return the mask of knots at which inputs, (knot, channel, power), jump."""
     steps = np.diff(knots)[:, None, None] ** np.arange(held.shape[2])
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
@@ -267,11 +280,10 @@ def _raise(outcome: int, elapsed: float) -> None:
     if outcome == under_way.GROWS:
         raise SimulationError(
             f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
-            "mind negative damping and negative stiffness in the coefficients, a far start, and a strong "
-            "random force."
+            "check for negative damping or stiffness, a start far away, and a strong random force."
         )
     reason = {under_way.SWITCHES: "switches without end", under_way.STEPS: "needs too many steps"}
     raise SimulationError(
-        f"The motion {reason.get(outcome, 'is not finite')}, {after}; mind forces that switch or are "
+        f"The motion {reason.get(outcome, 'is not finite')}, {after}; check for forces that switch or are "
         "singular there."
     )

@@ -194,7 +194,7 @@ def _power(base: Any, exponent: Any) -> Any:
     smooth, half = base * base + SMOOTHED**2, 0.5 * (exponent - 1.0)
     if isinstance(smooth, Slot) and not isinstance(half, Slot):
         return base * Slot(smooth.rows, smooth.rows.add(POWER, smooth.index, c=half))
-    # The derivative by the exponent wants the logarithm.
+    # The derivative by the exponent needs the logarithm.
     return base * np.exp(half * np.log(smooth))
 
 

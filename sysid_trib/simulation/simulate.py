@@ -60,9 +60,14 @@ def simulate(
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
     UsageError
-        The density is negative or not finite, an input that is not one finite number for each time, or one
-        that no force holds.
+        It is no model, the density is negative or not finite, an input that is not one finite number for each
+        time, or one that no force holds.
     """
+    if not isinstance(model, Model):
+        raise UsageError(
+            "simulate takes a Model: that of a result is st.physics.model_of(st.best(result)), and "
+            "st.predict(result, record) is its motion from the start of a record."
+        )
     time = np.asarray(time, dtype=float)
     if not (np.isfinite(random_force) and random_force >= 0.0):
         raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")
@@ -152,7 +157,7 @@ INCREMENTS_PER_PERIOD = 40
 
 
 def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int = 0) -> Forcing | None:
-    """What is given to a model: its inputs, exact between their samples, and a random force.
+    """Return the forcing of a model: its inputs, exact between their samples, and a random force.
 
     Parameters
     ----------
@@ -172,7 +177,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
     if not random_force and not any(channel.input in model.inputs for channel in model.driven):
         return None
     if len(tau) < 2:
-        raise SimulationError("A motion that is pushed wants two or more times that increase.")
+        raise SimulationError("A motion with a random force needs two or more increasing times.")
     ends, added = tau[:1], np.zeros((1, 2))
     if random_force:
         ends, added = _impulses(tau, 0.5 * random_force / w**3, seed)
@@ -180,7 +185,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
     knots = np.union1d(ends, bends[(bends > tau[0]) & (bends < tau[-1])])
     increments = np.zeros((len(knots), 2))
     increments[np.searchsorted(knots, ends)] = added
-    return knots, polynomials_of(model, knots), increments
+    return Forcing(knots, polynomials_of(model, knots), increments)
 
 
 def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
@@ -200,13 +205,13 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
 
 
 def bends_of(model: Model) -> Vector:
-    """Times at which what is given begins another polynomial, (knot,), s."""
+    """Return the times at which an input begins another polynomial, (knot,), s."""
     names = {channel.input for channel in model.driven} & {*model.inputs}
     return np.unique(np.concatenate([*(model.inputs[name].bends for name in names), []]))
 
 
 def polynomials_of(model: Model, knots: Vector) -> Vector:
-    """What is given from each knot (tau) on, by powers of tau since it, (knot, channel, power)."""
+    """Return the inputs after each knot (tau) as polynomials in tau since it, (knot, channel, power)."""
     w, channels = model.reference_frequency, model.driven
     polynomials = np.zeros((len(knots), len(channels), FORCING_NUMBERS))
     for at, channel in enumerate(channels):

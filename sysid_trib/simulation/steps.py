@@ -51,7 +51,7 @@ class Steps(NamedTuple):
     diffusion: Array
 
     def then(self, further: "Steps") -> "Steps":
-        """Both one after the other."""
+        """Return these steps followed by further ones."""
         onward = further.transition
         return Steps(
             further.end,
@@ -126,7 +126,7 @@ def steps_of(
 
 
 def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:
-    """For each knot its tau, its mark, and which of the places in an interval it is, or -1.
+    """Return tau and mark of each knot, and the index of its place in an interval, or -1.
 
     A knot begins and ends each interval; between are the places, and where an input bends.
     """

@@ -1,4 +1,4 @@
-"""Where a motion meets a surface: the step up to it, and the signs, memory and derivatives after it."""
+"""Switching surfaces of a motion: the step up to one, and signs, memory and derivatives after it."""
 
 import numpy as np
 
@@ -28,7 +28,7 @@ UNCHANGED = 1e-14
 
 @inner
 def free_step(program, c, n, h):
-    """Up to where a free motion may go, and the surface that it meets there, or -1."""
+    """Return the largest step of a free motion, and the surface that ends it, or -1."""
     which, near = -1, AT_ZERO * max(abs(c.v[at.STATE, 0]), abs(c.v[at.STATE, 1]))
     for m in range(len(program.signs)):
         r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[at.SIGNS, m], (near, c.v[at.ZEROS, m]), c.work)
@@ -39,7 +39,7 @@ def free_step(program, c, n, h):
 
 @inner
 def held_step(program, c, n, h, held, ends):
-    """Up to where a body may stay where it is held; which way it is let go there (+1, -1), or 0.
+    """Return the largest step of a held body, and the side to which it is released (+1, -1), or 0.
 
     Third is the surface that it meets there, or -1.
     """
@@ -72,7 +72,7 @@ def held_step(program, c, n, h, held, ends):
 
 @inner
 def _rest_lasts(program, c, n, h, near):
-    """Up to where the signs at rest are those of now."""
+    """Return the largest step over which the signs at rest stay the same."""
     for m in range(len(program.signs)):
         # Of a surface that is zero at rest nothing is known but at the start.
         if c.v[at.SIGNS_UP, m] != 0.0:
@@ -84,7 +84,7 @@ def _rest_lasts(program, c, n, h, near):
 
 @inner
 def _pulls(program, c, other, n, memory, signs, grip):
-    """Series in `other` of what would move a held body, by its grip, to one side of where it is held.
+    """Write the series of the force that moves a held body to one side into `other`.
 
     Its slots are those along the states in J, with another memory and other signs.
     """
@@ -122,7 +122,7 @@ def released(program, c, held, way):
 
 @inner
 def stop(c):
-    """What friction holds has no speed, whatever it had."""
+    """Set the speed, and its derivatives, of a body at rest to zero."""
     c.v[at.STATE, 1], c.v[at.STATE_ROUNDING, 1] = 0.0, 0.0
     for q in range(c.dy.shape[1]):
         c.dy[1, q] = 0.0
@@ -130,7 +130,7 @@ def stop(c):
 
 @inner
 def switched(program, c, which, n, h):
-    """Go on from a surface, with the jump of the derivatives; by what the motion is held there."""
+    """Continue from a surface with the jump of the derivatives; return what holds the motion there."""
     size, count, slot = program.states, c.T.shape[2], program.surfaces[which]
     moves, way = c.v[at.SWITCHING_MOVES], c.v[at.SIGNS, 0]
     if count > 0:
@@ -160,7 +160,7 @@ def switched(program, c, which, n, h):
 
 @inner
 def _settled(program, c):
-    """Set signs, and at a reversal the memory, for the motion from here; by what it is held."""
+    """Set the signs, and at a reversal the memory, of the motion from here; return what holds it."""
     if not settle(program, c):
         stop(c)
         return np.int64(at.RESTS)
@@ -216,7 +216,7 @@ def after(program, c, moves, turned, held):
 
 @inner
 def begun(program, c):
-    """Signs of a motion that begins here, or was kicked; by what it is held, and whether it turned."""
+    """Return the signs of a motion that starts or gets an impulse, what holds it, and whether it turned."""
     way = c.v[at.SIGNS, 0] if len(program.signs) > 0 else 0.0
     held = _settled(program, c)
     if held > at.RESTS:

@@ -67,7 +67,7 @@ def _keeps_clear(g, n, low, high):
 
 @inner
 def first_crossing(series, n, h, side, zero, work):
-    """Where in (0, h] a series leaves the side (+1, -1) of zero on which it is to be; h + 1 if it does not.
+    """Return where in (0, h] a series leaves its side (+1, -1) of zero; h + 1 if it does not.
 
     A zero at 0 itself, up to the number or of the order in `zero`, is divided out; a wrong side there is a
     crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
@@ -279,7 +279,7 @@ def length(program, c, n):
 
 @inner
 def look_ahead(c, h):
-    """Value and slope of what is given over time, so much after where its polynomials count from."""
+    """Set value and slope of the inputs at a time after the start of their polynomials."""
     for m in range(len(c.drive)):
         c.drive[m, FORCING_NUMBERS] = value(c.drive[m], np.int64(FORCING_NUMBERS - 1), h)
         c.drive[m, FORCING_NUMBERS + 1] = slope(c.drive[m], np.int64(FORCING_NUMBERS - 1), h)

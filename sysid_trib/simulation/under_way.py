@@ -1,4 +1,4 @@
-"""A motion under way: its arrays, what it is to follow, and the numbers by which the compiled engine goes.
+"""State of the integration: arrays, motions to simulate, and settings of the compiled engine.
 
 Few arrays, since each costs a compiled call half a dozen numbers.
 """
@@ -39,7 +39,7 @@ SLOW, AT_REST, CREEP = 1e-5, 1e-12, 1e-11
 
 
 class EngineState(NamedTuple):
-    """A motion under way; its arrays are changed in place.
+    """State of the integration; its arrays are changed in place.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class EngineState(NamedTuple):
 
 
 class Given(NamedTuple):
-    """Motions to be followed one after the other, each from a knot to a knot, and where they are written.
+    """Motions to simulate, each from a knot to a knot, and where they are written.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Fits of law models: curves where a motion bears them, sensor errors and even parts where asked for."""
+"""Fits of law models: curves where the data allow them, with sensor errors and even parts if significant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,19 +7,20 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.records.decay import one_or_all, root_mean_square
+from sysid_trib.records.runs import one_or_all
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
+from sysid_trib.validation.judge import RESIDUAL_LEVEL
 from sysid_trib.validation.residuals import FollowedRuns, residuals
-from sysid_trib.validation.verdict import RESIDUAL_LEVEL
 
 # Forces that differ between directions and sides, and errors that cameras, encoders and potentiometers have.
 EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
@@ -56,7 +57,7 @@ class LawFit:
     @property
     def is_white(self) -> bool:
         """True if the residual is nothing but noise."""
-        return bool(self._residuals.residual_p_value.item() >= RESIDUAL_LEVEL)
+        return bool(self._residuals.p_value.item() >= RESIDUAL_LEVEL)
 
     @property
     def residual_rms(self) -> float:
@@ -84,8 +85,8 @@ def fitted(
 ) -> LawFit:
     """Fit curves, or only the named forces where the motion of no curve follows the record better.
 
-    What a model lacks within the cycle may be taken for a curve that no motion bears. A random force makes
-    each half period an equation of its own, which is immune to that.
+    An error of the model within the cycle may become a curve without a possible motion. With a random force
+    each half period is a separate equation, which avoids this.
     """
     without = replace(model.without_curves, reason=model.reason or NO_BETTER)
     if not model.odd:
@@ -136,13 +137,13 @@ def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
     if not isinstance(method, Direct):
         return None
     if model.is_free_to_move:
-        # What nothing pulls back has no side.
+        # A body without a restoring force has no sides.
         added = added.select(force.symbol for force in added if "x" not in force.formula.names)
         symbols = added.symbols
     model = replace(model, named=replace(model.named, forces=(*model.named.forces, *added.forces)))
     even = symbols != SENSOR_TERMS
     if even and model.odd:
-        # Those whose odd part is a curve.
+        # Laws whose odd part is a curve.
         model = replace(model, even=tuple(f"{name}_even" for name in model.odd))
     elif not even and len(runs) > 1:
         method = replace(method, own=symbols)

@@ -1,4 +1,4 @@
-"""From a law to formulas: the simplest sums of library forces that stay within its band."""
+"""Formulas of a law: the simplest sums of library forces within its band."""
 
 import itertools
 from collections.abc import Sequence

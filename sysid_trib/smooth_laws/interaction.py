@@ -1,4 +1,4 @@
-"""What a curve cannot be: friction that depends on the position, or stiffness that depends on the speed."""
+"""Limits of curves: friction that depends on the position, or stiffness that depends on the speed."""
 
 from collections.abc import Mapping
 from dataclasses import replace

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from sysid_trib import forces, records
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import LibraryLike
 from sysid_trib.forces.selection import System, load_system
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
-from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.records.smoothing import clock_of, swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import described, group_names
@@ -25,10 +26,9 @@ from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, 
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction
 from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
-from sysid_trib.validation import cross_check, findings, model_error
+from sysid_trib.validation import cross_check, judge, model_error
 from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
-from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
 BELOW_SMALLEST = 0.5
@@ -37,11 +37,11 @@ FAR_WORSE = 2.0
 
 
 def laws(
-    decay: Decays,
+    decay: RecordsLike,
     system: str | System | None = None,
     constraints: ConstraintTable | None = None,
     *,
-    library: ForceLibrary | None = None,
+    library: LibraryLike | None = None,
     random_force: RandomForceOption = "off",
     tell: Tell = silent,
 ) -> xr.DataTree:
@@ -49,14 +49,14 @@ def laws(
 
     Parameters
     ----------
-    decay : Dataset or sequence of Dataset
-        `angle(time)`; several runs share their laws.
+    decay : record, or several of them
+        `angle(time)` as `free_decay` returns it, or `(t, angle)`; several runs share their laws.
     system : str or System, optional
         A system of `libraries/systems.toml`: what it holds, as a pendulum its gravity, stays as it is, and
         its usual forces are outside of the penalty.
     constraints : mapping of str to float, (float, float) or str, optional
         Known forces: `{"gravity": 1.0}`.
-    library : ForceLibrary, optional
+    library : ForceLibrary, str, or what `library` takes, optional
         Where forces of the constraints are looked for before those of the package.
     random_force : "off", "estimated" or float
         As that of `methods.Direct`.
@@ -66,16 +66,16 @@ def laws(
     Returns
     -------
     DataTree
-        As that of `identify`: groups `record`, `averaging`, `direct`, `comparison`, `backbone`. Each
+        As that of `identify`: groups `record`, `averaging`, `direct`, `judged`, `agreement`, `backbone`. Each
         identification also holds `friction(speed)` (rad/s^2 over rad/s: the force over the inertia) and
         `restoring(displacement)` (rad/s^2 over rad), each with `_standard_error`, `_low`, `_high` (a
         simultaneous 95 % band over the visited range), `_error_of_model` and `_covariance`;
-        `speed_visited`, `displacement_visited`. `comparison` holds the difference of both methods' laws over
-        its error at each speed and displacement. Its attrs say the preferred method (`answer`), what was
-        decided about even parts (`even`) and errors of the sensor (`sensor`), and `reason` where the record
-        decides no curve. Groups `friction_formulas` and `restoring_formulas` (see `physics.law_formulas`)
-        where sums of up to three library forces stay within the band. Group `interaction` where the force is
-        no sum of both laws.
+        `speed_visited`, `displacement_visited`. `agreement` holds the difference of both methods' laws over
+        its error at each speed and displacement. The attrs of `judged` say the preferred method
+        (`preferred`), what was decided about even parts (`even`) and errors of the sensor (`sensor`), and
+        `reason` where the record decides no curve. Groups `friction_formulas` and `restoring_formulas` (see
+        `physics.law_formulas`) where sums of up to three library forces stay within the band. Group
+        `interaction` where the force is no sum of both laws.
 
     Raises
     ------
@@ -91,8 +91,10 @@ def laws(
     them within the cycle, averaging from amplitude to amplitude.
     """
     moving = system if isinstance(system, System) else load_system(system)
-    model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), library)
-    runs = as_runs(decay, driven=True)
+    offered = None if library is None else forces.as_library(library, "laws")
+    model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), offered)
+    given = records.as_decays(decay, "laws")
+    runs = as_runs(given, driven=True)
     if not signal_scale.counts_angles(runs[0]):
         for force in model.named:
             if not signal_scale.scalable(force):
@@ -100,9 +102,9 @@ def laws(
                     f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
                     "leave it out, or give the pendulum's length, --length M."
                 )
-    tree = _identified(decay, model, random_force, tell=tell)
+    tree = _identified(given, model, random_force, tell=tell)
     asked = {"system": moving.name, "constraints": dict(constraints or {}), "random_force": random_force}
-    tree["comparison"].attrs["options"] = json.dumps(asked)
+    tree["judged"].attrs["options"] = json.dumps(asked)
     return tree
 
 
@@ -135,9 +137,9 @@ def _identified(
     tell("errors")
     largest = _largest(runs)
     tree = _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
-    if not tree["comparison"].attrs["reason"]:
+    if not tree["judged"].attrs["reason"]:
         tell("formulas within the bands")
-        preferred = tree[tree["comparison"].attrs["answer"]].to_dataset()
+        preferred = tree[tree["judged"].attrs["preferred"]].to_dataset()
         for law in bands.VARIABLE_OF_LAW:
             listed = law_formulas(preferred, law)
             # netCDF has no empty axis.
@@ -216,30 +218,20 @@ def _tree(
     names, results = list(followed), {name: of.result for name, of in followed.items()}
     second = results[names[-1]]
     records = with_motions(followed)
-    compared = residuals(followed, second)
-    over_motion = {"residual_over_motion": cross_check.residual_over_motion(records)}
-    compared = compared.assign(described("cross_check", over_motion))
-    compared = compared.assign(findings.failure_of_models(records))
-    if len(names) == 2:
-        compared = compared.merge(_difference(results[names[0]], second))
-    explained = cross_check.explained_by(compared)
-    answer = _preferred(results, compared, driven=is_driven(runs))
-    unexplained = compared.residual_over_motion.sel(model=answer).item()
-    approximate = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
-    compared.attrs = {
-        "laws": "yes",
-        "first": names[0],
-        "second": names[-1],
-        "answer": answer,
-        "explained": explained,
-        "verdict_on_record": "explained" if explained == "yes" else approximate,
+    table = judge.judged(records, results, residuals(followed, second))
+    preferred = _preferred(results, table, driven=is_driven(runs))
+    evidence = {name: judge.evidence_of(table.sel(model=name)) for name in names}
+    table = judge.with_verdicts(table, evidence, preferred, "laws")
+    table.attrs |= {
         "even": ", ".join(fits[names[-1]].model.even),
         "sensor": ", ".join(s for s in SENSOR_TERMS if s in fits[names[-1]].model.named.symbols),
-        "reason": fits[answer].model.reason,
+        "reason": fits[preferred].model.reason,
         "averaging_failed": failed,
     }
     groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
-    groups |= results | {"comparison": compared}
+    groups |= results | {"judged": table}
+    if len(names) == 2:
+        groups["agreement"] = _difference(results[names[0]], second)
     if not is_driven(runs):
         of_envelopes = [envelope(run) for run in runs]
         groups |= dict(zip(group_names("envelope", len(runs)), of_envelopes, strict=True))
@@ -247,10 +239,10 @@ def _tree(
     return xr.DataTree.from_dict(groups)
 
 
-def _preferred(results: Mapping[str, xr.Dataset], compared: xr.Dataset, *, driven: bool) -> str:
+def _preferred(results: Mapping[str, xr.Dataset], table: xr.Dataset, *, driven: bool) -> str:
     """Return the method to be preferred: by what was held out, where a residual is more than noise."""
     names = list(results)
-    missed = {name: float(compared.residual_rms.sel(model=name)) for name in names}
+    missed = {name: float(table.tested_rms.sel(model=name)) for name in names}
     held_out = [float(results[name].get("held_out_rms", np.nan)) for name in names]
     whole = all("held_out_rms" in result for result in results.values())
     if driven or (whole and not np.all(np.isfinite(held_out))):

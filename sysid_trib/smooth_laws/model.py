@@ -1,4 +1,4 @@
-"""What is fitted as laws: named forces, curves, and what is held."""
+"""Model of laws: named forces, curves, and held forces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +20,7 @@ FEWEST_OF_A_CURVE, SMALLEST_RANGE = 8, 1.15
 
 @dataclass(frozen=True)
 class LawModel:
-    """What is fitted: named forces, curves, and what is held.
+    """Model of laws: named forces, curves, and held forces.
 
     Attributes
     ----------

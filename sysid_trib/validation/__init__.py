@@ -1,4 +1,4 @@
-"""Is it true: cross-check, homogeneity of runs, hold-out, comparison of methods."""
+"""Validation: cross-check, homogeneity of runs, hold-out, comparison of methods."""
 
 from sysid_trib._lazy import public_names
 

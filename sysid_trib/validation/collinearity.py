@@ -11,7 +11,7 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, Constrain
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.motion_fit.moving_samples import MovingSamples, columns_of, points_of, regressed
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.variables import described
 
 FREQUENCY_PARAMETER = "frequency"

@@ -1,35 +1,40 @@
-"""Every method on the same runs: what each identifies, how well it predicts, what it neglects."""
+"""Comparison of all methods on the same runs: coefficients, predictions, neglected forces."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import fields, is_dataclass, replace
 from time import perf_counter
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib import records
+from sysid_trib.arrays import root_mean_square
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
-from sysid_trib.methods import METHODS
+from sysid_trib.methods import as_method, every_kind
 from sysid_trib.methods.scope import (
     Method,
     by_unique_label,
     constrained,
-    force_scope,
     scope_of,
     with_stated,
 )
 from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import Decays, as_runs, one_or_all
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale, variables
-from sysid_trib.validation import cross_check, findings, holdout, residuals, verdict
-from sysid_trib.validation.driven import is_driven
+from sysid_trib.results.random_force import is_found, random_force_of
+from sysid_trib.validation import cross_check, holdout, judge, residuals, verdict
+from sysid_trib.validation.driven import is_driven, tested_driven
+from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
 
-RESERVED = ("", ".", "..", "record", "envelope", "comparison")
-Methods = Sequence[Method] | Mapping[str, Method]
+RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
+# What the group `judged` has of each method, and so the table of methods has not.
+JUDGED_VARIABLES = ["residual_rms", "residual_over_noise", "failure"]
+Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 
 
 def every_method(
@@ -46,22 +51,24 @@ def every_method(
 
     Returns
     -------
-    dict of str to method, those of `methods.METHODS` with their variants, in that order.
+    dict of str to method, those of `methods.METHODS` with their variants, in that order; then those that
+    other installed packages declare as entry points `sysid_trib.methods`.
     """
     given = {"reference_frequency": reference_frequency, "shapes": dict(shapes or {})}
     methods: dict[str, Method] = {}
-    for kind in METHODS:
-        taken = {option.name for option in fields(kind)}
+    for kind in every_kind():
+        taken = {option.name for option in fields(kind)} if is_dataclass(kind) else set()
         method = kind(**{name: value for name, value in given.items() if name in taken})
-        methods[method.scope.label] = method
-        for variant, options in method.scope.variants.items():
-            methods[f"{method.scope.label} ({variant})"] = replace(method, **options)
+        scope = scope_of(method)
+        methods[scope.label] = method
+        for variant, options in scope.variants.items():
+            methods[f"{scope.label} ({variant})"] = replace(method, **options)
     return methods
 
 
 def compare(
-    decay: Decays,
-    library: ForceLibrary | None = None,
+    decay: RecordsLike,
+    library: LibraryLike | None = None,
     methods: Methods | None = None,
     *,
     contactless: tuple[float, float] | None = None,
@@ -72,12 +79,12 @@ def compare(
 
     Parameters
     ----------
-    decay : Dataset, or sequence of Dataset
-        `angle(time)` in rad, as `free_decay` returns it; or a list of runs, as `identify` takes them. With
-        inputs Direct and Trajectory alone identify it.
-    library : ForceLibrary, optional
-        The forces offered to every method; by default those of `contact_forces`.
-    methods : sequence of methods, or Mapping of str to method, optional
+    decay : record, or several of them
+        `angle(time)` in rad, as `free_decay` returns it, or `(t, angle)`; or a list of runs, as `identify`
+        takes them. With inputs Direct and Trajectory alone identify it.
+    library : ForceLibrary, str, or what `library` takes, optional
+        The forces offered to every method, or the name of their library; by default `contact_forces`.
+    methods : sequence of methods or their names, or Mapping of str to method, optional
         Labelled by their scope and options; or by label. By default every method of the field with its
         variants.
     contactless : (float, float), rad/s
@@ -93,16 +100,16 @@ def compare(
     DataTree
         Groups `record` (with `holdout_start`, s), `envelope` (`record_1`, `envelope_1`, `record_2`, ... of
         several runs), one identification of the whole decay (all runs) per method that gave one, named by its
-        label, and `comparison`. That has, over `method` and `force`: `coefficient`, `standard_error` (nan
+        label, and `comparison`. That has, over `model` and `force`: `coefficient`, `standard_error` (nan
         where not identified) at the one `common_frequency` (rad/s), and `z`, the difference from the method
-        that predicts best over the errors of both, taken as independent. Over `method`:
+        that predicts best over the errors of both, taken as independent. Over `model`:
         `reference_frequency`, `asymptotic_frequency` (rad/s) with errors, `asymptotic_frequency_z`;
         `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
         `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
-        errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `method` and `run`,
+        errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `model` and `run`,
         `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen by
-        `sel({"method": label})`: `method=` is an argument of xarray's own.
+        `sel(model=label)`.
 
     Raises
     ------
@@ -118,16 +125,19 @@ def compare(
     centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
     A method that does not apply keeps its row: nan, and why in `reason`.
 
-    Of several runs the last third of each is held out. RMS are over the runs, whatever their lengths; over
-    the noise, each run's RMS is over its own. Methods that take one record at a time have no numbers.
+    The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
+    each run's RMS is over its own. Methods that take one record at a time have no numbers.
     """
+    runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
-    pairs = list(given.items()) if isinstance(given, Mapping) else [("", method) for method in given]
-    library = verdict.checked_library("compare", library, [method for _, method in pairs], decay)
+    listed = [given] if isinstance(given, str) or hasattr(given, "identify") else given
+    named_kinds = listed.items() if isinstance(listed, Mapping) else [("", method) for method in listed]
+    pairs = [(name, as_method(kind, "compare")) for name, kind in named_kinds]
+    offered = verdict.checked_library("compare", library, runs)
     if not pairs:
-        raise UsageError("compare wants at least one method, such as methods.Direct().")
+        raise UsageError("compare needs at least one method, such as methods.Direct().")
     named = by_unique_label(pairs, RESERVED)
-    return _compared(decay, library, named, contactless, constraints, tell)
+    return _compared(runs, offered, named, contactless, constraints, tell)
 
 
 @signal_scale.in_units_of_the_motion
@@ -157,31 +167,71 @@ def _compared(
         tell(label, at / len(named))
         held = with_stated(constraints, library, method)
         trials[label] = _try_method(method, parts, library, contactless, held)
-    results = {label: result for label, (result, *_) in trials.items() if result is not None}
+    results = {label: trial.result for label, trial in trials.items() if trial.result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
-        label, (_, row, _) = next(iter(trials.items()))
-        raise DecayError(f"No method can identify {subject}. {label}: {row['reason']}.")
+        label, trial = next(iter(trials.items()))
+        raise DecayError(f"No method can identify {subject}. {label}: {trial.row['reason']}.")
     medians = [(np.median(np.diff(of.extremum_time)), np.median(np.diff(run.time))) for run, *_, of in parts]
     # Samples of a period.
     blocks = [max(1, round(2.0 * half_period / step)) for half_period, step in medians]
     table = holdout.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
-    _, _, of_best = trials[best]
-    motions: Sequence[xr.Dataset | None] = of_best.get("residual") or [None] * len(runs)
-    for name, (run, _, rest, _), motion in zip(of_records, parts, motions, strict=True):
+    of_best = trials[best].motions
+    for at, (name, (run, _, rest, _)) in enumerate(zip(of_records, parts, strict=True)):
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
-        shown = [] if motion is None else [run.angle.values - motion.residual.values]
-        simulated = np.reshape(shown, (len(shown), run.sizes["time"]))
-        groups[name] = findings.with_noise_and_models(run, [best][: len(shown)], simulated).assign(start)
+        # A model without a motion has nan.
+        nothing = np.full(run.sizes["time"], np.nan)
+        residuals_of = {
+            label: trial.motions["residual"][at].residual.values if trial.motions.get("residual") else nothing
+            for label, trial in trials.items()
+        }
+        simulated = run.angle.values - np.array(list(residuals_of.values()))
+        # For a driven record the noise is at most the residual of the best model.
+        of_best_alone = run.angle.values - residuals_of[best][None]
+        of_noise = residuals.with_noise_and_models(run, [best], of_best_alone)
+        kept = residuals.with_noise_and_models(run, list(trials), simulated).assign(noise=of_noise.noise)
+        groups[name] = kept.assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
-        residuals = [motion.residual.values for motion in of_best.get("residual", [])]
-        p_value = len(runs) * min(map(white_p_value, residuals), default=0.0)
-        table.attrs["white_residual"] = "yes" if p_value >= WHITE_LEVEL else "no"
+        of_runs = [motion.residual.values for motion in of_best.get("residual", [])]
+        p_value = len(runs) * min(map(white_p_value, of_runs), default=0.0)
+        white = variables.described("comparison", {"white_residual": p_value >= WHITE_LEVEL})
+        table = table.assign(white)
     table.attrs |= _not_separable(runs, list(results.values()), library)
-    return xr.DataTree.from_dict({**groups, **results, "comparison": table})
+    table, judged = _judged(table, runs, {label: trial.followed for label, trial in trials.items()})
+    return xr.DataTree.from_dict({**groups, **results, "comparison": table, "judged": judged})
+
+
+def _judged(
+    table: xr.Dataset, runs: Sequence[xr.Dataset], followed: Mapping[str, residuals.FollowedRuns | None]
+) -> tuple[xr.Dataset, xr.Dataset]:
+    """Judge the methods that gave an identification; the table of methods without what is judged."""
+    best = table.attrs["best"]
+    known = {label: of for label, of in followed.items() if of is not None}
+    # The verdict on the noise is that of the last.
+    known[best] = known.pop(best)
+    driven, of_best = is_driven(runs), known[best].result
+    tested = tested_driven(known) if driven else residuals.residuals(known, of_best)
+    p_value = float("nan")
+    if not driven and is_found(random_force_of(of_best)):
+        p_value = verdict.p_value_of_dependence(verdict.tested_runs(known[best]))
+    of_known = table.sel(model=list(known))
+    motion = root_mean_square([root_mean_square(run.angle.values) for run in runs])
+    values = {
+        "residual_rms": of_known.residual_rms.values,
+        "residual_over_noise": of_known.residual_over_noise.values,
+        "residual_over_motion": of_known.residual_rms.values / motion,
+        "held_out_rms": of_known.holdout_rms.values,
+        "failure": of_known.failure.values,
+        "random_force_p": np.full(len(known), p_value),
+    }
+    judged = tested.assign(variables.described("judged", values))
+    evidence = verdict.evidence_of_models(judged, known)
+    judged = judge.with_verdicts(judged, evidence, best, "compare")
+    there = [label for label in table.model.values if label in known]
+    return table.drop_vars(JUDGED_VARIABLES), judged.sel(model=there)
 
 
 def _try_method(
@@ -204,7 +254,7 @@ def _try_method(
     row = {**vars(scope_of(method)), **forces, "time_taken": seconds, "failure": ""}
     row["bias"] = _bias(result)
     if result is None:
-        return None, row | {"reason": reason}, {}
+        return Trial(None, row | {"reason": reason}, {})
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
@@ -224,11 +274,11 @@ def _try_method(
     if not forces["neglects"]:
         row["failure"] = holdout.failure_of(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
-    return result, row | {"reason": reason or part_reason}, motions
+    return Trial(result, row | {"reason": reason or part_reason}, motions, followed)
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
-    """Why the motion of a run is not the record's, and of which, in a few words; empty if all are."""
+    """Describe why, and in which run, the motion does not follow the record; empty if all motions do."""
     if not motions:
         return f"{subject} diverges"
     for at, motion in enumerate(motions):
@@ -280,13 +330,12 @@ def _not_separable(
 
 
 def _bias(result: xr.Dataset | None) -> str:
-    """A bias of its own that a method says it has left in."""
+    """Return the bias that a method reports."""
     if result is None:
         return ""
-    removed = str(result.attrs.get("first_order_bias_removed", "yes"))
-    if removed == "no" or removed.startswith("no:"):
-        why = removed[2:].strip(" :.")
+    if not result.get("first_order_bias_removed", True):
+        why = result.attrs.get("first_order_bias_reason", "").rstrip(".")
         return f"first-order bias not removed{': ' + why if why else ''}"
-    if result.attrs.get("refined", "True") != "True":
+    if not result.get("refined", True):
         return "columns from the smoothed record, whose noise biases them"
     return ""

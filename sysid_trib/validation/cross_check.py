@@ -1,4 +1,4 @@
-"""Two identifications of a decay held against each other, and what they cannot tell apart."""
+"""Cross-check of two identifications of a decay, and the forces that they cannot separate."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -8,23 +8,24 @@ import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import smoothed_backbone
 from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import DecayError, SysidTribError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit import bands, innovations
-from sysid_trib.records.decay import Decays, as_runs
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation import findings
+from sysid_trib.validation import judge
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
-from sysid_trib.validation.verdict import RESIDUAL_LEVEL, decided, is_found, tested_runs, verdict_on_record
+from sysid_trib.validation.verdict import decided, evidence_of_models, p_value_of_dependence, tested_runs
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
@@ -64,13 +65,13 @@ def agreement_of(p_value: float) -> str:
 
 @signal_scale.in_units_of_the_motion
 def cross_check(
-    decay: Decays,
+    decay: RecordsLike,
     first: xr.Dataset,
     second: xr.Dataset,
     *,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Hold two identifications of one decay, or of the same runs, against each other.
+    """Compare two identifications of one decay, or of the same runs.
 
     Parameters
     ----------
@@ -81,16 +82,22 @@ def cross_check(
     Returns
     -------
     DataTree with groups `record` (with each model's simulated angle), `envelope` (`record_1`, `envelope_1`,
-    `record_2`, ... of several runs), one group a method, and
-    `comparison`: over `quantity` (each force, and the asymptotic frequency) the `difference` first - second
-    at the second's reference frequency, its `standard_error` and `z`; `chi_square`, `degrees_of_freedom`,
-    `p_value`; over `model` the `residual_rms` (rad) of the simulated model,
-    `residual_over_noise` and `departure_time` (s). Its attrs say what the methods cannot tell apart by
-    principle, the `verdict` (agree, disagree, unknown), and whether the record is `explained`: yes
-    (no departure from white noise is found in the better model's residual), partly (a small one), no; and the
-    `verdict_on_record`, one of `VERDICTS`; the `answer`, the method whose numbers are to be taken; over
-    `model` the `residual_over_motion`. Groups `backbone` and `lack_of_fit` of each run (see there). Where the
-    second has a random force, there are the groups of `random_force_groups`.
+    `record_2`, ... of several runs), and one group a method.
+
+    `judged` holds over `model` what is left of the record and the verdict on it: `residual_rms` (rad) of the
+    simulated motion, over the noise and over the motion; `p_value`, that the residual is white noise, and the
+    RMS of the residual that is tested (`tested_rms`, with a random force of one-step predictions), over its
+    stated deviation; `departure_time` (s); a `spectral_line` (rad/s) with its amplitude; `held_out_rms`;
+    `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. Of several runs also `run_tested_rms`, ... of
+    each. Its attrs name the `preferred` method, and the `verdict` on it.
+
+    `agreement` holds over `quantity` (each force, and the asymptotic frequency) the `difference` first -
+    second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
+    `degrees_of_freedom`, `p_value`. Its attrs say the `verdict` (agree, disagree, unknown) and which forces
+    the methods cannot separate by principle.
+
+    Groups `backbone` and `lack_of_fit` of each run (see there). Where the second has a random force, there
+    are the groups of `random_force_groups`.
 
     Notes
     -----
@@ -112,7 +119,7 @@ def cross_check(
     has nan for its angle and residual. The residual of a result with a random force is what it predicts
     wrongly one sample ahead, over its own error.
     """
-    together = dict(enumerate(as_runs(decay)))
+    together = dict(enumerate(as_runs(records.as_decays(decay, "cross_check"))))
     followed = [FollowedRuns(together, result) for result in (first, second)]
     return _checked(followed, tell=tell)
 
@@ -141,11 +148,11 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
     difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
     covariance, errors = np.full((len(difference), len(difference)), np.nan), "stated"
-    biased = any(str(r.attrs.get("first_order_bias_removed", "")).startswith("no") for r in results)
+    biased = not all(bool(result.get("first_order_bias_removed", True)) for result in results)
     if moving and not biased:
         covariance, errors = _covariance(pair, moving[0], kept)
     error = np.sqrt(np.diag(covariance))
-    # What neither leaves free does not differ.
+    # Quantities that both hold do not differ.
     z = np.divide(difference, error, out=np.zeros_like(difference), where=error != 0.0)
     chi_square = float("nan")
     if np.all(np.isfinite(covariance)):
@@ -156,7 +163,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     values |= {"chi_square": chi_square, "degrees_of_freedom": len(difference)}
     values["p_value"] = float(scipy.stats.chi2.sf(chi_square, len(difference)))
     coords = {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]}
-    return xr.Dataset(described("cross_check", values), coords, {"errors": errors})
+    return xr.Dataset(described("agreement", values), coords, {"errors": errors})
 
 
 def _covariance(pair: Sequence[FollowedRuns], truth: FollowedRuns, kept: Sequence[str]) -> tuple[Array, str]:
@@ -184,22 +191,23 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
     compared = comparison(pair)
     tell("residuals")
     records = with_motions(followed)
-    over_motion = {"residual_over_motion": residual_over_motion(records)}
-    compared = compared.merge(residuals(followed, results[1])).assign(described("cross_check", over_motion))
-    compared = compared.assign(findings.failure_of_models(records))
-    verdict = agreement_of(compared.p_value.item())
-    made = {"first": names[0], "second": names[1], "verdict": verdict}
-    explained, answer = explained_by(compared), names[_chosen(results, compared)]
+    of_names = dict(zip(names, results, strict=True))
     stochastic = random_force_groups(pair[1])
-    unexplained = compared.residual_over_motion.sel(model=answer).item()
-    compared.attrs = (
-        made | compared.attrs | {"explained": explained, "answer": answer} | ties(runs, results[1])
-    )
-    compared.attrs["verdict_on_record"] = verdict_on_record(explained, unexplained, pair[1], stochastic)
+    p_value = float("nan")
+    if "random_force" in stochastic:
+        p_value = p_value_of_dependence(stochastic["random_force"])
+    table = judge.judged(records, of_names, residuals(followed, results[1]), random_force_p=p_value)
+    preferred = names[_chosen(results, table)]
+    table = judge.with_verdicts(table, evidence_of_models(table, followed), preferred, "identify")
+    compared.attrs |= {
+        "first": names[0],
+        "second": names[1],
+        "verdict": agreement_of(compared.p_value.item()),
+        **ties(runs, results[1]),
+    }
     groups = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= dict(zip(group_names("envelope", len(runs)), [envelope(run) for run in runs], strict=True))
-    of_names = dict(zip(names, results, strict=True))
-    groups |= of_names | {"comparison": compared} | backbones_of(runs, of_names)
+    groups |= of_names | {"judged": table, "agreement": compared} | backbones_of(runs, of_names)
     return xr.DataTree.from_dict({**groups, **stochastic})
 
 
@@ -209,40 +217,27 @@ def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) 
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
         with suppress(DecayError):
-            backbone, weights = smoothed_backbone(run)
-            groups[of_record] = backbone
-            groups[of_models] = lack_of_fit(run, results, (backbone, weights))
+            smoothed = smoothed_backbone(run)
+            groups[of_record] = smoothed.curves
+            groups[of_models] = lack_of_fit(run, results, smoothed)
     return groups
 
 
-def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
-    """RMS of record minus motion over that of the record, of each model; nan without a motion."""
-    missed = sum(((run.angle - run.simulated_angle) ** 2).sum("time", skipna=False).values for run in records)
-    return np.sqrt(missed / sum(float((run.angle**2).sum()) for run in records))
+def _chosen(results: Sequence[xr.Dataset], table: xr.Dataset) -> int:
+    """Return the index of the preferred identification, by the residuals and by `better_of`.
 
-
-def explained_by(compared: xr.Dataset) -> str:
-    """`yes` if no departure from white noise is found in the better residual, `partly` if a small one."""
-    if np.nanmax(compared.residual_p_value.values) >= RESIDUAL_LEVEL:
-        return "yes"
-    return "partly" if np.any(compared.residual_over_noise.values <= findings.LARGE) else "no"
-
-
-def _chosen(results: Sequence[xr.Dataset], compared: xr.Dataset) -> int:
-    """Which of two identifications is the answer, by their residuals and by `better_of`.
-
-    What makes averaging immune to forces that are missing does not help against a line (hum), which moves
-    extrema and their times: a second method that leaves no more, and but noise or a line, is the answer.
+    A spectral line (hum) moves extrema and their times, so that averaging loses its advantage. The second
+    method is then preferred if its residual is not larger and contains only noise or a line.
     """
-    rms, over_noise = compared.residual_rms.values, compared.residual_over_noise.values
-    line = np.isfinite(compared.line_frequency.values[1])
+    rms, over_noise = table.tested_rms.values, table.tested_over_noise.values
+    line = np.isfinite(table.spectral_line.values[1])
     if rms[1] <= 1.02 * rms[0] and (line or over_noise[1] <= 1.0):
         return 1
     return better_of(*results)
 
 
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
-    """Which of two identifications of a record is the answer: the second, unless the first predicts better.
+    """Return the index of the preferred identification: the second, unless the first predicts better.
 
     Where its model leaves nothing but noise the second is: it is at the statistical bound; else the first
     where its does. Elsewhere the second must predict the parts that were held out better than the first by
@@ -255,7 +250,7 @@ def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
 
 
 def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
-    """What a random force is judged and drawn by, as groups of a tree; none where none is found.
+    """Return test, innovations and bands of a random force as groups of a tree; empty without one.
 
     Parameters
     ----------
@@ -279,7 +274,7 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
             continue
         tracked = followed.tracked(at)
         groups[of_innovations] = innovations.innovations_of(decay, tracked)
-        # Of a record too short to predict anything there is no figure.
+        # A record too short for predictions has no figure.
         with suppress(SysidTribError):
             groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
     return groups

@@ -1,4 +1,4 @@
-"""Which forces fit a driven record: a few models of it, each by how much of the motion it leaves."""
+"""Models of a driven record: a few of them, each with its residual relative to the motion."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -66,7 +66,7 @@ def fitting_models(runs: Sequence[xr.Dataset]) -> list[FittingModel]:
     short = [_short(run) for run in runs[:1]]
     names = [name for name in inputs.inputs_of(short[0]) if name != inputs.INPUT]
     oscillators = _nested([_tried("", library, short) for library in _oscillators(names)])
-    # Of a system that always has a force, which makes another equation of it.
+    # Try systems with a held force too: it changes the equation.
     systems = [_of_system(system, names, short) for system in selection.shipped_systems() if system.held]
     kinds = [oscillators, *systems]
     # A system that is as good as an oscillator of more forces goes before it.
@@ -120,7 +120,7 @@ def _short(run: xr.Dataset) -> xr.Dataset:
     every = max(1, int(period / PER_PERIOD / step))
     known = inputs.inputs_of(run)
     held = any(drives.is_held(known[name].values) for name in known)
-    # What is left out of an input that jumps would be seen as another drive.
+    # The omitted part of an input with jumps would act as another drive.
     every = 1 if held else every
     part = run.isel(time=slice(None, MOST_OF_RECORD * every, every))
     if "measured" in part:

@@ -4,11 +4,13 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib import records
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import DecayError, SimulationError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -19,12 +21,14 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.trajectory import StartsOption, Trajectory, measured_starts
 from sysid_trib.records import inputs
 from sysid_trib.records.conversion import factor_between
-from sysid_trib.records.decay import Decays, as_runs, one_or_all, root_mean_square
 from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.records.runs import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.records.smoothing import clock_of
+from sysid_trib.results.judged import best
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import INPUT_UNITS, library_of, model_of, shape_values_of
+from sysid_trib.results.schema import INPUT_UNITS, model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
 from sysid_trib.simulation.initial_conditions import (
@@ -36,12 +40,11 @@ from sysid_trib.simulation.initial_conditions import (
 )
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation import findings, verdict
+from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
-from sysid_trib.validation.verdict import APPROXIMATE_PART
 
 # A model that leaves more of the record than this has not followed it.
 SLIPPED_PART = 0.3
@@ -75,10 +78,10 @@ def identified_driven(
     -------
     DataTree
         Groups `record` (`record_1`, ... of several) with `simulated_angle(model, time)`; `direct` and
-        `trajectory`; `comparison`: over `quantity` difference, standard error and z of both, over `model`
-        `residual_rms`, `residual_over_noise`, `residual_over_motion`, `residual_p_value` that the residual
-        is white; attrs `answer`, the method that leaves less, or `direct` where a random force explains the
-        record, and `verdict_on_record`. A method whose motion does not follow the record is left out.
+        `trajectory`; `judged`: over `model` the residual of each, the p-value that it is white, and the
+        verdict; attrs `preferred`, the method of the smaller residual, or `direct` where a random force
+        explains the record, and `verdict`; `agreement`: over `quantity` difference, standard error and z of
+        both methods. A method whose motion does not follow the record is left out.
 
     Raises
     ------
@@ -103,15 +106,15 @@ def identified_driven(
     with _saying(separated):
         best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
     random_explains, stochastic = False, None
-    # What is integrated is no record in which a random force could be told from noise.
+    # In an integrated record a random force cannot be separated from noise.
     own_quantity = any(MEASURED in run for run in runs)
-    if direct.random_force == "auto" and not own_quantity and _sizes(best)["residual_p_value"] < WHITE_LEVEL:
+    if direct.random_force == "auto" and not own_quantity and _sizes(best)["p_value"] < WHITE_LEVEL:
         tell("random force")
         result = replace(direct, random_force="estimated").identify(decay, library)
         stochastic = FollowedRuns(together, result)
         random_explains = _random_force_explains(stochastic)
         pair = [stochastic] if random_explains else [best, stochastic]
-        best = min(pair, key=lambda of: _sizes(of)["residual_rms"])
+        best = min(pair, key=lambda of: _sizes(of)["tested_rms"])
     slipped, models = not _follows(best), {"direct": best}
     tell("trajectory")
     # The errors of a fit of the free motion do not know a random force, whose effect lasts long.
@@ -187,12 +190,12 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
 
 
 def _follows(followed: FollowedRuns) -> bool:
-    """True if the motion of a model has not slipped out of phase with the records."""
+    """Return true if the motion of a model stays in phase with the records."""
     return _sizes(followed)["residual_over_motion"] < SLIPPED_PART
 
 
 def _random_force_explains(stochastic: FollowedRuns) -> bool:
-    """True if the innovations of a fit with a random force are noise, and that force depends on nothing."""
+    """Return true if a random force that is independent of the motion explains the record."""
     try:
         return verdict.has_white_residual(stochastic) and verdict.is_random(stochastic)
     except (SysidTribError, np.linalg.LinAlgError):
@@ -204,7 +207,7 @@ def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> floa
     return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
 
 
-SIZES = ("residual_rms", "residual_over_noise", "residual_over_motion", "residual_p_value")
+SIZES = ("tested_rms", "tested_over_noise", "residual_over_motion", "p_value")
 
 
 def _sizes(followed: FollowedRuns) -> dict[str, float]:
@@ -251,31 +254,59 @@ def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
     return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 
 
-def _tree(models: dict[str, FollowedRuns], random_explains: bool, separated: xr.Dataset) -> xr.DataTree:
+def _tree(models: Mapping[str, FollowedRuns], random_explains: bool, separated: xr.Dataset) -> xr.DataTree:
     names, results = list(models), [followed.result for followed in models.values()]
-    sizes = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
-    compared = xr.Dataset(described("driven", sizes), {"model": names})
-    if len(names) == 2:
-        compared = compared.merge(_difference(*results))
-    if random_explains:
-        # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
-        best, said = compared.sel(model="direct"), "explained with a random force"
-    else:
-        best = compared.isel(model=int(np.argmin(compared.residual_rms.values)))
-        said = "approximate" if best.residual_over_motion <= APPROXIMATE_PART else "not explained"
-        said = "explained" if best.residual_p_value >= WHITE_LEVEL else said
-    compared.attrs = {
-        "first": names[0],
-        "second": names[-1],
-        "answer": best.model.item(),
-        "driven": "yes",
-        "verdict_on_record": said,
-    }
     records = with_motions(models)
-    compared = compared.assign(findings.failure_of_models(records))
+    of_names = dict(zip(names, results, strict=True))
+    p_value = float("nan")
+    if random_explains:
+        p_value = verdict.p_value_of_dependence(verdict.tested_runs(models["direct"]))
+    table = judged_driven(models, records, random_force_p=p_value)
+    # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
+    least = names[int(np.argmin(table.tested_rms.values))]
+    preferred = "direct" if random_explains else least
+    evidence = {
+        name: judge.Evidence(
+            residual_is_noise=random_explains or bool(table.p_value.sel(model=name) >= WHITE_LEVEL),
+            residual_over_motion=table.residual_over_motion.sel(model=name).item(),
+            has_random_force=random_explains,
+            # Coloured noise of the sensor has no such test; `_random_force_explains` looked at it.
+            random_force_p=1.0 if np.isnan(p_value) else p_value,
+        )
+        for name in names
+    }
+    table = judge.with_verdicts(table, evidence, preferred, "driven")
     groups = dict(zip(group_names("record", len(records)), records, strict=True))
-    groups |= {"comparison": compared, "identifiability": separated}
-    return xr.DataTree.from_dict(dict(zip(names, results, strict=True)) | groups)
+    groups |= of_names | {"judged": table, "identifiability": separated}
+    if len(names) == 2:
+        groups["agreement"] = _difference(*results)
+    return xr.DataTree.from_dict(groups)
+
+
+def judged_driven(
+    models: Mapping[str, FollowedRuns], records: Sequence[xr.Dataset], random_force_p: float = float("nan")
+) -> xr.Dataset:
+    """Judge models of driven records: their residuals are white where nothing is missing.
+
+    Parameters
+    ----------
+    models : mapping of str to FollowedRuns
+        All runs of each identification, by the name of its model.
+    records, random_force_p
+        As of `judge.judged`.
+    """
+    tested = tested_driven(models)
+    results = {name: followed.result for name, followed in models.items()}
+    over_motion = tested.residual_over_motion.values
+    return judge.judged(records, results, tested, over_motion=over_motion, random_force_p=random_force_p)
+
+
+def tested_driven(models: Mapping[str, FollowedRuns]) -> xr.Dataset:
+    """Return over `model` the tests of residuals of driven records, which have no quiet end."""
+    sizes: dict[str, Any] = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
+    nothing = np.full(len(models), np.nan)
+    sizes |= dict.fromkeys(("departure_time", "spectral_line", "spectral_line_amplitude"), nothing)
+    return xr.Dataset(described("judged", sizes), {"model": list(models)})
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
@@ -286,7 +317,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     # The same record: the larger error of both, which their difference has at most where neither is wrong.
     errors = np.maximum(*(np.sqrt(np.diag(stated_covariance(result, symbols))) for result in (first, second)))
     z = np.divide(difference, errors, out=np.zeros_like(difference), where=errors > 0.0)
-    data = described("driven", {"difference": difference, "standard_error": errors, "z": z})
+    data = described("agreement", {"difference": difference, "standard_error": errors, "z": z})
     return xr.Dataset(data, {"quantity": [*symbols, "asymptotic_frequency"]})
 
 
@@ -298,8 +329,8 @@ FEWEST_FITTED = 20
 
 
 def predict(
-    result: xr.Dataset,
-    record: xr.Dataset,
+    result: xr.Dataset | xr.DataTree,
+    record: RecordLike,
     *,
     warm_up: float | None = None,
     run: int = 0,
@@ -309,10 +340,10 @@ def predict(
 
     Parameters
     ----------
-    result : Dataset
-        An identification, of this record or of another one.
-    record : Dataset
-        `angle(time)`, and the inputs that the model's forces hold.
+    result : Dataset or DataTree
+        An identification, of this record or of another one; of a whole result its preferred one.
+    record : record
+        `angle(time)`, or `(t, angle)`; with the inputs that the model's forces hold.
     warm_up : float, s, optional
         The start is fitted to so much of the beginning, which does not count for the residual; to all of the
         record where left out, and all of it counts.
@@ -341,12 +372,12 @@ def predict(
     -----
     Signal and inputs are converted to the units in which the model was identified; the prediction is in them.
     """
-    (given,) = [record] if isinstance(record, xr.Dataset) else record
+    given, identified = records.one_record(record, "predict"), best(result)
     checked_signal(given)
     (whole,) = driven_parts(given, across_gaps=True)
     if starts == "measured" and warm_up is not None:
         raise UsageError("A start that is measured needs no warm-up to be fitted to; leave one of both out.")
-    return _predict(result, _in_units_of(result, whole), warm_up=warm_up, run=run, starts=starts)
+    return _predict(identified, _in_units_of(identified, whole), warm_up=warm_up, run=run, starts=starts)
 
 
 def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:

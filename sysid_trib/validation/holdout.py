@@ -1,22 +1,21 @@
-"""Prediction of what fits have not seen: which part is held out, and all methods in one table by it."""
+"""Prediction of held-out data: the held-out part, and the table of all methods."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.records.smoothing import least_squares_spline
-from sysid_trib.results import references, schema, variables
+from sysid_trib.results import judged, references, schema, variables
 from sysid_trib.simulation import internal_states
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation import findings, refits
-from sysid_trib.validation.residuals import fitted_motion, motion_residual
+from sysid_trib.validation import judge, refits
+from sysid_trib.validation.residuals import FollowedRuns, fitted_motion, motion_residual
 
 # The part of a decay's time from which a model is identified where the rest is to be predicted.
 TRAINING = 2.0 / 3.0
@@ -65,9 +64,9 @@ def in_all_runs(
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Why a model that neglects nothing says nothing of the records, by what `in_all_runs` gives; or none."""
+    """Return why a model that neglects no force fails on the records, from `in_all_runs`; or nothing."""
     if not motions:
-        return findings.DIVERGES
+        return judge.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
         of_run = f" of run {at + 1}" if len(runs) > 1 else ""
         thirds = (np.array_split(values, 3) for values in (run.angle.values, motion.residual.values))
@@ -78,7 +77,7 @@ def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str
 
 
 def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) -> xr.Dataset:
-    """The identification as it holds for a motion that begins at the last sample of `before`.
+    """Return the identification for a motion that continues at the last sample of `before`.
 
     Parameters
     ----------
@@ -146,10 +145,28 @@ TEXTS = (
     "white_noise",
 )
 
-# What came of one method: its identification; what it says of itself and of that, by the name of the column;
-# and of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
 Results: TypeAlias = Sequence[xr.Dataset | None]
-Trial: TypeAlias = tuple[xr.Dataset | None, dict[str, Any], dict[str, list[xr.Dataset]]]
+
+
+class Trial(NamedTuple):
+    """Result of one method.
+
+    Attributes
+    ----------
+    result : Dataset or None
+        Its identification.
+    row : dict
+        What the method says of itself and of its result, by the name of the column.
+    motions : dict of str to list of Dataset
+        Of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
+    followed : FollowedRuns or None
+        The runs with its identification.
+    """
+
+    result: xr.Dataset | None
+    row: dict[str, Any]
+    motions: dict[str, list[xr.Dataset]]
+    followed: FollowedRuns | None = None
 
 
 def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
@@ -164,7 +181,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     blocks : sequence of int
         Samples of a period of each run.
     """
-    labels, (results, rows, motions) = list(trials), zip(*trials.values(), strict=True)
+    labels, (results, rows, motions, _) = list(trials), zip(*trials.values(), strict=True)
     values: dict[str, Any] = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
     values |= _residuals(motions, noises)
     ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))
@@ -189,7 +206,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
         "common_frequency_of": of_reference,
         "errors_of_z": "taken as independent; the methods saw the same noise, so that z is rather too small",
     }
-    return xr.Dataset(variables.described("comparison", values), {**forces.coords, "method": labels}, attrs)
+    return xr.Dataset(variables.described("comparison", values), {**forces.coords, "model": labels}, attrs)
 
 
 def _common_frequency(results: Results, labels: Sequence[str], whole: Array, best: int) -> tuple[float, str]:
@@ -201,7 +218,7 @@ def _common_frequency(results: Results, labels: Sequence[str], whole: Array, bes
     known = [result for result in results if result is not None]
     given = [r for r in known if r.reference_frequency_standard_error == 0.0]
     least = int(np.nanargmin(whole))
-    owner = least if whole[best] > findings.LARGE * whole[least] else best
+    owner = least if whole[best] > judged.LARGE * whole[least] else best
     of = given[0] if given else results[owner]
     return of.reference_frequency.item(), "given" if given else labels[owner]  # type: ignore[union-attr]
 
@@ -217,7 +234,8 @@ def _forces(results: Results) -> xr.Dataset:
 def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tuple[Array, Array]:
     """Coefficients and errors, (method, force), nan where a method has none.
 
-    Those that refer to another frequency by their definition, cannot be converted, or are held, keep theirs.
+    Coefficients that refer to another frequency by definition, cannot be converted, or are held, keep their
+    reference.
     """
     values, errors = np.full((2, len(results), forces.sizes["force"]), np.nan)
     for row, result in enumerate(results):

@@ -1,4 +1,4 @@
-"""`identify`: a decay by one method, or by two that are held against each other."""
+"""`identify`: a decay by one method, or by two that are compared."""
 
 from collections.abc import Sequence
 from typing import Any, overload
@@ -8,17 +8,19 @@ import scipy
 import xarray as xr
 from numpy.typing import ArrayLike
 
+from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
+from sysid_trib.methods import Averaging, Direct, Trajectory, as_method, method_of
 from sysid_trib.methods.scope import Method, constrained, with_stated
 from sysid_trib.methods.trajectory import StartsOption
-from sysid_trib.records.decay import Decays, as_runs, one_or_all
+from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results.judged import last_of
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.initial_conditions import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
@@ -27,9 +29,9 @@ from sysid_trib.validation.cross_check import agreement_of, identified_and_check
 
 @overload
 def identify(
-    decay: Decays,
-    library: ForceLibrary | None,
-    method: Method,
+    decay: RecordsLike,
+    library: LibraryLike | None,
+    method: Method | str,
     *,
     constraints: ConstraintTable = ...,
     contactless: tuple[float, float] | None = ...,
@@ -39,9 +41,9 @@ def identify(
 
 @overload
 def identify(
-    decay: Decays,
-    library: ForceLibrary | None = ...,
-    method: Sequence[Method] | None = ...,
+    decay: RecordsLike,
+    library: LibraryLike | None = ...,
+    method: list[Method | str] | list[Method] | tuple[Method | str, ...] | None = ...,
     *,
     constraints: ConstraintTable = ...,
     contactless: tuple[float, float] | None = ...,
@@ -50,9 +52,9 @@ def identify(
 
 
 def identify(
-    decay: Decays,
-    library: ForceLibrary | None = None,
-    method: Method | Sequence[Method] | None = None,
+    decay: RecordsLike,
+    library: LibraryLike | None = None,
+    method: Method | str | Sequence[Method | str] | None = None,
     *,
     constraints: ConstraintTable = NO_CONSTRAINTS,
     contactless: tuple[float, float] | None = None,
@@ -62,15 +64,17 @@ def identify(
 
     Parameters
     ----------
-    decay : Dataset or sequence of Dataset
-        `angle(time)` in rad, as `free_decay` returns it; or a list of runs, which share their forces and
-        reference frequency, but have a start, a sensor's zero and a noise of their own.
-    library : ForceLibrary, optional
-        The forces offered; by default those of `contact_forces`, and the first force of each input (`gain`).
+    decay : record, or several of them
+        `angle(time)` in rad, as `free_decay` returns it, `(t, angle)`, or what else pandas, xarray and NumPy
+        have for it; or a list of runs, which share their forces and reference frequency, but have a start, a
+        sensor's zero and a noise of their own.
+    library : ForceLibrary, str, or what `library` takes, optional
+        The forces offered, or the name of their library; by default those of `contact_forces`, and the first
+        force of each input (`gain`).
     method : method, or two methods, optional
-        One, such as `methods.Direct()`; or two that are held against each other, by default those of the
-        command `identify` (`usual_methods`). Whether there is a random force is decided where a method's
-        `random_force` is `auto`, the default (see `identifications`).
+        One, such as `methods.Direct()` or its name, `direct`; or two that are held against each other, by
+        default those of the command `identify` (`usual_methods`). Whether there is a random force is decided
+        where a method's `random_force` is `auto`, the default (see `identifications`).
     constraints : mapping of str to float, (float, float) or str
         What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`. A coefficient
         that a library of one's own states is held if nothing else is asked: `(None, None)` frees it.
@@ -96,17 +100,19 @@ def identify(
     UsageError
         Not a library, or not a method.
     """
-    single = method is not None and not isinstance(method, Sequence)
-    asked: Sequence[Any] = [method] if single else method or []  # type: ignore[assignment]
-    library = verdict.checked_library("identify", library, asked, decay)
+    runs = records.as_decays(decay, "identify")
+    single = method is not None and not isinstance(method, list | tuple)
+    named: Sequence[Any] = method if isinstance(method, list | tuple) else [method] if single else []
+    asked = [as_method(kind, "identify") for kind in named]
+    offered = verdict.checked_library("identify", library, runs)
     chosen = [
-        constrained(kind, with_stated(constraints, library, kind))
-        for kind in asked or usual_methods(decay, library)
+        constrained(kind, with_stated(constraints, offered, kind))
+        for kind in asked or usual_methods(runs, offered)
     ]
     if single:
-        (result,) = verdict.identifications(decay, library, chosen)
+        (result,) = verdict.identifications(runs, offered, chosen)
         return result if contactless is None else references.with_contactless_frequency(result, *contactless)
-    tree = _held_against_each_other(decay, library, chosen, tell)
+    tree = _held_against_each_other(runs, offered, chosen, tell)
     return tree if contactless is None else references.with_contactless_frequency(tree, *contactless)
 
 
@@ -119,7 +125,7 @@ def usual_methods(
     warm_up: float = 0.0,
     starts: StartsOption = "fitted",
 ) -> list[Method]:
-    """The two methods that are held against each other.
+    """Return the two methods of the cross-check.
 
     Parameters
     ----------
@@ -151,7 +157,7 @@ def usual_methods(
         return [Direct(**asked, own=own), motion]  # type: ignore
     if own:
         raise UsageError(
-            "Coefficients of each run's own are of driven records (--input); identify each free decay alone."
+            "Individual coefficients of runs need driven records (--input); identify free decays one by one."
         )
     # Amplitudes and frequencies tell no term of the sensor from a force, and not all forces from each other.
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -159,7 +165,7 @@ def usual_methods(
         library, size, frequency_free=reference_frequency is None, shapes=shapes
     )
     if any(MEASURED in run for run in runs):
-        # What is reported last is that in the quantity that was measured.
+        # Trajectory comes last: it compares the measured quantity itself.
         return [averaging if averaged else direct, trajectory]
     # One that is too short or grows has no envelope to be averaged.
     if not averaged or any(run.attrs.get("taken_as_it_is") for run in runs):
@@ -170,9 +176,9 @@ def usual_methods(
 def _held_against_each_other(
     decay: Decays, library: ForceLibrary, methods: Sequence[Method], tell: Tell
 ) -> xr.DataTree:
-    """The cross-check of two methods; of several runs, whether these agree."""
+    """Cross-check two methods; for several runs, test whether these agree."""
     if len(methods) != 2:
-        raise UsageError(f"Two methods are held against each other, not {len(methods)}; or give one alone.")
+        raise UsageError(f"identify takes one method, or two to compare, not {len(methods)}.")
     runs = as_runs(decay, driven=True)
     if driven.is_driven(runs):
         direct, trajectory = methods
@@ -182,8 +188,7 @@ def _held_against_each_other(
     tree = identified_and_checked(one_or_all(list(runs)), library, methods, tell=tell)
     if len(runs) > 1:
         tell("each run by itself")
-        second = tree[tree["comparison"].attrs["second"]].to_dataset()
-        tree["runs"] = xr.DataTree(run_agreement(runs, second))
+        tree["runs"] = xr.DataTree(run_agreement(runs, last_of(tree)))
     return tree
 
 

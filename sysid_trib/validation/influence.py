@@ -22,7 +22,6 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.likelihood.force_columns import derivatives_along
 from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import covariance_band, sensor_noise_of
 from sysid_trib.likelihood.weak_form import build_weak_form, cholesky_factor, coloured, noise_operator, whiten
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
@@ -30,6 +29,7 @@ from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_along
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.results import references, schema
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion, first_zero
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.simulate import trajectory
@@ -108,7 +108,7 @@ class RunNoise:
 
 @dataclass(frozen=True)
 class WeakRows:
-    """Rows of the equation in weak form, which see a part of the samples' noise; as `RunNoise` to a fit.
+    """Rows of the equation in weak form, which contain part of the noise; interface as `RunNoise`.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ def _parameters(result: xr.Dataset, method: Any) -> _Parameters:
 def _influence(
     followed: FollowedRuns, noises: Sequence[RunNoise], kept: Sequence[str], frequency: float
 ) -> list[Array] | None:
-    """How the samples of each run move the compared quantities, (quantity, sample); None if not known."""
+    """Return the influence of each sample on the compared quantities, (quantity, sample), or None."""
     result, motions = followed.result, followed.motions
     moving = [motion for motion in motions if motion is not None]
     known = all(result.active.values) and len(moving) == len(motions)
@@ -259,7 +259,7 @@ def _influence(
             return None
         of_motion = _of_motion(followed, noises, parameters, of_rows=isinstance(method, Direct))
         return None if of_motion is None else [slopes @ part for part in of_motion]
-    if method.curve != "half-sines" or result.attrs.get("first_order_bias_removed") != "yes":
+    if method.curve != "half-sines" or not result.get("first_order_bias_removed", False):
         return None
     runs = [*followed.runs.values()]
     library = schema.library_of(result).select(parameters.symbols)
@@ -284,7 +284,7 @@ def _influence(
 
 def _is_refined(method: Direct, result: xr.Dataset) -> bool:
     """True if the rows are about the motion of the identified model."""
-    return method.form == "weak" and result.attrs.get("refined") == "True"
+    return method.form == "weak" and bool(result.get("refined", False))
 
 
 def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) -> tuple[Array, Array]:
@@ -306,7 +306,7 @@ def _of_motion(
 ) -> list[Array] | None:
     """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run.
 
-    Of all that the samples tell, or of what the rows of `Direct` hold of it.
+    The fit uses all information of the samples, or only that in the rows of `Direct`.
     """
     tables: list[Array] = []
     seen: list[RunNoise | WeakRows] = []
@@ -314,10 +314,10 @@ def _of_motion(
         rows = _weak_rows(followed, run, noise) if of_rows else noise
         seen.append(rows)
         common, own = _sensitivities(followed, run, parameters)
-        # Of a start the rows see nothing.
+        # The rows do not depend on the start.
         common, own = rows.white(common), rows.white(own[:, 2:] if of_rows else own)
         own = own / np.maximum(np.linalg.norm(own, axis=0), np.finfo(float).tiny)
-        # What the start and the zero of the run take is not told of the forces.
+        # Project out the start and the zero of the run.
         tables.append((common - own @ np.linalg.lstsq(own, common, rcond=None)[0]) / noise.level)
     information = np.sum([table.T @ table for table in tables], axis=0)
     size = np.sqrt(np.diag(information))

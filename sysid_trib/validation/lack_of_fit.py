@@ -1,6 +1,7 @@
-"""Where models miss a record: in damping or frequency, by a force over angle and rate, by a spectral line."""
+"""Lack of fit of models: in damping or frequency, by a force over angle and rate, by a spectral line."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -17,8 +18,6 @@ from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
-
-SHORT = {"frequency": "frequency", "damping_ratio": "damping"}
 
 
 def lack_of_fit(
@@ -38,7 +37,8 @@ def lack_of_fit(
     Dataset
         Over ``model`` and ``amplitude`` (of `backbone`): ``frequency`` (rad/s) and ``damping_ratio`` of the
         models, and ``frequency_deviation``, ``damping_ratio_deviation``: model minus record in half widths of
-        the simultaneous 95 % band, so that a model is outside beyond 1. nan where a model does not come.
+        the simultaneous 95 % band, so that a model is outside beyond 1. nan where a model does not come. Over
+        ``model`` and ``curve`` the farthest ``departure`` beyond the band, and between which amplitudes.
 
     Raises
     ------
@@ -57,16 +57,30 @@ def lack_of_fit(
         of_models = np.array([pair[name] for pair in both]).reshape(len(both), 2, -1)
         values |= {name: of_models[:, 0], f"{name}_deviation": of_models[:, 1]}
     coords = {"model": list(results), **described("lack_of_fit", {"amplitude": backbone.amplitude.values})}
-    return xr.Dataset(described("lack_of_fit", values), coords)
+    return _with_departures(xr.Dataset(described("lack_of_fit", values), coords))
 
 
-# A curve, its largest deviation there in half widths of the band, positive where the model is above the
-# record; the amplitudes between which that is, infinite beyond the ends of the record's.
-Departure = tuple[str, float, tuple[float, float]]
+class Departure(NamedTuple):
+    """Range of amplitudes in which a model leaves the band of a curve.
+
+    Attributes
+    ----------
+    curve : str
+        `frequency` or `damping_ratio`.
+    deviation : float
+        The largest in half widths of the band, positive where the model is above the record.
+    low, high : float
+        Between which amplitudes; 0 and infinite beyond the ends of the record's.
+    """
+
+    curve: str
+    deviation: float
+    low: float
+    high: float
 
 
 def departures(lack: xr.Dataset, model: str) -> list[Departure]:
-    """Ranges of amplitude in which a model of `lack_of_fit` leaves the bands, the farthest first."""
+    """Return the ranges of amplitude in which a model of `lack_of_fit` is outside of the bands."""
     amplitude, those = lack.amplitude.values, []
     for name in bands.CURVES:
         deviation = lack[f"{name}_deviation"].sel(model=model).values
@@ -76,28 +90,22 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
         for first, end in edges.reshape(-1, 2):
             part = deviation[first:end][np.isfinite(deviation[first:end])]
             farthest = float(part[np.argmax(np.abs(part))]) if len(part) else np.inf
-            low = amplitude[first] if first else 0.0
-            high = amplitude[end - 1] if end < len(amplitude) else np.inf
-            those.append((name, farthest, (low, high)))
-    return sorted(those, key=lambda departure: -abs(departure[1]))
+            low = float(amplitude[first]) if first else 0.0
+            high = float(amplitude[end - 1]) if end < len(amplitude) else np.inf
+            those.append(Departure(name, farthest, low, high))
+    return sorted(those, key=lambda departure: -abs(departure.deviation))
 
 
-def departure_sentence(ranges: Sequence[Departure], unit: str) -> str:
-    """Where a model misses the backbone: its farthest departure of each curve, joined by "and"."""
-    farthest = {curve: (abs(size), limits) for curve, size, limits in reversed(ranges)}
-    ordered = sorted(farthest.items(), key=lambda item: -item[1][0])
-    return " and ".join(f"in {SHORT[curve]} {_between(*limits, unit)}" for curve, (_, limits) in ordered)
-
-
-def _between(low: float, high: float, unit: str) -> str:
-    """Between which amplitudes, in words: "from 0.4 rad up"."""
-    if low == 0.0:
-        return "at all amplitudes" if np.isinf(high) else f"up to {high:.2g} {unit}"
-    if np.isinf(high):
-        return f"from {low:.2g} {unit} up"
-    if f"{low:.2g}" == f"{high:.2g}":
-        return f"at {low:.2g} {unit}"
-    return f"from {low:.2g} to {high:.2g} {unit}"
+def _with_departures(lack: xr.Dataset) -> xr.Dataset:
+    """Add the farthest departure of each model from each curve; 0 of one that stays within the band."""
+    nothing = {name: Departure(name, 0.0, np.nan, np.nan) for name in bands.CURVES}
+    rows = []
+    for model in lack.model.values.tolist():
+        farthest = nothing | {of.curve: of for of in reversed(departures(lack, model))}
+        rows.append([farthest[name][1:] for name in bands.CURVES])
+    columns = np.moveaxis(np.array(rows, dtype=float), -1, 0)
+    values = dict(zip(("departure", "departure_low", "departure_high"), columns, strict=True))
+    return lack.assign_coords(curve=list(bands.CURVES)).assign(described("lack_of_fit", values))
 
 
 def _against(
@@ -140,7 +148,7 @@ def _model_rows(
         u, first = np.unique(u + np.log(largest), return_index=True)
         if u[0] <= low:
             break
-    return u, rows["frequency"][0][first], rows["damping_ratio"][0][first]
+    return u, rows["frequency"].target[first], rows["damping_ratio"].target[first]
 
 
 @signal_scale.in_units_of_the_motion
@@ -252,7 +260,7 @@ LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
     """Angular frequency (rad/s) and amplitude of a line in a residual; nan where there is none.
 
-    Of time in s and a residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
+    Time is in s, the residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
 
     A line's power over the mean of 2 m neighbours' is F distributed with 2 and 4 m degrees of freedom where
     the spectrum is flat about it: P(> r) = (1 + r/(2 m))^(-2 m); times the number of lines (Bonferroni).
@@ -291,7 +299,7 @@ def without_line(time: Array, residual: Array, frequency: float) -> Array:
 
 
 def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
-    """`spectral_line` of what the harmonics of the motion leave, if it is little else than a line.
+    """Return the `spectral_line` of the residual without harmonics, if it is little else than a line.
 
     In a short record the harmonics leak into all of the spectrum. Here they are columns, of an amplitude that
     goes with the motion's and changes slowly, and a line counts that takes most of the rest (F test).
@@ -326,7 +334,7 @@ def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tu
 
 
 def _harmonic_columns(time: Array, motion: tuple[Array, Array]) -> Array:
-    """What a motion and its harmonics leave: drifts, and harmonics whose amplitude changes slowly."""
+    """Return columns for drifts and for harmonics of a motion with slowly changing amplitudes."""
     x, v = motion
     phase, size = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     s = 2.0 * (time - time[0]) / (time[-1] - time[0]) - 1.0
@@ -348,7 +356,7 @@ def _harmonics(
     leak: float = LEAK,
     slowest: float = SLOWEST,
 ) -> Mask:
-    """Which lines a harmonic of the motion leaks into at its start, at its end, or between."""
+    """Return the mask of lines into which a harmonic of the motion leaks: at its start, end, or between."""
     phase = np.unwrap(np.arctan2(-motion[1], motion[0]))
     quarter = max(2, len(time) // 4)
     rates = [(phase[b] - phase[a]) / (time[b] - time[a]) for a, b in ((0, quarter), (-quarter - 1, -1))]
@@ -356,7 +364,7 @@ def _harmonics(
     low, high = min(np.abs(rates)), max(np.abs(rates))
     # Means of quarters: a frequency that goes on evenly is beyond them at either end.
     low, high = low - (high - low) / 6.0, high + (high - low) / 6.0
-    # What drifts slowly is no line.
+    # A slow drift is no line.
     excluded = at <= slowest * resolution
     for harmonic in range(1, most + 1):
         middle, half = 0.5 * harmonic * (low + high), 0.5 * harmonic * (high - low)

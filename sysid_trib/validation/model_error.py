@@ -1,4 +1,4 @@
-"""The error of a model: by how much its coefficients move between parts of a record."""
+"""Error of a model: the change of its coefficients between parts of a record."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
@@ -6,12 +6,11 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.least_squares import sensitivities
-from sysid_trib.records.decay import RECORD_PARTS, root_mean_square
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results import schema, variables
 from sysid_trib.simulation import initial_conditions, motions
@@ -93,11 +92,11 @@ class FittedParts(NamedTuple):
 def fitted_parts(
     runs: RunList, method: Method, library: ForceLibrary, result: xr.Dataset, *, later_only: bool = False
 ) -> FittedParts:
-    """Identify each of `RECORD_PARTS` of the runs, and every other run, and predict the rest.
+    """Identify each of `PARTS_OF_RECORD` of the runs, and every other run, and predict the rest.
 
     With `later_only` a part predicts only what comes after it, where a decay is within the part's range.
     """
-    limits = RECORD_PARTS.values()
+    limits = variables.PARTS_OF_RECORD.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
     pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
     missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends, later_only)]
@@ -138,7 +137,7 @@ def with_error_by_another_fit(result: xr.Dataset, other: xr.Dataset) -> xr.Datas
 
 
 def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
-    """Covariance of the error of a model: what numbers move between parts beyond what fewer data explain.
+    """Return the covariance of the model error: changes between parts beyond those due to fewer data.
 
     Parameters
     ----------
@@ -194,8 +193,8 @@ def _held_out(
 
 
 def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
-    """RMS (rad) of what a model leaves, start and zero fitted; nan without a motion."""
-    # What is too stiff predicts nothing, and is not waited for.
+    """Return the residual RMS (rad) of a model, start and zero fitted; nan without a motion."""
+    # A model that is too stiff gives no prediction; do not wait for it.
     motion = None if result is None else fitted_motion(rest, result, most_steps=motions.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
@@ -203,7 +202,7 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
 
 
 def _numbers(result: xr.Dataset, names: Sequence[str]) -> Array:
-    """What an identification has `ESTIMATED`, or the errors that it has `STATED` of it; nan of none."""
+    """Return the variables `ESTIMATED` or `STATED` of an identification; nan if there are none."""
     return np.concatenate([np.ravel(result[name].values) for name in names])
 
 

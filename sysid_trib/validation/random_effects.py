@@ -1,4 +1,4 @@
-"""Values with known errors that scatter by more than these: between runs, and laboratories (ISO 5725-2).
+"""Random effects: values that scatter beyond their errors, between runs and laboratories (ISO 5725-2).
 
 Value i of n is x_i' b + u_i + e_i: conditions x_i with effects b, a scatter u_i of variance tau^2 that is
 sought, an error e_i of variance s_i^2 that is stated (random-effects meta-regression; DerSimonian and Laird
@@ -66,7 +66,7 @@ class RandomEffects:
 
     @property
     def fitted(self) -> Array:
-        """Where the effects put each value, (value,)."""
+        """Values fitted by the effects, (value,)."""
         return np.asarray(self.effects @ self.design.T)
 
     @property
@@ -156,10 +156,10 @@ class RandomEffects:
         return size, self.chi_square[..., None] - size**2
 
     def shrunken(self) -> tuple[Array, Array]:
-        """Where each value really is, with the others' help, and its standard error: (value,) each.
+        """Return shrunken estimates of the values and their standard errors, (value,) each.
 
-        At one tau the mean of value and effects, weighted by both variances. What few values leave open of
-        tau is averaged over: restricted likelihood times Jeffreys' prior.
+        At one tau it is the mean of value and effects, weighted by both variances. The result is averaged
+        over tau with restricted likelihood times Jeffreys' prior, because few values leave tau uncertain.
         """
         last = self._tau_of(float(scipy.stats.chi2.ppf(LAST_P_VALUE, self.degrees_of_freedom)))
         taus = max(last, float(np.max(self.errors))) * np.logspace(-4.0, 0.0, TAUS)

@@ -1,4 +1,4 @@
-"""Tests of what is left of a motion: a random force, or one on angle, speed, amplitude or time.
+"""Tests of a residual motion: a random force, or one that depends on angle, speed, amplitude or time.
 
 The gain of columns without effect is no chi-square where few cycles show the random force: they take a good
 part of what tells its size. Records of the model without them calibrate it (parametric bootstrap about the
@@ -7,6 +7,7 @@ same path).
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -15,10 +16,11 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
-from sysid_trib.likelihood import random_force, sensor_noise, variance_ratio
+from sysid_trib.likelihood import sensor_noise, variance_ratio
 from sysid_trib.motion_fit import bands, kalman, linearised
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.results import signal_scale, variables
+from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.validation.residuals import FollowedRuns
 
 NULL_DRAWS = 60
@@ -36,7 +38,7 @@ NEAR, E_FOLDS = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]), 12.0
 def random_force_dependence(
     decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, seed: int = 0
 ) -> xr.Dataset:
-    """Test whether a random force depends on angle, speed, amplitude or time: then it is no random force.
+    """Test whether a random force depends on angle, speed, amplitude or time.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def random_force_dependence(
     two variances is free with and without. The size: `size_p_values`. Records that are simulated in the
     linear model calibrate both.
     """
-    if not random_force.random_force_of(result, run):
+    if not random_force_of(result, run):
         raise UsageError("This identification has no random force; take random_force='estimated'.")
     return dependence_on_motion(FollowedRuns({run: decay}, result), run, seed)
 
@@ -105,7 +107,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     p_value = min(1.0, 2.0 * min(of_force["any"], of_size["any"]))
     p_values = [[of_aspect[on] for on in ON] for of_aspect in (of_force, of_size)]
     chi_square, columns, _ = gains["any"]
-    density = random_force.RandomForce.density_of(null.ratio * null.variance, w)
+    density = RandomForce.density_of(null.ratio * null.variance, w)
     deviances = [linear.rows(ratio).restricted_deviance()[0] for ratio in (tracked.ratio, null.ratio)]
     of_density = scipy.stats.chi2.sf(max(0.0, deviances[0] - deviances[1]), 1)
     numbers = (p_value, chi_square, columns, density, of_density)
@@ -113,7 +115,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
 
 
 def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
-    """What `random_force_dependence` returns, of `NUMBERS` and (aspect, on) p-values; these may be nan."""
+    """Return the Dataset of `random_force_dependence` from `NUMBERS` and (aspect, on) p-values."""
     values = dict(zip(NUMBERS, numbers, strict=True)) | {"dependence_p_value": p_values}
     return xr.Dataset(variables.described("random_force", values), {"aspect": list(ASPECTS), "on": list(ON)})
 
@@ -158,16 +160,25 @@ def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.rando
     return np.asarray(random_walk + scipy.signal.lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
-# A record with the model's columns (nuisances), columns that are tried, and records of noise alone, all as
-# columns of one linear model; and where the first two end among these.
-TrialModel = tuple[kalman.LinearModel, tuple[int, int]]
+class TrialModel(NamedTuple):
+    """A record with nuisances, columns that are tried and records of noise, as one linear model.
+
+    Attributes
+    ----------
+    linear : LinearModel
+        Its columns are those three kinds, in this order.
+    ends : (int, int)
+        Where the first two kinds end.
+    """
+
+    linear: kalman.LinearModel
+    ends: tuple[int, int]
 
 
 def _white(trial: TrialModel, ratio: float) -> tuple[Array, Array, Array, float]:
     """Rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
-    linear, ends = trial
-    rows = linear.rows(ratio)
-    nuisances, tried, draws = np.split(rows.design, ends, axis=1)
+    rows = trial.linear.rows(ratio)
+    nuisances, tried, draws = np.split(rows.design, trial.ends, axis=1)
     return nuisances, tried, np.column_stack([rows.target, draws]), rows.log_determinant
 
 
@@ -196,7 +207,7 @@ def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) ->
         by_column=np.concatenate([linear.by_column, by], axis=2),
         observed_parameters=np.hstack([np.pad(linear.observed_parameters, ((0, 0), (0, tried))), records]),
     )
-    return whole, (nuisances, nuisances + tried)
+    return TrialModel(whole, (nuisances, nuisances + tried))
 
 
 def _likelihood_gains(

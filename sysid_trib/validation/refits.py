@@ -1,28 +1,43 @@
-"""Forces fitted anew: to windows of a record, and in every other defensible way, at one reference."""
+"""Refits of the same forces in every other defensible way, compared at one reference frequency."""
 
 from collections.abc import Callable, Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
-import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
+from sysid_trib.errors import SysidTribError, Tell, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
-from sysid_trib.records.decay import RECORD_PARTS, Decays, as_runs, one_or_all
-from sysid_trib.records.equilibrium import with_half_periods
+from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale, variables
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
-# One fit: what it is, the method, and the runs.
-Refit = tuple[str, Method, list[xr.Dataset]]
-# Periods of a sliding window, at least.
-SHORTEST = 3.0
+
+
+class Refit(NamedTuple):
+    """A fit of the same forces, made otherwise.
+
+    Attributes
+    ----------
+    kind : str
+        window, start, sampling, noise or method.
+    label : str
+        What is other in it.
+    method : Method
+    parts : list of Dataset
+        What it is fitted to.
+    """
+
+    kind: str
+    label: str
+    method: Method
+    parts: list[xr.Dataset]
 
 
 def refit(
@@ -49,7 +64,7 @@ def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
 def at_reference(
     results: Sequence[xr.Dataset | None], symbols: Sequence[str], reference: float, missing: float = np.nan
 ) -> tuple[Array, Array]:
-    """Coefficients of the results' own models at a reference frequency (rad/s), last the asymptotic one.
+    """Return coefficients at a reference frequency (rad/s), with the asymptotic frequency as last.
 
     (result, quantity), with their covariances; `missing` where one has no such force.
     """
@@ -102,15 +117,15 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     runs, library = as_runs(decay, driven=True), schema.library_of(result)
     symbols = references.forces_in_model(result)
     reference, made = result.reference_frequency.item(), []
-    for label, method, parts in _fits(method_of(result), runs, reference):
-        tell(label)
-        made.append((*label.split(": ", 1), *refit(method, parts, library, runs)))
+    for fit in _fits(method_of(result), runs, reference):
+        tell(f"{fit.kind}: {fit.label}")
+        made.append((fit.kind, fit.label, *refit(fit.method, fit.parts, library, runs)))
     kinds, labels, results, reasons = zip(*made, strict=True)
     values, covariances = at_reference(results, symbols, reference)
     values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
     estimate, held = result.coefficient.values, references.held(result)
-    # What is held is the same in every fit, whatever its reference frequency.
+    # Held values are the same in every fit, at any reference frequency.
     values = np.where(held & np.isfinite(values), estimate, values)
     errors = np.where(held & np.isfinite(errors), 0.0, errors)
     everything = np.vstack([estimate, values])
@@ -132,18 +147,18 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
 def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
     """Every fit: what it is, and how it is made."""
     whole = list(runs)
-    for name, limits in RECORD_PARTS.items():
-        yield f"window: {name}", method, [run.isel(time=between(run, limits)) for run in runs]
+    for name, limits in variables.PARTS_OF_RECORD.items():
+        yield Refit("window", name, method, [run.isel(time=between(run, limits)) for run in runs])
     # Starts: so many periods of the record are left out before it.
     for periods in (1.0, 3.0):
         later = 2.0 * np.pi * periods / reference
         parts = [run.isel(time=run.time.values >= run.time.values[0] + later) for run in runs]
-        yield f"start: {periods:g} periods later", method, parts
+        yield Refit("start", f"{periods:g} periods later", method, parts)
     for first, label in enumerate(("first", "second")):
         parts = [run.isel(time=slice(first, None, 2)) for run in runs]
-        yield f"sampling: every other, {label} on", method, parts
+        yield Refit("sampling", f"every other, {label} on", method, parts)
     for noise in NOISES if hasattr(method, "random_force") else ():
-        yield f"noise: random force {noise}", with_random_force(method, noise), whole
+        yield Refit("noise", f"random force {noise}", with_random_force(method, noise), whole)
     common = ("reference_frequency", "shapes", "random_force")
     options = {name: getattr(method, name) for name in common if hasattr(method, name)}
     constraints = Constraints(getattr(method, "constraints", {}))
@@ -152,120 +167,4 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     for kind in kinds:
         if kind is not type(method):
             other = constrained(kind(**options), constraints)
-            yield f"method: {type(other).__name__.lower()}", other, whole
-
-
-def sliding_coefficients(
-    decay: xr.Dataset,
-    library: ForceLibrary,
-    method: Method,
-    *,
-    window_periods: float = 10.0,
-    overlap: float = 0.5,
-) -> xr.Dataset:
-    """Identify a decay in sliding windows, and test whether its coefficients are constant.
-
-    Parameters
-    ----------
-    decay : Dataset
-        `angle(time)` in rad, as `free_decay` returns it.
-    library : ForceLibrary
-        The forces, as for `identify`.
-    method : method
-        As for `identify`. With the method's `reference_frequency` the frequency is held in every window, and
-        a change of the linear stiffness shows in the force of formula `x`; without it the frequency is fitted
-        in every window and shows it itself.
-    window_periods : float
-        Length of a window in periods, at least 3.
-    overlap : float
-        Part of a window that the next has too, 0 to less than 1.
-
-    Returns
-    -------
-    Dataset
-        Over `window` (coordinates `window_time`, its centre in s, and `amplitude`, mean in rad) and `force`:
-        `coefficient`, `standard_error`, all referred to the one `common_frequency` (rad/s) although each
-        window's method has its own; `reference_frequency(window)` (rad/s) with its error; `decided(window)`
-        and the `reason(window)` why the method could not decide, its numbers being nan; `apart(window)`, the
-        windows of the tests. Tests of each force over these: `chi_square`, `degrees_of_freedom`, `p_value`
-        of a constant coefficient, `trend` (per s) with its error, `trend_p_value`.
-
-    Raises
-    ------
-    UsageError
-        Not one decay, or a window or overlap that makes no sense.
-    DecayError
-        The decay is shorter than two windows, or no window can be decided.
-
-    Notes
-    -----
-    Windows that overlap share their noise: only windows that do not enter the tests. In a decay, time and
-    amplitude go together: a coefficient that drifts may also be a force that depends on amplitude in another
-    way. `t` in a formula counts from each window's first sample.
-    """
-    if not isinstance(decay, xr.Dataset) or "angle" not in decay:
-        raise UsageError("Windows slide over one decay, a Dataset with angle(time): free_decay(record).")
-    if not (np.isfinite(window_periods) and window_periods >= SHORTEST and 0.0 <= overlap < 1.0):
-        raise UsageError(
-            f"window_periods={window_periods} must be at least {SHORTEST:g}, overlap={overlap} from 0 to "
-            "less than 1."
-        )
-    time, _, halves = with_half_periods(decay)
-    length = 2.0 * window_periods * float(np.median(halves.duration))
-    starts = time[0] + np.arange(0.0, time[-1] - time[0] - length + 1e-9, length * (1.0 - overlap))
-    if starts.size < 2 or starts[-1] - starts[0] < 0.999 * length:
-        raise DecayError(
-            f"Two windows of {window_periods:g} periods ({length:.3g} s) do not fit into "
-            f"{time[-1] - time[0]:.3g} s; take shorter ones."
-        )
-    windows = [decay.sel(time=slice(start - 1e-9, start + length + 1e-9)) for start in starts]
-    results, reasons = map(list, zip(*(refit(method, [run], library) for run in windows), strict=True))
-    decided = [result for result in results if result is not None]
-    if not decided:
-        raise DecayError(f"No window could be decided; in the first: {reasons[0]}")
-    # From the first window on those that share no sample.
-    apart = np.arange(starts.size) % int(np.ceil((1.0 - 1e-6) / (1.0 - overlap))) == 0
-    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
-    inside = [(middle >= start) & (middle < start + length) for start in starts]
-    amplitude = [np.abs(halves.peak[i]).mean() if i.any() else np.nan for i in inside]
-    w, w_errors = scalars_of(results, "reference_frequency")
-    known = np.isfinite(w)
-    # By their precision.
-    weights = w_errors[known] ** -2.0 if np.all(w_errors[known] > 0.0) else None
-    common, symbols = float(np.average(w[known], weights=weights)), decided[0].force.values.tolist()
-    values, covariances = at_reference(results, symbols, common)
-    data = {
-        "coefficient": values[:, :-1],
-        "standard_error": np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1],
-        "common_frequency": common,
-        "reference_frequency": (w, w_errors),
-        "decided": known,
-        "reason": reasons,
-        "apart": apart,
-    }
-    of_windows = {"window_time": starts + 0.5 * length, "amplitude": amplitude}
-    coords = {"force": symbols, "unit": ("force", decided[0].unit.values), "window": np.arange(starts.size)}
-    coords |= variables.described("sliding", of_windows)
-    table = xr.Dataset(variables.described("sliding", data), coords, decided[0].attrs)
-    return table.assign(_constancy(table))
-
-
-def _constancy(table: xr.Dataset) -> variables.Variables:
-    """Tests of a constant coefficient over the windows that share no sample: chi-square, slope in time."""
-    usable = table.apart.values & table.decided.values
-    c, error = table.coefficient.values[usable], table.standard_error.values[usable]
-    count, t = int(usable.sum()), table.window_time.values[usable, None]
-    with np.errstate(all="ignore"):
-        weight = 1.0 / error**2
-        mean, centre = ((weight * part).sum(axis=0) / weight.sum(axis=0) for part in (c, t))
-        square, moment = ((weight * part**2).sum(axis=0) for part in (c - mean, t - centre))
-        trend, trend_error = (weight * (t - centre) * c).sum(axis=0) / moment, 1.0 / np.sqrt(moment)
-        p_value, trend_p = (
-            scipy.stats.chi2.sf(square, count - 1),
-            2.0 * scipy.stats.norm.sf(np.abs(trend / trend_error)),
-        )
-    if count < 2:
-        p_value, trend_p = np.full((2, len(square)), np.nan)
-    tests = {"mean_coefficient": mean, "chi_square": square, "p_value": p_value, "trend_p_value": trend_p}
-    tests |= {"trend": (trend, trend_error), "degrees_of_freedom": max(count - 1, 0)}
-    return variables.described("sliding", tests)
+            yield Refit("method", type(other).__name__.lower(), other, whole)

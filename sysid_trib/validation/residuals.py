@@ -1,6 +1,6 @@
 """Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -8,26 +8,25 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SimulationError, SysidTribError
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.records import inputs, sensor, smoothing
-from sysid_trib.records.decay import root_mean_square
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
-from sysid_trib.validation import findings, lack_of_fit
+from sysid_trib.validation import lack_of_fit
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
 DEPARTED = 2.0
-# What is said of each model.
+# Variables of each model.
 RESIDUALS = (
-    *("residual_rms", "residual_over_noise", "departure_time", "residual_p_value"),
-    *("line_frequency", "line_amplitude"),
+    *("tested_rms", "tested_over_noise", "departure_time", "p_value"),
+    *("spectral_line", "spectral_line_amplitude"),
 )
 
 
@@ -48,11 +47,11 @@ class FollowedRuns:
     _made: dict[str, Any] = field(default_factory=dict)
 
     def with_result(self, result: xr.Dataset) -> "FollowedRuns":
-        """The runs with a result of the same model whose errors are others."""
+        """Return the runs with a result of the same model with other errors."""
         return replace(self, result=result)
 
     def once(self, name: str, make: Callable[[], Any]) -> Any:
-        """What is made of all runs, or of one, made once; what it is refused with is kept too."""
+        """Return a quantity that is computed once; its error is kept too."""
         if name not in self._made:
             try:
                 self._made[name] = make()
@@ -108,8 +107,22 @@ def with_motions(models: Mapping[str, FollowedRuns]) -> list[xr.Dataset]:
     for run, *motions in zip(runs, *(followed.motions for followed in models.values()), strict=True):
         none = np.full(run.sizes["time"], np.nan)
         simulated = np.stack([none if motion is None else motion.x + motion.offset for motion in motions])
-        records.append(findings.with_noise_and_models(run, list(models), simulated))
+        records.append(with_noise_and_models(run, list(models), simulated))
     return records
+
+
+def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
+    """Return a record with `simulated_angle(model, time)`, `residual(model, time)` and its `noise`, rad.
+
+    Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
+    whose motion no spline follows, it is no more than the residual of a model.
+    """
+    noise = smoothing.sensor_noise(decay)
+    if inputs.inputs_of(decay):
+        remains = np.std(decay.angle.values - simulated, axis=1)
+        noise = float(np.nanmin(remains, initial=noise))
+    values = {"simulated_angle": simulated, "residual": decay.angle.values - simulated, "noise": noise}
+    return decay.assign_coords(model=list(names)).assign(described("record", values))
 
 
 def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.Dataset:
@@ -130,10 +143,10 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
 
     Notes
     -----
-    What a free motion leaves of a record with a random force is a random walk, no failure of the model. With
-    a random force, and in coloured noise of the sensor, the innovations take its place, and their own
-    standard deviation that of the noise. A line of a frequency of its own (`spectral_line`), as hum makes it,
-    is no noise: within the band of the motion the p-value is zero with one.
+    In a record with a random force the residual of a free motion is a random walk, not a failure of the
+    model. With a random force, and in coloured noise of the sensor, the innovations take its place, and their
+    own standard deviation that of the noise. A separate spectral line (`spectral_line`), such as hum, is not
+    noise: if it is within the band of the motion, the p-value is zero.
     """
     rows = [
         [_of_run(model, motion, run, noise_of_run(noise_of, run)) for run, motion in enumerate(model.motions)]
@@ -152,11 +165,11 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
     values = dict(zip(RESIDUALS, whole, strict=True))
     if count > 1:
         values |= {f"run_{name}": of for name, of in zip(RESIDUALS, columns, strict=True)}
-    return xr.Dataset(described("cross_check", values), {"model": list(followed)})
+    return xr.Dataset(described("judged", values), {"model": list(followed)})
 
 
 def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise: float) -> tuple[float, ...]:
-    """What `RESIDUALS` lists of a run: of record minus motion, or of the innovations over their deviation."""
+    """Return `RESIDUALS` of a run: of record minus motion, or of the innovations over their deviation."""
     decay, result = followed.runs[run], followed.result
     time, line, fitted, noises = decay.time.values, lack_of_fit.NO_LINE, 0, None
     stochastic = random_force_of(result, run) or sensor_noise_of(result, run).warm_up
@@ -197,7 +210,7 @@ def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise
 
 
 def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion) -> Array:
-    """What was measured minus the model, (sample,), rad: over the swing's frequency for each integration.
+    """Return measurement minus model, (sample,), rad: over the frequency for each integration.
 
     Integration makes white noise red: in the integral no residual is white.
     """

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.errors import SimulationError
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.simulation.initial_conditions import BY_START, MEASURED, first_guess, first_zero, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -45,7 +44,7 @@ def with_own_sensor(
     errors = dict(zip(result.force.values.tolist(), result.standard_error.values.tolist(), strict=True))
     symbols = [force.symbol for force in model.sensors if errors.get(force.symbol, 0.0) > 0.0]
     checksum = str(record.attrs.get("record_checksum", ""))
-    # Of a rate or an acceleration the angle is not what a sensor showed.
+    # With a rate or an acceleration, the angle was not measured.
     if (
         not symbols
         or MEASURED in record

@@ -1,44 +1,39 @@
-"""What is said of a record, and the answer that predicts: with which noise it is identified, how surely."""
+"""Verdict on a record and the preferred method: noise of the identification, and its errors."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.errors import SysidTribError, UsageError
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib import forces
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_inputs_acting
-from sysid_trib.likelihood.random_force import RandomForce, RandomForceOption, random_force_of
+from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import effects, references, schema, signal_scale, variables
+from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import model_error
+from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 
-# Significance level of a residual that is not white noise.
-RESIDUAL_LEVEL = 1e-3
 # Families of methods that fit the motion, and so see a random force in it.
 DECIDING = ("direct", "trajectory")
-# Level at which a random force depends on something, and at which there is one at all.
-DEPENDENCE_LEVEL = 0.01
 # And at which the residual of a free motion depends on the amplitude, before a random force is looked for.
 AMPLITUDE_LEVEL = 1e-6
 # Noise of so many times that of the sensor is more than an error of its estimate.
 MARKED = 1.5
-VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
-# A model is approximate that leaves no more than this part of the motion (RMS).
-APPROXIMATE_PART = 0.05
 
 
 def widening(result: xr.Dataset, residual_over_noise: float) -> float:
-    """By how much stated errors are to be widened where a model does not explain the record; 1 at least.
+    """Return the factor by which stated errors are widened if a model is incomplete; at least 1.
 
     Parameters
     ----------
@@ -49,21 +44,15 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
 
     Notes
     -----
-    Birge 1932: errors by the noise alone times the residual over the noise. What a method has widened
-    already, by the Birge ratio of its own equations, is not widened twice; nor is what it takes for a random
-    force, which its errors allow for.
+    Birge 1932: errors by the noise alone times the residual over the noise. Errors that a method has widened
+    by the Birge ratio of its equations are not widened twice. A random force is already in the errors.
     """
     stated = max(1.0, float(result.get("birge_ratio", 1.0)))
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
 
 
-def is_found(force: RandomForce) -> bool:
-    """True if there is a random force beyond chance; one that was given is there."""
-    return bool(force) and not force.p_value >= DEPENDENCE_LEVEL
-
-
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
-    """Over `run` what `random_force_dependence` returns; `reason` where the motion does not settle.
+    """Return `random_force_dependence` over `run`; `reason` where the motion does not converge.
 
     Parameters
     ----------
@@ -75,7 +64,7 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
 
 
 def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr.Dataset:
-    """What `dependence_on_motion` says of a run, tested once; nan where the motion does not settle: why."""
+    """Return `dependence_on_motion` of a run, computed once; nan where the motion does not converge."""
     nothing, reason = np.full((len(ASPECTS), len(ON)), np.nan), ""
     # A run without a random force has none that depends on something.
     tested = dependence((1.0, *[np.nan] * 4), nothing)
@@ -88,39 +77,34 @@ def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr
     return tested.assign(variables.described("random_force", {"reason": reason}))
 
 
-def verdict_on_record(
-    explained: str, unexplained: float, followed: FollowedRuns, groups: Mapping[str, xr.Dataset]
-) -> str:
-    """One of `VERDICTS`; a record that decides no coefficient explains nothing, whatever is left of it.
+def evidence_of_models(table: xr.Dataset, followed: Mapping[str, FollowedRuns]) -> dict[str, Evidence]:
+    """Return the evidence on each model of `judged`; that on the noise is of the last one.
 
     Parameters
     ----------
-    explained : {"yes", "partly", "no"}
-        Whether the residual, with a random force the innovations, is noise.
-    unexplained : float
-        RMS of record minus motion over that of the record, of the answer's model; nan without a motion.
-    followed : FollowedRuns
-        All runs of the identification.
-    groups : mapping of str to Dataset
-        Of `random_force_groups`.
+    table : Dataset
+        Of `judged`.
+    followed : mapping of str to FollowedRuns
+        All runs of each identification, by the name of its model.
     """
-    verdict = "approximate" if unexplained <= APPROXIMATE_PART else "not explained"
-    if "random_force" in groups:
-        if explained != "no" and p_value_of_dependence(groups["random_force"]) >= DEPENDENCE_LEVEL:
-            verdict = "explained with a random force"
-    elif explained == "yes" and not _noise_hides_a_force(followed):
-        verdict = "explained"
-    if effects.determines(followed.result):
-        return verdict
-    # No model of these forces could have been contradicted: its rows leave but the noise, although the motion
-    # of coefficients that are not known may diverge.
-    rows = float(followed.result.get("birge_ratio", np.inf))
-    quiet = rows <= MARKED and "random_force" not in groups
-    return "undetermined" if quiet or verdict.startswith("explained") else verdict
+    last = [*followed.values()][-1]
+    random = is_found(random_force_of(last.result))
+    white = bool(np.nanmax(table.p_value.values) >= RESIDUAL_LEVEL)
+    hides = white and not random and _noise_hides_a_force(last)
+    evidence = {}
+    for name, of in followed.items():
+        evidence[name] = evidence_of(
+            table.sel(model=name),
+            has_random_force=random,
+            noise_hides_a_force=hides,
+            determines=effects.determines(of.result),
+            rows_are_noise=float(of.result.get("birge_ratio", np.inf)) <= MARKED,
+        )
+    return evidence
 
 
 def is_random(followed: FollowedRuns) -> bool:
-    """True if what an identification takes for random is: its random force, and the colour of its noise.
+    """Return true if the random force and coloured noise of an identification are really random.
 
     Parameters
     ----------
@@ -134,7 +118,7 @@ def is_random(followed: FollowedRuns) -> bool:
 
 
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:
-    """True if what was found to be noise of the sensor is larger than the sensor's, and goes with the motion.
+    """Return true if the estimated sensor noise is too large and depends on the motion.
 
     A method that finds the colour of the noise with a random force takes a slow force for either.
     """
@@ -167,29 +151,22 @@ def p_value_of_dependence(tested: xr.Dataset) -> float:
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
 
 
-def checked_library(
-    function: str, library: ForceLibrary | None, methods: Iterable[Any], decay: Decays
-) -> ForceLibrary:
-    """The library that is offered; what is no method is refused.
+def checked_library(function: str, library: LibraryLike | None, decay: Decays) -> ForceLibrary:
+    """Return the library that is offered.
 
     By default it is that of the contact forces, with the first force of each input of the records.
 
     Raises
     ------
     UsageError
-        Something else in the place of a library or method, or a class in that of an object.
+        Something else in the place of a library.
     """
     if library is None:
         runs = [decay] if isinstance(decay, xr.Dataset) else [*decay]
         of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
         names = [name for known in of_runs for name in known if name != inputs.INPUT]
         library = with_inputs_acting(load_library(), names)
-    if not isinstance(library, ForceLibrary):
-        raise UsageError(f"{function} wants a ForceLibrary, not {library!r}: load_library('contact_forces').")
-    for method in methods:
-        if isinstance(method, type) or not hasattr(method, "identify"):
-            raise UsageError(f"{function} wants a method such as methods.Direct(), not {method!r}.")
-    return library
+    return forces.as_library(library, function)
 
 
 @signal_scale.in_units_of_the_motion
@@ -223,7 +200,7 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
 
 
 def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> list[FollowedRuns]:
-    """`identifications`, each with the runs as its motion follows them."""
+    """Return the `identifications`, each with its simulated runs."""
     runs = as_runs(decay, driven=True)
     together, quiet = dict(enumerate(runs)), [with_noise(method, "off") for method in methods]
     results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
@@ -234,7 +211,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
     stochastic: dict[int, FollowedRuns] = {}
     # From here on a residual may be that of a random force, which is then looked for.
-    # What depends on the amplitude is refused before the long search.
+    # Reject a dependence on the amplitude before the long search.
     deciding = results[open_ones[-1]] if open_ones else None
     if deciding and _residual(deciding)[0] < 0.05 and not _depends_on_amplitude(deciding):
         stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
@@ -265,7 +242,7 @@ def _depends_on_amplitude(followed: FollowedRuns) -> bool:
 
 
 def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
-    """The identification with errors that are those of the model too, where the residual is not noise."""
+    """Return the identification with model errors included, if the residual is not noise."""
     p_value, over_noise = _residual(followed)
     if p_value >= RESIDUAL_LEVEL:
         return model_error.with_rounding(followed)
@@ -307,13 +284,13 @@ def has_white_residual(followed: FollowedRuns) -> bool:
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
     """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
     whole = followed.once("residual", lambda: residuals({"": followed}, followed.result))
-    return float(whole.residual_p_value.item()), float(whole.residual_over_noise.item())
+    return float(whole.p_value.item()), float(whole.tested_over_noise.item())
 
 
 def _stochastic(
     decay: Decays, library: ForceLibrary, methods: Mapping[int, Method]
 ) -> dict[int, FollowedRuns]:
-    """Identifications with a random force or coloured noise, by their place; none where that is refused."""
+    """Return the identifications with a random force or coloured noise; none if these are rejected."""
     stochastic: dict[int, FollowedRuns] = {}
     runs, last = dict(enumerate(as_runs(decay, driven=True))), [*methods][-1]
     for at, method in methods.items():
@@ -324,7 +301,7 @@ def _stochastic(
             if at == last:
                 refused = _residual(stochastic[at])[0] < RESIDUAL_LEVEL or not is_random(stochastic[at])
             elif scope_of(method).family == "averaging" and is_found(random_force_of(result)):
-                # What the quicker methods refuse is not looked for by the slower ones.
+                # If a fast method rejects the random force, the slow methods do not search for it.
                 refused = not is_random(stochastic[at])
         except (SysidTribError, np.linalg.LinAlgError):
             refused = at == last

@@ -55,7 +55,7 @@ def decays_of(there):
 
 
 def cross_checked(decay):
-    """Both identifications held against each other as `identify` does it."""
+    """Return the cross-check of both identifications, as `identify` makes it."""
     first, second = (st.identify(decay, FEW, m) for m in (st.methods.Averaging(), st.methods.Direct()))
     return st.cross_check(decay, first, second), second
 

@@ -161,7 +161,7 @@ def test_python_on_the_page_makes_the_result_again(results, folder, kind, monkey
     again, before = (names["result"], tree) if kind == "identify" else (names["second"], tree["direct"])
     np.testing.assert_array_equal(again.coefficient, before.coefficient)
     if kind != "identify":
-        assert names["tree"]["comparison"].p_value.item() == tree["comparison"].p_value.item()
+        assert names["tree"]["agreement"].p_value.item() == tree["agreement"].p_value.item()
 
 
 def test_python_of_compare_and_discover_is_python(pages):
@@ -182,7 +182,7 @@ def test_hostile_names_are_text(results, without_figures):
 
 @pytest.mark.slow
 def test_page_of_a_long_record_with_a_model_that_diverges(results, pages):
-    """It is small, says that it is decimated, and leaves that model out."""
+    """The page is small, says that it is decimated, and leaves that model out."""
     tree = lengthened(results["cross_check"], 50_000)
     record = tree["record"].to_dataset()
     record["simulated_angle"].loc[{"model": "averaging"}] = np.nan
@@ -216,7 +216,7 @@ def test_bad_results_are_refused(folder, tmp_path, what, without_figures):
         source.mkdir()
     else:
         tree = st.load(folder / "cross_check.nc")
-        tree["comparison"] = xr.DataTree(tree["comparison"].to_dataset().drop_vars("p_value"))
+        tree["judged"] = xr.DataTree(tree["judged"].to_dataset().drop_vars("p_value"))
         st.save(tree, source)
     ending = run("report", source, "-o", tmp_path / "page.html")
     assert ending.status == 1

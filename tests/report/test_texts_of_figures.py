@@ -1,4 +1,4 @@
-"""No text of a figure is small, cut, or over another, in a column and over a page."""
+"""Texts of figures: none is small, cut, or over another, in a column and over a page."""
 
 from functools import partial
 
@@ -11,10 +11,10 @@ import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.cycles.look import look
 from sysid_trib.plots.figure import figures_of, new_figure
+from sysid_trib.questions.difference import held_against
+from sysid_trib.questions.profiles import profile
 from sysid_trib.records.smoothing import swing_frequency
-from sysid_trib.results.files import kind_of
-from sysid_trib.validation.profiles import contour, profile
-from sysid_trib.validation.samples import held_against
+from sysid_trib.results.kinds import kind_of
 
 # mm, as journals have them.
 WIDTHS = (88.0, 180.0)
@@ -66,7 +66,7 @@ def of_the_paper():
 
 
 def wrong(figures):
-    """What is wrong with the texts of figures, by figure and width."""
+    """Return the faults of the texts of figures, by figure and width."""
     return [
         f"{name} at {width:g} mm: {fault}"
         for name, draw in figures.items()
@@ -102,9 +102,7 @@ def test_texts_of_what_is_asked_besides_have_room(results):
     other = DECAY.isel(time=slice(100, None))
     frequencies = np.linspace(9.0, 11.0, 12)
     figures = {
-        "profile": partial(
-            plots.profile, *(f([DECAY], answer, ["zeta", "delta"]) for f in (profile, contour))
-        ),
+        "profile": partial(plots.profile, profile([DECAY], answer, ["zeta", "delta"])),
         "sensitivity": partial(plots.sensitivity, st.validation.sensitivity([DECAY], answer)),
         "response": partial(plots.response, st.forced_response(answer, 0.01, frequencies)),
         "plan": partial(plots.plan, st.validation.plan(results["discover"])),

@@ -11,15 +11,14 @@ import xarray as xr
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, UsageError
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.likelihood.trials import slope_of_unit
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
-from sysid_trib.results import effects, files, references, schema, variables
+from sysid_trib.results import effects, judged, kinds, references, schema, variables
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation import simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
-from sysid_trib.validation import findings, random_force_test
+from sysid_trib.validation import random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
@@ -61,10 +60,10 @@ class Rival:
 def predicted(
     rival: Rival, time: Array, start: tuple[float, float], noise: float, forcing: tuple[Model, float]
 ) -> tuple[RunPrediction, float]:
-    """What a rival predicts after a start (angle, rad, and rate, rad/s), in noise of this standard deviation.
+    """Predict a rival after a start (rad, rad/s), in units of the noise, and return its stop time (s).
 
-    Beside it when the motion stops (s), infinite if it does not. `forcing` : the model about whose motion a
-    random force acts, and its ratio to the noise of a sample: then innovations are predicted.
+    The stop time is infinite if the motion goes on. `forcing` : the model with a random force, and its ratio
+    to the noise of a sample; then innovations are predicted.
 
     Raises
     ------
@@ -82,13 +81,13 @@ def predicted(
 
 
 def _own(run: RunPrediction) -> Array:
-    """What is known of a motion that neither start nor zero can make, (sample, direction)."""
+    """Remove from a prediction the directions of start and zero, (sample, direction)."""
     known, free = run[:, 1:-3], run[:, -3:]
     return np.asarray(known - free @ np.linalg.lstsq(free, known, rcond=None)[0])
 
 
 def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival], Rival]:
-    """The models that a result leaves: one of an identification, of a discovery those of its last set.
+    """Return the competing models of a result: one of an identification, the last set of a discovery.
 
     Before them the identification that stands for it, behind them the model whose errors are stated: of a
     search that of its coefficients and shapes together.
@@ -98,11 +97,11 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     UsageError
         Nothing was identified.
     """
-    main = findings.main_result(result) if isinstance(result, xr.DataTree) else result
+    main = judged.main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
-        raise UsageError("plan wants a result that identified a model.")
+        raise UsageError("plan needs a result that identified a model.")
     stated = _stated(main)
-    tree = result if isinstance(result, xr.DataTree) and files.kind_of(result) == "discover" else None
+    tree = result if isinstance(result, xr.DataTree) and kinds.kind_of(result) == "discover" else None
     if tree is None or not effects.added_effects(tree):
         return main, [stated], stated
     rivals = _of_discovery(tree)
@@ -114,7 +113,7 @@ def _stated(result: xr.Dataset) -> Rival:
     model = schema.model_of(result)
     symbols = [s for s in result.force.values.tolist() if s in model.coefficients]
     covariance, total = references.stated_covariance(result, symbols), result.standard_error.values
-    of_noise = np.divide(findings.error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
+    of_noise = np.divide(judged.error_parts(result)[0], total, out=np.zeros(len(total)), where=total > 0.0)
     part = np.append(of_noise[np.isin(result.force.values, symbols)], 1.0)
     count, shapes = len(symbols), len(model.shapes)
     directions = np.zeros((count + shapes + 1, count + 1))
@@ -158,13 +157,13 @@ def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[
 
 
 def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], probability: float) -> Rival:
-    """A rival, with the inverse of what records inform of its parameters as their covariance.
+    """Return a competing model with the covariance of its parameters from the records.
 
     A shape has a Gaussian prior whose density is that of even ones over its range, as in the evidence.
     """
     model, library = schema.model_of(result), schema.library_of(result)
     shapes = [(name.partition("."), value) for name, value in model.shapes.items()]
-    unit = np.array([slope_of_unit(library[force].shape[name], value) for (force, _, name), value in shapes])
+    unit = np.array([library[force].shape[name].slope(value) for (force, _, name), value in shapes])
     held = result.standard_error.sel(force=list(model.coefficients)).values == 0.0
     fitted = result.reference_frequency_standard_error.item() > 0.0
     is_free = np.flatnonzero([*~held, *np.full(len(unit), True), fitted])
@@ -191,13 +190,13 @@ def covariance_after(run: RunPrediction) -> Array:
 
 
 def _explained_space(run: RunPrediction) -> Array:
-    """Basis of what a rival can make of a difference to its motion, without what that costs."""
+    """Return the basis of differences of the motion that a competing model can explain."""
     costs = np.eye(run.shape[1] - 4, run.shape[1] - 1)
     return random_force_test.orthonormal(np.vstack([run[:, 1:], costs]))[: len(run)]
 
 
 def _sharpened(rival: Rival, run: RunPrediction) -> float:
-    """Half the logarithm by which the covariance of a rival's shapes falls in a run, negative."""
+    """Return half the fall of the log determinant of the covariance of the shapes in a run, negative."""
     # The frequency is the last of its parameters.
     shapes, after = rival.directions[len(rival.model.coefficients) : -1], covariance_after(run)
     was, becomes = (np.linalg.slogdet(shapes @ c @ shapes.T)[1] for c in (np.eye(len(after)), after))
@@ -205,7 +204,7 @@ def _sharpened(rival: Rival, run: RunPrediction) -> float:
 
 
 def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
-    """Logarithms of the weights of rivals after a run, (truth, drawing, rival), each the truth in turn."""
+    """Return the log weights of competing models after a run, (truth, drawing, rival)."""
     rng, (rivals, runs) = np.random.default_rng(0), zip(*pairs, strict=True)
     apart = [np.column_stack([run[:, 0] - runs[0][:, 0], run[:, 1:]]) for run in runs]
     # What is outside of these columns is noise that all rivals share.
@@ -226,7 +225,7 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
 
 
 def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
-    """Entropy (nats) that a run is expected to leave, and the probability of odds for the right model."""
+    """Return the expected entropy (nats) after a run, and the probability of odds for the right model."""
     logs = logs - logs.max(axis=2, keepdims=True)
     posterior = np.exp(logs) / np.exp(logs).sum(axis=2, keepdims=True)
     entropy = -np.sum(posterior * np.log(np.maximum(posterior, 1e-300)), axis=2).mean(axis=1)
@@ -237,7 +236,7 @@ def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
 
 
 def parting_of(truth: RunPrediction, run: RunPrediction) -> Array:
-    """D of a run up to each time, (sample,): one motion is the truth, a rival is to explain it."""
+    """Return the discrimination D of a run up to each time, (sample,), between two motions."""
     residual, space = truth[:, 0] - run[:, 0], _explained_space(run)
     # r' V^-1 r by the identity of Woodbury.
     return np.maximum(0.0, np.cumsum(residual * (residual - space @ (space.T @ residual))))

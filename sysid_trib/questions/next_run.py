@@ -1,6 +1,5 @@
-"""The next run: which release and duration tell competing models apart, or give a wanted error."""
+"""Next run: release and duration that separate competing models, or give a wanted error."""
 
-import re
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from typing import Any, TypeAlias
@@ -10,12 +9,13 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
-from sysid_trib.likelihood.random_force import random_force_of
-from sysid_trib.results import files, signal_scale
+from sysid_trib.questions import rivals as models
+from sysid_trib.questions.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
+from sysid_trib.results import judged, kinds, signal_scale
+from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import PER_FORCE_UNIT, described, record_groups, signal_units, variable
 from sysid_trib.simulation.model import Model
-from sysid_trib.validation import findings, holdout, rivals as models
-from sysid_trib.validation.rivals import ODDS, Rival, RunPrediction, predicted, rivals_of
+from sysid_trib.validation import holdout
 
 Span: TypeAlias = tuple[float | None, float | None]
 # Releases and durations that are tried between the limits, in equal ratios.
@@ -84,7 +84,7 @@ def plan(
     are those after all records. Of a run only what a search fits counts: where the last third is held out,
     the rest. Errors are by the inverse of Fisher's informations of all runs.
     """
-    if isinstance(result, xr.DataTree) and files.is_of_driven(result):
+    if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
         raise UsageError("A plan is of releases of a free decay; the records of this result are driven.")
     wanted, unit = dict(wanted or {}), signal_units(result)
     given = {
@@ -186,10 +186,9 @@ def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float
     record = result[group]
     time = record.time.values
     window = np.asarray(record.attrs.get("kept_window", time[[0, -1]]))
-    rate, text = 1.0 / float(np.median(np.diff(time))), str(record.attrs.get("decimated", ""))
-    before, after = re.findall(r"\d+", text)[:2] if text else (1, 1)
+    rate = 1.0 / float(np.median(np.diff(time)))
     release = float(np.abs(record.angle).max())
-    return release, float(window[-1] - window[0]), rate, rate * int(before) / int(after)
+    return release, float(window[-1] - window[0]), rate, rate * float(record.attrs.get("decimation", 1.0))
 
 
 def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
@@ -201,7 +200,7 @@ def _between(limits: Span, parts: tuple[float, float], known: float, count: int,
 
 
 def _times(length: float, rate: float, every: int, *, in_part: bool = False) -> Array:
-    """Times of a run, of every so many samples; where a search holds out its last third, of the rest."""
+    """Return the times of a run; if a search holds out its last third, of the first two thirds."""
     time = np.arange(0, int(length * rate) + 1, every) / rate
     return time[: holdout.first_held_out(time) if in_part else None]
 
@@ -209,10 +208,10 @@ def _times(length: float, rate: float, every: int, *, in_part: bool = False) -> 
 def _longest(
     rival: Rival, times: Sequence[Array], given: tuple[tuple[float, float], float, tuple[Model, float]]
 ) -> tuple[RunPrediction | None, float]:
-    """What a rival predicts of the longest run that it has, and when its motion stops (s).
+    """Predict a rival's longest run and return its stop time (s).
 
-    Nothing is fitted after the stop; it is infinite of a motion that does not. None of no such motion.
-    `given` : what `predicted` takes besides.
+    Nothing is fitted after the stop, which is infinite for a motion that does not stop. Without a motion the
+    prediction is None. `given` : further arguments of `predicted`.
     """
     for time in reversed(times):
         with suppress(SysidTribError):
@@ -223,7 +222,7 @@ def _longest(
 def _worth(
     rivals: Sequence[Rival], known: Rival, main: xr.Dataset, runs: Mapping[str, RunPrediction]
 ) -> dict[str, Any]:
-    """Entropy that is left, probability of odds for the right model, and standard errors by all records.
+    """Return expected entropy, probability of the odds for the right model, and standard errors.
 
     `runs` : what each model predicts, by its name.
     """
@@ -239,13 +238,13 @@ def _worth(
     after = models.covariance_after(runs[known.name])
     of_noise = np.sqrt(np.sum((known.directions @ after) * known.directions, axis=1))
     stated = dict(zip(known.model.coefficients, of_noise.tolist(), strict=False))
-    of_model = dict(zip(main.force.values.tolist(), findings.error_parts(main)[1].tolist(), strict=True))
+    of_model = dict(zip(main.force.values.tolist(), judged.error_parts(main)[1].tolist(), strict=True))
     errors = np.hypot([stated[s] for s in known.fitted], [of_model[s] for s in known.fitted])
     return {"entropy": entropy, "probability": right + 1.0 - moving.sum(), "standard_error": errors}
 
 
 def _best_first(values: Mapping[str, Array], limits: Array, rivals: int) -> Index:
-    """Places of the runs that have a motion, the best first; `limits` : wanted errors, or infinite."""
+    """Return the places of the runs with a motion, best first; `limits` : wanted errors, or infinite."""
     length, entropy, errors = (values[name] for name in ("duration", "entropy", "standard_error"))
     # Runs that tell as much to a hundredth, or a thousandth of a nat, are as good: the shorter is the better.
     learnt = np.round(np.log(np.prod(errors / np.nanmin(errors, axis=0), axis=1)), 2)
@@ -261,7 +260,7 @@ def _best_first(values: Mapping[str, Array], limits: Array, rivals: int) -> Inde
 def _with_parting(
     data: xr.Dataset, rivals: Sequence[Rival], predictions: Mapping[str, RunPrediction], time: Array
 ) -> xr.Dataset:
-    """With `parting(time)` of the best run, of which this is predicted by name."""
+    """Add `parting(time)` of the best run."""
     ranked = sorted(rivals, key=lambda rival: -rival.probability)
     likeliest = [rival.name for rival in ranked if rival.name in predictions][:2]
     log_ratio = np.full(len(time), np.nan)

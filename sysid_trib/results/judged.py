@@ -1,74 +1,41 @@
-"""What a result knows of itself: written in it once when it is made, and read from its tree."""
+"""Properties of a result: stored when it is made, and read from its tree."""
 
-import json
-from collections.abc import Sequence
 from math import floor, log10
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import UsageError
-from sysid_trib.records import inputs, smoothing
-from sysid_trib.records.decay import root_mean_square
 from sysid_trib.results.effects import significant, sufficient_forces
-from sysid_trib.results.files import identifications_of, kind_of
-from sysid_trib.results.variables import Variables, described, group_names, record_groups
+from sysid_trib.results.kinds import has_input, identifications_of, kind_of
+from sysid_trib.results.variables import group_names, record_groups
 
 # Beyond so many noise levels (RMS) a residual is large.
 LARGE = 1.5
-DIVERGES = "its motion diverges"
-# What `discover` holds out where nothing else is asked for.
+# Default held-out part of `discover`.
 LAST_THIRD = "the last third"
+VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
+UNEXPLAINED = ("approximate", "not explained")
+JUDGED = "judged"
 
 
-def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
-    """The record with `simulated_angle(model, time)` and the sensor's `noise`, rad: the record's own.
-
-    It is that against which tables, sentences and figures show residuals, whatever the model; of a driven
-    record, whose motion no spline follows, no more than a model leaves.
-    """
-    noise = smoothing.sensor_noise(decay)
-    if inputs.inputs_of(decay):
-        remains = np.std(decay.angle.values - simulated, axis=1)
-        noise = float(np.nanmin(remains, initial=noise))
-    values = {"simulated_angle": simulated, "noise": noise}
-    return decay.assign_coords(model=list(names)).assign(described("record", values))
+def judged_of(tree: xr.DataTree) -> xr.Dataset:
+    """Return what was judged of each model of a result, over `model`."""
+    return tree[JUDGED].to_dataset()
 
 
-def failure_of_models(records: Sequence[xr.Dataset]) -> Variables:
-    """Why there is no motion of a model, in a few words; empty where there is one, even a far one."""
-    reasons = []
-    largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
-    # Of the largest angle of the record; a motion that grows beyond is none of it.
-    limits = [3.0 * np.abs(run.angle).max() for run in records]
-    failed = [~(size <= limit).values for size, limit in zip(largest, limits, strict=True)]
-    for of_model in np.transpose(failed):
-        of_run = f" in run {np.argmax(of_model) + 1}" if len(records) > 1 else ""
-        reasons.append(f"{DIVERGES}{of_run}" if of_model.any() else "")
-    return described("cross_check", {"failure": reasons})
+def comparison_of(tree: xr.DataTree) -> xr.Dataset:
+    """Return the table of methods of `compare` with what was judged of each, nan of one without a result."""
+    table = tree["comparison"].to_dataset()
+    judged = judged_of(tree)[["residual_rms", "residual_over_noise", "failure", "verdict"]]
+    judged = judged.reindex(model=table.model.values, fill_value={"failure": "", "verdict": ""})
+    return table.merge(judged)
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
-    """RMS of record minus model over all runs, rad; of an integrated signal that of `comparison`.
-
-    Parameters
-    ----------
-    tree : DataTree
-        Result of `cross_check` or `discover`.
-    model : str
-        Which of its models.
-
-    Returns
-    -------
-    float
-        nan of a model that diverges.
-    """
-    groups = record_groups(tree)
-    if "comparison" in tree and int(tree[groups[0]].attrs.get("integrations", 0)):
-        return float(tree["comparison"].residual_rms.sel(model=model).item())
-    residuals = [(tree[g].angle - tree[g].simulated_angle.sel(model=model)).values for g in groups]
-    return float(np.sqrt(np.mean(np.concatenate(residuals) ** 2)))
+    """Return the RMS of record minus motion of a model over all runs, rad; nan of one that diverges."""
+    return float(judged_of(tree).residual_rms.sel(model=model))
 
 
 def record_noise(tree: xr.DataTree) -> float:
@@ -77,17 +44,17 @@ def record_noise(tree: xr.DataTree) -> float:
 
 
 def residual_over_noise(tree: xr.DataTree, model: str) -> float:
-    """Residual of a model over the sensor's noise of the record."""
-    return residual_of(tree, model) / record_noise(tree)
+    """Return the residual of a model over the sensor's noise of the record."""
+    return float(judged_of(tree).residual_over_noise.sel(model=model))
 
 
 def held_out_excess(tree: xr.DataTree) -> float:
-    """What the final model of a discovery leaves of what it was not fitted to, over the sensor's noise.
+    """Return the held-out residual of the final model of a discovery over the sensor noise.
 
     Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
     of driven records, whose noise no spline tells.
     """
-    if is_refitted(tree) or inputs.inputs_of(tree[record_groups(tree)[0]].to_dataset()):
+    if is_refitted(tree) or has_input(tree[record_groups(tree)[0]].to_dataset()):
         return 0.0
     ratio = float(tree["holdout"].rms[-1]) / record_noise(tree)
     return ratio if ratio > LARGE * max(1.0, residual_over_noise(tree, "after")) else 0.0
@@ -95,47 +62,56 @@ def held_out_excess(tree: xr.DataTree) -> float:
 
 def is_refitted(tree: xr.DataTree) -> bool:
     """True if the models of a discovery were fitted to the whole records in the end."""
-    return bool(json.loads(tree.attrs["options"])["refit"]) and tree.attrs["held_out"].startswith(LAST_THIRD)
+    return bool(tree["refitted"])
 
 
 def verdict_of(tree: xr.DataTree) -> str:
-    """The verdict of a cross-check on the record, one of `VERDICTS`."""
-    return str(tree["comparison"].attrs["verdict_on_record"])
+    """Return the verdict on the record, one of `VERDICTS`: that of the preferred model."""
+    return str(judged_of(tree).attrs["verdict"])
 
 
-def holds(tree: xr.DataTree) -> bool:
-    """True if the model of a cross-check follows the record: what follows from its coefficients is given."""
+def follows(tree: xr.DataTree) -> bool:
+    """True if the preferred model follows the record: consequences of its coefficients are given."""
     return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
 
 
-def answer_of(tree: xr.DataTree) -> str:
-    """The method of a cross-check whose numbers the result stands by."""
-    return str(tree["comparison"].attrs["answer"])
+def is_unexplained(tree: xr.DataTree) -> bool:
+    """True if the preferred model leaves more than noise."""
+    return verdict_of(tree) in UNEXPLAINED
 
 
-def second_of(tree: xr.DataTree) -> xr.Dataset:
-    """The second identification of a cross-check."""
-    return tree[str(tree["comparison"].attrs["second"])].to_dataset()
+def preferred_of(tree: xr.DataTree) -> str:
+    """Return the name of the preferred model."""
+    return str(judged_of(tree).attrs["preferred"])
+
+
+def last_of(tree: xr.DataTree) -> xr.Dataset:
+    """Return the last of the identifications that were judged: by the method at the statistical bound."""
+    return tree[judged_of(tree).model.values[-1]].to_dataset()
 
 
 def failures(tree: xr.DataTree) -> dict[str, str]:
-    """The methods of a cross-check whose models broke down, and why."""
-    reasons = tree["comparison"].failure
+    """Return the models whose motions diverge, and why."""
+    reasons = judged_of(tree).failure
     return {name: why for name, why in zip(reasons.model.values, reasons.values.tolist(), strict=True) if why}
 
 
 def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications of a cross-check by the name of their method, without one that failed.
+    """Return the identifications that were judged by the name of their method, without one that failed.
 
     Raises
     ------
     KeyError
-        Two methods are not held against each other here.
+        The result holds nothing that was judged.
     """
-    checked = tree["comparison"].attrs
-    names = (checked["first"], checked["second"])
     failed = failures(tree)
+    names = judged_of(tree).model.values.tolist()
     return {name: tree[name].to_dataset() for name in names if name not in failed}
+
+
+def preferred_result(tree: xr.DataTree) -> xr.Dataset | None:
+    """Return the preferred identification; None where its method failed."""
+    return kept_results(tree).get(preferred_of(tree))
 
 
 def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
@@ -143,13 +119,13 @@ def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
     if kind_of(tree) == "discover":
         return {"start model": tree["before"].to_dataset(), "final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
-        labels = applied_methods(tree["comparison"].to_dataset()).method.values.tolist()
+        labels = applied_methods(comparison_of(tree)).model.values.tolist()
         return {label: tree[label].to_dataset() for label in labels}
     return identifications_of(tree) if kind_of(tree) == "difference" else kept_results(tree)
 
 
 def main_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """The identification that stands for a result: the best, the final or the answer; None without one."""
+    """Return the main identification of a result: the best, final or preferred one; None without one."""
     if kind_of(tree) == "identify":
         return tree.to_dataset()
     if kind_of(tree) in ("", "difference"):
@@ -157,8 +133,9 @@ def main_result(tree: xr.DataTree) -> xr.Dataset | None:
     named = given_results(tree)
     if kind_of(tree) == "discover":
         return named["final model"]
-    best = tree["comparison"].attrs.get("best")
-    return named[best] if best else named.get(answer_of(tree), next(reversed(named.values()), None))
+    if kind_of(tree) == "compare":
+        return named[tree["comparison"].attrs["best"]]
+    return named.get(preferred_of(tree), next(reversed(named.values()), None))
 
 
 def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
@@ -192,8 +169,8 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
 
 def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
     """The fewest forces that suffice, see `sufficient_forces`, where no coefficient is known by itself."""
-    result = kept_results(tree).get(answer_of(tree))
-    if result is None or not holds(tree) or significant(result).any():
+    result = preferred_result(tree)
+    if result is None or not follows(tree) or significant(result).any():
         return []
     return [forces for forces in sufficient_forces(result) if len(forces) < result.sizes["force"]]
 
@@ -232,13 +209,13 @@ def applied_methods(table: xr.Dataset) -> xr.Dataset:
     The one that predicts best stays, whatever it does on the whole: the others are held against it.
     """
     applied = table.coefficient.notnull().any("force") | table.asymptotic_frequency.notnull()
-    failed = (table.failure != "") & (table.method != table.attrs["best"])
-    return table.isel(method=np.flatnonzero((applied & ~failed).values))
+    failed = (table.failure != "") & (table.model != table.attrs["best"])
+    return table.isel(model=np.flatnonzero((applied & ~failed).values))
 
 
 def column_power(column: xr.Dataset) -> int:
     """Power of ten of a column: of the best method's value or error, of all if it has none."""
-    best = column.sel({"method": column.attrs["best"]})
+    best = column.sel(model=column.attrs["best"])
     size = max(abs(best.coefficient.item()), best.standard_error.item())
     if not (np.isfinite(size) and size > 0.0):
         size = float(np.nanmedian(np.abs(column.coefficient.values)))

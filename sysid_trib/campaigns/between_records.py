@@ -1,4 +1,4 @@
-"""What varies between runs: conditions as columns, common coefficients, and those that scatter."""
+"""Variation between runs: conditions as columns, common coefficients, and coefficients with scatter."""
 
 from collections.abc import Mapping, Sequence
 
@@ -20,7 +20,7 @@ COMMON, UNDECIDED_RUNS = "common", "too few runs"
 
 
 def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None, runs: int) -> pd.DataFrame:
-    """The table of conditions, a row a run; refused with another number of rows, or without a value."""
+    """Return the table of conditions, a row per run; raise an error for missing rows or values."""
     try:
         table = pd.DataFrame({} if conditions is None else conditions).reset_index(drop=True)
     except ValueError as error:
@@ -37,7 +37,7 @@ def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None,
 
 
 def _design(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """Columns of the fit by the name of their term, and of which condition each is; the mean's is ''.
+    """Return the columns of the fit by term, and the condition of each; that of the mean is ''.
 
     A column of numbers, or one of each group of texts but the first, over which its effect is. All are about
     their means: the mean stays that of all runs.
@@ -56,7 +56,7 @@ def _design(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
 
 
 def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
-    """The conditions without those that go with ones before them.
+    """Remove the conditions that are confounded with earlier ones.
 
     Parameters
     ----------
@@ -82,14 +82,14 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
 
 
 def _goes_with(table: pd.DataFrame, name: str, others: Sequence[str]) -> bool:
-    """True if a condition is a mean and effects of others, in more runs than decide all of them."""
+    """Return true if a condition is a linear combination of a mean and effects of others."""
     design = _design(table[[*others, name]])[0].to_numpy()
     sized = design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     return bool(np.linalg.matrix_rank(sized) < min(sized.shape))
 
 
 def _listed(table: pd.DataFrame) -> str:
-    """Names of the conditions, as a sentence takes them."""
+    """Return the names of the conditions as a list in words."""
     return ", ".join(f"'{name}'" for name in table) or "none"
 
 
@@ -178,10 +178,10 @@ def between_runs(
 
 
 def _estimates(results: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Values of identifications at their mean reference frequency, with their errors."""
+    """Return the values and errors of identifications at their mean reference frequency."""
     for result in results:
         if not isinstance(result, xr.Dataset) or "coefficient" not in result:
-            raise UsageError("between_runs wants identifications, as identify returns them.")
+            raise UsageError("between_runs needs identifications, as identify returns them.")
     kept = comparable(*results) if len(results) else []
     if not kept:
         raise UsageError("These runs have no free coefficient in common; identify them with the same forces.")
@@ -202,7 +202,7 @@ def _estimates(results: Sequence[xr.Dataset]) -> xr.Dataset:
 def _quantity(
     of_runs: xr.Dataset, columns: tuple[pd.DataFrame, list[str]], laboratory: Array | None, level: float
 ) -> xr.Dataset:
-    """All that is said of one quantity; `columns` : of `_design`."""
+    """Return all variables of one quantity; `columns` : of `_design`."""
     values, errors = of_runs.value.values.astype(float), of_runs.standard_error.values.astype(float)
     known = np.isfinite(values) & np.isfinite(errors) & (errors > 0.0)
     (table, condition_of), design = columns, columns[0].to_numpy()

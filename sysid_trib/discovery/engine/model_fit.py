@@ -7,13 +7,13 @@ from functools import partial
 import numpy as np
 
 from sysid_trib.arrays import Array
+from sysid_trib.discovery.engine.fitted_model import FittedModel, table_of
+from sysid_trib.discovery.engine.likelihood import Likelihood, likeliest_near, likelihood
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_products import RunProducts
+from sysid_trib.discovery.engine.run_rows import run_rows
+from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.errors import SysidTribError
-from sysid_trib.likelihood.fitted_model import FittedModel, table_of
-from sysid_trib.likelihood.likelihood import Likelihood, likeliest_near, likelihood
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts
-from sysid_trib.likelihood.run_rows import run_rows
-from sysid_trib.likelihood.trials import TrialEffect
 
 # Rounds after which a path goes half of its way.
 WHOLE_STEPS = 3
@@ -66,7 +66,7 @@ def fit_model(
     """
     guess, settings = np.zeros(len(trials) + 1) if first is None else first, paths[0].settings
     model = fitted_along(_of_any_ratio(paths), trials, guess)
-    # What a shape goes in a round at most, in parts of its range.
+    # Largest step of a shape in a round, in parts of its range.
     reach = longest = part * settings.shape_step
     rounds, before, unphysical = list[FittedModel](), 0.0, 0
     # Has it an error of the sensor of which nothing is known yet?
@@ -126,12 +126,12 @@ def _next_round(
 
 
 def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
-    """Paths of which no ratio is known: as a path moves, another one far off may become the likeliest."""
+    """Follow paths without a known ratio: as a path moves, a distant ratio may become the most likely."""
     return [replace(path, ratio=0.0) for path in paths]
 
 
 def _continued(model: FittedModel, reach: float, part: float, worst: float) -> FittedModel:
-    """The model after rounds whose paths are led more and more by what it says; not settled if given up.
+    """Continue with rounds in which paths follow the model more and more; not converged if given up.
 
     A continuation in the random force, whose likelihood has a maximum about each path that follows the record
     (graduated non-convexity: Blake, Zisserman 1987).
@@ -147,7 +147,7 @@ def _continued(model: FittedModel, reach: float, part: float, worst: float) -> F
 
 
 def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
-    """What a fit has come to that goes on after all of its rounds."""
+    """Return the result of a fit that has used all of its rounds."""
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
         return best
@@ -194,7 +194,7 @@ def fitted_along(paths: Sequence[RecordPath], trials: Sequence[TrialEffect], gue
 def _within_ranges(
     products: Sequence[RunProducts], count: int, trials: Sequence[TrialEffect]
 ) -> tuple[Likelihood, dict[int, tuple[float, float]]]:
-    """Maximum likelihood in `count` columns; shapes at an end of their range that would leave it are held."""
+    """Return the maximum likelihood in `count` columns, with shapes held at the ends of their ranges."""
     ends = [trial.end(name) for trial in trials for name in trial.force.shape]
     first = count - len(ends)
     held: dict[int, tuple[float, float]] = {}

@@ -1,4 +1,4 @@
-"""A model at its most likely, with the rows about its smoothed motions."""
+"""Model at its most likely values, with the rows about its smoothed motions."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -6,13 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from sysid_trib.arrays import Array
-from sysid_trib.likelihood.likelihood import Likelihood
-from sysid_trib.likelihood.paths import RecordPath, Terms
-from sysid_trib.likelihood.run_rows import RunRows
+from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.discovery.engine.likelihood import Likelihood
+from sysid_trib.discovery.engine.paths import RecordPath, Terms
+from sysid_trib.discovery.engine.run_rows import RunRows
+from sysid_trib.discovery.engine.trials import Settings, TrialEffect, reference_power
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.likelihood.trials import Settings, TrialEffect, reference_power, slope_of_unit
-from sysid_trib.records.decay import root_mean_square
 
 # Difference of a shape parameter for its column, in parts of its range.
 SHAPE_DIFFERENCE = 1e-4
@@ -20,7 +19,7 @@ SHAPE_DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class FittedModel:
-    """A model at its most likely, with the rows about its smoothed motions.
+    """Model at its most likely values, with the rows about its smoothed motions.
 
     Attributes
     ----------
@@ -57,7 +56,7 @@ class FittedModel:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Symbols of what was added to the start model."""
+        """Symbols of the effects added to the start model."""
         return tuple(trial.force.symbol for trial in self.trials if trial.added)
 
     @property
@@ -72,7 +71,7 @@ class FittedModel:
 
     @property
     def stiffness(self) -> float:
-        """By which the square of the frequency differs from the paths', as a part of it."""
+        """Relative difference between the square of the frequency and that of the paths."""
         return float(self.likelihood.coefficients[len(self.trials)]) if self.frequency_free else 0.0
 
     @property
@@ -141,7 +140,7 @@ class FittedModel:
         return NoiseModel(level / NoiseModel(1.0, filter_).standard_deviation, filter_)
 
     def without_caches(self) -> "FittedModel":
-        """The model without what its runs can compute again: many are kept."""
+        """Return the model without values that its runs can compute again, to save memory."""
         return replace(self, rows=tuple(replace(run, path=replace(run.path)) for run in self.rows))
 
     @property
@@ -196,7 +195,7 @@ class FittedModel:
         errors, by_name = np.sqrt(np.diag(self.likelihood.covariance)), dict[str, float]()
         for at, name, column in self.shape_columns:
             trial = self.trials[at]
-            slope = slope_of_unit(trial.force.shape[name], trial.value(name))
+            slope = trial.force.shape[name].slope(trial.value(name))
             by_name[f"{trial.force.symbol}.{name}"] = float(errors[column] * slope)
         return by_name
 
@@ -212,7 +211,7 @@ class FittedModel:
         ]
 
     def ahead(self, shapes: Array) -> Array:
-        """By how much coefficients and stiffness change with these steps of the shapes, (trial + 1,)."""
+        """Return the changes of coefficients and stiffness with these steps of the shapes, (trial + 1,)."""
         first, count = self.columns - len(shapes), len(self.trials)
         covariance = self.stepped.covariance
         errors = np.sqrt(np.diag(covariance)[first:])
@@ -225,7 +224,7 @@ class FittedModel:
     def next_paths(
         self, coefficients: Array, part: float = 1.0, random_force: float = 1.0
     ) -> list[RecordPath]:
-        """The most likely motions, or a part of the way there; their fine part by such forces, (trial,)."""
+        """Return the most likely motions, or a part of the way there, with these forces."""
         paths = []
         for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True)):
             residual = rows.target - table @ self.stepped.coefficients
@@ -237,7 +236,7 @@ class FittedModel:
         return paths
 
     def possible_rows(self) -> list[RunRows]:
-        """The rows of each run along a motion that may be the true one as well, drawn by its probability."""
+        """Return the rows of each run along a possible motion, drawn by its probability."""
         rows_of_runs, random = [], np.random.default_rng(self.settings.seed)
         for at, rows in enumerate(self.rows):
             deviation, ratio = np.sqrt(self.likelihood.variances[at]), float(self.likelihood.ratios[at])
@@ -249,8 +248,8 @@ class FittedModel:
     def next_steps(self, reach: float) -> Array:
         """Steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
 
-        None changes an effect by more than its own size: a tangent does not hold so far. Of a frequency
-        that is a radian of its phase over the record.
+        No step changes an effect by more than its own size, beyond which its tangent is not valid. For a
+        frequency the limit is a phase of one radian over the record.
         """
         sizes = np.sqrt(np.sum([np.sum(table**2, axis=0) for table in self.tables], axis=0))
         steps = list[float]()

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.run_products import RunProducts, spline_over_ratios
+from sysid_trib.discovery.engine.run_products import RunProducts, spline_over_ratios
 
 # Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
 BETWEEN_STEP = 0.03
@@ -25,10 +25,10 @@ RIDGE = 1e-13
 
 
 def of_many_rows(rows: ArrayLike, columns: int) -> Array:
-    """By what a gain of one column is to be multiplied to have the tail of a chi-square.
+    """Return the factor that gives a gain of one column the tail of a chi-square.
 
-    That of Student's t with `rows` degrees of freedom (Wallace 1959), where the most likely variance takes
-    those of the `columns` for rows too: of few rows chance gains more.
+    The gain has the tail of Student's t with `rows` degrees of freedom (Wallace 1959), while the most likely
+    variance also counts the `columns` as rows. With few rows chance gains more.
     """
     dof = np.asarray(rows)
     return np.asarray(dof / (dof + columns) * ((8.0 * dof + 1.0) / (8.0 * dof + 3.0)) ** 2)
@@ -63,7 +63,7 @@ class Likelihood:
     gains: Array
 
     def among(self, columns: Sequence[int], count: int) -> "Likelihood":
-        """The fit as one of `count` columns, of which those that are not among these are held at zero."""
+        """Return this fit as one of `count` columns; columns that are not among these are zero."""
         if len(columns) == count:
             return self
         coefficients, covariance = np.zeros(count), np.zeros((count, count))
@@ -84,8 +84,8 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
 
     Notes
     -----
-    Of one run the coefficients are solved for each ratio. Of several this is done for one run after the
-    other, the ratios of the others held, until the deviance settles.
+    For one run the coefficients are solved at each ratio. For several runs this is done for one after the
+    other, with the other ratios held, until the deviance converges.
     """
     places = np.asarray(columns, dtype=int)
     squares = sum(np.einsum("gii->i", run.of(places)) for run in runs)
@@ -102,7 +102,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         gains[r] = deviances[0] - deviance
     there = [run.at(ratio, places) for run, ratio in zip(runs, ratios.tolist(), strict=True)]
     parts = [run.products / np.outer(size, size) for run in there]
-    # Of several runs at these ratios, whichever of those tried were nearest: else a fit could not settle.
+    # Evaluate several runs at these ratios, not at the nearest tried ones: otherwise a fit may not converge.
     settled, _, variances = _settled(there, parts, [0] * len(runs), variances)
     coefficients, covariance = _solution([part[0] for part in parts], variances)
     return Likelihood(
@@ -145,7 +145,7 @@ def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array
 def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike) -> Array:
     """The most likely variance of a run by the squares that are left of its rows and those of the target.
 
-    Of a target that is explained wholly, rounding is left.
+    The residual of a completely explained target is rounding.
     """
     least = np.finfo(float).eps * np.asarray(target)
     return np.asarray((np.maximum(squares, least) + run.level_rows * run.level**2) / run.degrees_of_freedom)
@@ -180,7 +180,7 @@ def _over_ratios(
 
 
 def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, float]:
-    """The most likely ratio, its deviance, the error of its logarithm: by a spline of the deviance."""
+    """Return the most likely ratio, its deviance, and the error of its logarithm, by a spline."""
     if at == 0:
         return float(ratios[0]), float(deviance[0]), float("nan")
     logs, spline = np.log(ratios[1:]), spline_over_ratios(ratios, deviance)
@@ -201,7 +201,7 @@ TURNS = 6
 def likeliest_near(
     runs: Sequence[ProductsNear], near: Sequence[float], columns: Sequence[int]
 ) -> tuple[list[RunProducts], Likelihood]:
-    """Products of each run where they tell the likelihood exactly, and the likelihood of some columns.
+    """Return products of runs, exact near the maximum, and the likelihood of some columns.
 
     Parameters
     ----------

@@ -1,52 +1,74 @@
-"""Two samples held against each other: in which coefficients they differ, by how much, and how surely."""
+"""Comparison of two samples: differences of coefficients, their size and significance."""
 
 from collections.abc import Sequence
 from contextlib import suppress
+from typing import Any, overload
 
 import numpy as np
 import scipy
 import xarray as xr
 
+from sysid_trib import forces, records
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.cycles.backbone import backbone
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
-from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
+from sysid_trib.forces.library import load_library
 from sysid_trib.methods import method_of, scope
-from sysid_trib.records.decay import RECORD_PARTS, one_or_all
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.runs import RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.effects import at_bound
-from sysid_trib.results.variables import Variables, described, group_names, signal_units
-from sysid_trib.validation import cross_check, random_effects, refits
-from sysid_trib.validation.findings import error_parts, main_result
-from sysid_trib.validation.identify import identify
+from sysid_trib.results.judged import error_parts, main_result
+from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names, signal_units
+from sysid_trib.validation import random_effects, refits
+from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
+from sysid_trib.validation.identify import identify, usual_methods
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
 
 
-@signal_scale.in_units_of_the_motion
-def difference(
+@overload
+def difference(  # type: ignore[overload-overlap]
     first: Identified | Sequence[Identified],
     second: Identified | Sequence[Identified],
     *,
-    level: float = cross_check.HOMOGENEITY_LEVEL,
-) -> xr.Dataset:
-    """Contrast of two samples: a contact and none, or two materials, say.
+    level: float = ...,
+) -> xr.Dataset: ...
+
+
+@overload
+def difference(
+    first: RecordsLike,
+    second: RecordsLike,
+    library: LibraryLike | None = ...,
+    *,
+    level: float = ...,
+) -> xr.DataTree: ...
+
+
+def difference(
+    first: Any, second: Any, library: LibraryLike | None = None, *, level: float = HOMOGENEITY_LEVEL
+) -> xr.Dataset | xr.DataTree:
+    """Return the difference of two samples: a contact and none, or two materials.
 
     Parameters
     ----------
-    first, second : Dataset, DataTree, or a sequence of them
+    first, second : Dataset, DataTree, or a sequence of them; or records
         Identifications of different records, or answers of `identify`; several are runs of one sample, each
-        identified by itself. A force that a sample lacks is zero there.
+        identified by itself. A force that a sample lacks is zero there. Records, `(t, angle)` or as
+        `free_decay` returns them, are identified first.
+    library : ForceLibrary, str, or what `library` takes, optional
+        The forces offered to records; by default those of `contact_forces`.
     level : float
         Significance level, shared by all forces (Holm 1979).
 
     Returns
     -------
-    Dataset
+    Dataset, or of records a DataTree with it at its root
         Over `force`: `first`, `second` with their `first_standard_error`, ..., both at the reference
         frequency of the first (coefficients that all hold stay as they are, untested), `first_between_runs`,
         ... (what scatters beyond the errors; nan of a single run), `difference` first - second, its
@@ -57,19 +79,43 @@ def difference(
         `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`; `reference_frequency`
         (rad/s). attrs: `verdict`, one of
         `coefficients differ`, `together they differ`, `no difference`; `at_a_bound`, coefficients that are at
-        a bound in one of the runs: they are not tested.
+        a bound in one of the runs: they are not tested. Of records also the groups of `held_against`.
 
     Raises
     ------
     UsageError
-        One is no identification, or their records are in different units.
+        One is no identification and no record, or their records are in different units.
 
     Notes
     -----
     The samples share no noise: covariances add, those of the frequencies included. Runs of a sample have a
     scatter of their own (random effects, Paule and Mandel 1982); the error of the model is common to them.
     """
-    return _difference([_identifications(side) for side in (first, second)], level)
+    given = [_is_identified(side) for side in (first, second)]
+    if all(given) and library is not None:
+        raise UsageError("difference takes a library with records only; identifications have theirs.")
+    if any(given) and not all(given):
+        raise UsageError(
+            "difference takes two identifications or two records, not one of each; identify the record first."
+        )
+    if all(given):
+        return _of_identifications([_identifications(side) for side in (first, second)], level)
+    sides = [as_runs(records.as_decays(side, "difference")) for side in (first, second)]
+    offered = load_library() if library is None else forces.as_library(library, "difference")
+    method = usual_methods([*sides[0], *sides[1]], offered)[-1]
+    return held_against(sides[0], sides[1], offered, method, level=level)
+
+
+def _is_identified(side: Any) -> bool:
+    """Return true if a sample is given by results and not by records."""
+    first = side[0] if isinstance(side, list | tuple) and side else side
+    return isinstance(first, xr.DataTree) or (isinstance(first, xr.Dataset) and "coefficient" in first)
+
+
+@signal_scale.in_units_of_the_motion
+def _of_identifications(sides: Sequence[Sequence[xr.Dataset]], level: float) -> xr.Dataset:
+    """Return the contrast of identified samples."""
+    return _difference(sides, level)
 
 
 def _difference(
@@ -143,7 +189,7 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
     results = [main_result(member) if isinstance(member, xr.DataTree) else member for member in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
     if not kept or len(kept) < len(results):
-        raise UsageError("difference wants two identifications, or lists of them, as identify returns them.")
+        raise UsageError("difference needs two identifications, or lists of them, as identify returns them.")
     return kept
 
 
@@ -205,7 +251,7 @@ def _contrast(
 
 
 def _holm(p_values: Array, level: float) -> Mask:
-    """Which of several hypotheses are refused, all of them sharing a level (Holm 1979); nan is none."""
+    """Return the mask of rejected hypotheses at a common level (Holm 1979); nan is not rejected."""
     order = np.argsort(p_values)[: np.count_nonzero(np.isfinite(p_values))]
     refused = np.zeros(len(p_values), dtype=bool)
     refused[order] = np.logical_and.accumulate(p_values[order] <= level / np.arange(len(order), 0, -1))
@@ -214,13 +260,16 @@ def _holm(p_values: Array, level: float) -> Mask:
 
 @signal_scale.in_units_of_the_motion
 def _held_apart(
-    sides: Sequence[Sequence[xr.Dataset]], runs: Sequence[Sequence[xr.Dataset]], library: ForceLibrary
+    sides: Sequence[Sequence[xr.Dataset]],
+    runs: Sequence[Sequence[xr.Dataset]],
+    library: ForceLibrary,
+    level: float,
 ) -> xr.Dataset:
     """`difference`, where the error of the model is what the differences themselves move between parts.
 
-    What both samples lack alike moves both alike, and no difference.
+    A force missing in both samples changes both alike, but not the difference.
     """
-    return _difference(sides, cross_check.HOMOGENEITY_LEVEL, _model_error_of_difference(sides, runs, library))
+    return _difference(sides, level, _model_error_of_difference(sides, runs, library))
 
 
 def _model_error_of_difference(
@@ -243,7 +292,7 @@ def _model_error_of_difference(
         return means[0] - means[1], np.sqrt(variances[0] + variances[1])
 
     (whole, stated), changes, errors = contrast(sides), [], []
-    for limits in RECORD_PARTS.values():
+    for limits in PARTS_OF_RECORD.values():
         parts = [
             [part_fit(method_of(m), [run], library, limits, m) for m, run in zip(side, of_side, strict=True)]
             for side, of_side in zip(sides, runs, strict=True)
@@ -263,6 +312,7 @@ def held_against(
     method: scope.Method,
     *,
     constraints: ConstraintTable = NO_CONSTRAINTS,
+    level: float = HOMOGENEITY_LEVEL,
     tell: Tell = silent,
 ) -> xr.DataTree:
     """Identify each run of two samples by one method, and hold the samples against each other.
@@ -276,6 +326,8 @@ def held_against(
     method : Method
     constraints : mapping
         See `identify`.
+    level : float
+        See `difference`.
     tell : callable
         Called with a few words as the work goes on.
 
@@ -300,7 +352,7 @@ def held_against(
             with suppress(DecayError, UsageError):
                 groups[f"backbone_{label}"] = backbone(some[0])
     one_a_result = (first[:1], second[:1]) if driven else (first, second)
-    groups["/"] = _held_apart([*results.values()], one_a_result, library)
+    groups["/"] = _held_apart([*results.values()], one_a_result, library, level)
     runs = [*first, *second]
     groups |= dict(zip(group_names("record", len(runs)), runs, strict=True))
     return xr.DataTree.from_dict(groups)

@@ -15,6 +15,7 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.motion_fit.bands import parameters_of
 from sysid_trib.records.inputs import INPUT, PER_KIND, KnownInput
 from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results.judged import best
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 
@@ -26,12 +27,12 @@ PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
 # What is said of each frequency, and of each simulation.
-RESPONSE = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
+RESPONSE_CURVES = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
 SIMULATED_CHECKS = ("check_frequency", "check_amplitude", "simulated_amplitude")
 
 
 def forced_response(
-    result: xr.Dataset,
+    result: xr.Dataset | xr.DataTree,
     drive: ArrayLike,
     frequencies: ArrayLike,
     *,
@@ -43,8 +44,8 @@ def forced_response(
 
     Parameters
     ----------
-    result : Dataset
-        An identification, of a decay or of a driven record.
+    result : Dataset or DataTree
+        An identification, of a decay or of a driven record; of a whole result its preferred one.
     drive : float or (frequency,) array of float
         Amplitude of the input, in its unit; of a model without one the deflection that it would have at rest,
         in the unit of the signal.
@@ -88,6 +89,7 @@ def forced_response(
     size = np.broadcast_to(np.asarray(drive, dtype=float), w.shape)
     if not np.all(np.isfinite(size) & (size > 0.0)):
         raise UsageError("A drive must be a positive amplitude: a number, or one for each frequency.")
+    result = best(result)
     forces = schema.library_of(result)
     if is_free_to_move(forces, dict(zip(forces.symbols, result.coefficient.values.tolist(), strict=True))):
         raise UsageError("A body without a restoring force has no resonance; its response is that of a mass.")
@@ -132,7 +134,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]
-    data = dict(zip(RESPONSE, (amplitude, *bands, phase), strict=True))
+    data = dict(zip(RESPONSE_CURVES, (amplitude, *bands, phase), strict=True))
     data |= dict(zip(SIMULATED_CHECKS, checks, strict=True))
     data |= {"frequency_ratio": w / result.asymptotic_frequency.item(), "left_open": left_open}
     coords = {"sweep": list(SWEEPS), **variables.described("response", {"frequency": w})}
@@ -167,7 +169,7 @@ def _picked(values: Array, numbers: Index) -> Array:
 
 
 def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Pointwise bands, (sweep, frequency), widened on either side until they hold whole draws of a sweep."""
+    """Widen pointwise bands, (sweep, frequency), until they contain whole drawn sweeps."""
     middle = np.nanmedian(curves, axis=0)
     width = np.where(curves > middle, high - middle, middle - low)
     apart = (curves - middle) / np.where(width > 0.0, width, np.inf)
@@ -177,7 +179,7 @@ def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
-    """The input that drives; empty where the model has none."""
+    """Return the driving input; empty if the model has none."""
     if not forces.inputs and not driven_by:
         return ""
     if base:
@@ -189,7 +191,7 @@ def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
 
 
 def _forcings(model: Model, name: str, ratio: Array) -> Array:
-    """What an input of amplitude 1 does by each force of coefficient 1, (force, frequency), complex."""
+    """Return the forcing by an input of amplitude 1 in each force, (force, frequency), complex."""
     forcing = np.zeros((len(model.forces), len(ratio)), complex)
     for at, force in enumerate(model.forces):
         for channel in (channel for channel in force.channels if channel.input == name):
@@ -214,7 +216,7 @@ def _refuse_mixed(force: Force, channel: Channel, rise: float) -> None:
 
 
 def _drawn(result: xr.Dataset, model: Model, seed: int) -> list[tuple[float, Array]]:
-    """Frequencies and coefficients as they may be too, drawn with the errors of the result."""
+    """Draw frequencies and coefficients with the errors of the result."""
     names, covariance = parameters_of(result)
     kept = [*(names.index(force.symbol) for force in model.forces), -1]
     values, vectors = np.linalg.eigh(covariance[np.ix_(kept, kept)])

@@ -4,21 +4,27 @@ import itertools
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.force import Force, Shape
+from sysid_trib.forces.force import Force
 from sysid_trib.forces.notation import reference_powers
+from sysid_trib.forces.shape_parameters import (
+    TURN,
+    is_frequency,
+    is_frequency_parameter,
+    is_phase,
+    is_resonance,
+)
 from sysid_trib.simulation.internal_states import is_stepped
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What decides in `discover`; `table` has the meaning and the source of each.
+    """Settings of `discover`; `table` has the meaning and the source of each.
 
     Numbers that are not here are accuracies of arithmetic (steps of differences, ridges) or the layout of
     what is shown (spans, cells of the map): no name depends on them.
@@ -65,12 +71,12 @@ class Settings:
 
     @property
     def outside_of_set(self) -> float:
-        """One of two models is outside of a credible set if its evidence (-2 ln) is worse by this."""
+        """Difference of evidence (-2 ln) at which one of two models is outside of a credible set."""
         return 2.0 * float(np.log(self.credible / (1.0 - self.credible)))
 
     @property
     def far(self) -> float:
-        """Threshold of one of as many models as are fitted."""
+        """Threshold for one of as many models as are fitted."""
         return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
 
     @staticmethod
@@ -81,69 +87,6 @@ class Settings:
 
 
 DEFAULTS = Settings()
-
-# How nearly a natural frequency is the shape that gives it.
-SAME = 0.05
-TURN = 2.0 * np.pi
-
-
-@lru_cache(maxsize=1024)
-def is_frequency(force: Force, name: str) -> bool:
-    """True if a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
-    if not force.memoryless or "t" not in force.formula.names:
-        return False
-    shape, t = force.shape[name], np.linspace(0.0, 3.0, 41)
-    if shape.low <= 0.0:
-        return False
-    x = np.full_like(t, 0.3)
-    for value in (shape.default, 1.7 * shape.default):
-        shapes = {f"{force.symbol}.{name}": value}
-        here = force.value(x, 0.7 * x, t, shapes=shapes)
-        later = force.value(x, 0.7 * x, t + 2.0 * np.pi / value, shapes=shapes)
-        if not np.allclose(here, later, rtol=1e-6, atol=1e-9) or np.ptp(here) == 0.0:
-            return False
-    return True
-
-
-@lru_cache(maxsize=1024)
-def is_resonance(force: Force, name: str) -> bool:
-    """True if a shape parameter is the natural frequency of a force's states (by their equations)."""
-    states = tuple(force.state)
-    for factor in (1.0, 1.7):
-        value = factor * force.shape[name].default
-        shapes = force.shape_values({f"{force.symbol}.{name}": value})
-        rest = {"x": 0.0, "v": 0.0, "t": 0.0, **dict.fromkeys((*states, *force.memory), 0.0), **shapes}
-        with np.errstate(all="ignore"):
-            jacobian = [[float(f.derivative(rest, z)) for z in states] for f in force.state.values()]
-        if not np.all(np.isfinite(jacobian)):
-            return False
-        natural = np.abs(np.imag(np.linalg.eigvals(np.reshape(jacobian, (len(states),) * 2))))
-        if not np.any(np.abs(natural - value) < SAME * value):
-            return False
-    return True
-
-
-def is_frequency_parameter(force: Force, name: str) -> bool:
-    """True if a shape parameter is a frequency of either kind, which is found among those of the record."""
-    return is_frequency(force, name) or is_resonance(force, name)
-
-
-def has_frequency_parameter(force: Force) -> bool:
-    """True if a force has such a frequency."""
-    return any(is_frequency_parameter(force, name) for name in force.shape)
-
-
-@lru_cache(maxsize=1024)
-def is_phase(force: Force, name: str) -> bool:
-    """True if a turn more of a shape parameter is the same, and its range is a turn at least."""
-    shape, points = force.shape[name], force.test_points
-    if not force.memoryless or shape.high - shape.low < TURN:
-        return False
-    turned = [
-        force.formula.evaluate(points | {name: shape.default + part * TURN}) for part in (0.0, 0.3, 1.0)
-    ]
-    return bool(np.allclose(turned[0], turned[2]) and not np.allclose(turned[0], turned[1]))
-
 
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
@@ -169,10 +112,8 @@ class TrialEffect:
         return self.shapes[f"{self.force.symbol}.{name}"]
 
     def part(self, name: str) -> float:
-        """Part of its range at which a shape parameter is."""
-        shape = self.force.shape[name]
-        low, high = _evened(shape, shape.low), _evened(shape, shape.high)
-        return (_evened(shape, self.value(name)) - low) / (high - low)
+        """Return the position of a shape parameter within its range."""
+        return self.force.shape[name].position(self.value(name))
 
     def end(self, name: str) -> int:
         """-1 or 1 of a shape parameter at the low or the high end of its range, else 0."""
@@ -180,14 +121,14 @@ class TrialEffect:
         return -1 if part <= END else 1 if part >= 1.0 - END else 0
 
     def stepped(self, name: str, step: float) -> "TrialEffect":
-        """A shape parameter a step further, in parts of its range: within it, a phase by less than a turn."""
+        """Return a shape parameter after a step, in parts of its range; a phase wraps."""
         shape, part = self.force.shape[name], self.part(name) + step
         if is_phase(self.force, name):
             middle = 0.5 * (shape.low + shape.high)
-            angle = float(from_unit(shape, np.asarray(part))) - middle
+            angle = float(shape.at(part)) - middle
             value = middle + float(np.remainder(angle + 0.5 * TURN, TURN)) - 0.5 * TURN
         else:
-            value = float(from_unit(shape, np.clip(part, 0.0, 1.0)))
+            value = float(shape.at(np.clip(part, 0.0, 1.0)))
         return replace(self, shapes={**self.shapes, f"{self.force.symbol}.{name}": value})
 
     def referred(self, factor: float) -> "TrialEffect":
@@ -261,7 +202,7 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         nearby = [1.0 + side * off for off in OFF_RESONANCE for side in (-1.0, 1.0)]
         return np.sort([*inside, *broad, *(k for k in nearby if shape.low <= k <= shape.high)])
     if is_phase(force, name):
-        # Neither end: from there the way is as long as it can be.
+        # Do not start at an end, from which the way can be longest.
         return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + 0.5 * (
             shape.low + shape.high
         )
@@ -271,26 +212,4 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
     count = settings.shape_values if fast and len(force.shape) > 1 else (settings.shape_values + 1) // 2
     if any(is_resonance(force, other) for other in force.shape):
         count = (count + 3) // 4
-    return from_unit(shape, np.linspace(0.0, 1.0, count))
-
-
-def is_wide(shape: Shape) -> bool:
-    """True if a shape parameter spans more than a decade, so that its logarithm is what is even."""
-    return shape.low > 0.0 and shape.high > 10.0 * shape.low
-
-
-def _evened(shape: Shape, value: float) -> float:
-    """What of a shape parameter is even over its range."""
-    return float(np.log(value)) if is_wide(shape) else value
-
-
-def from_unit(shape: Shape, part: Array) -> Array:
-    """Values of a shape parameter from parts of its range, in which it is even."""
-    low, high = _evened(shape, shape.low), _evened(shape, shape.high)
-    values = low + part * (high - low)
-    return np.asarray(np.clip(np.exp(values), shape.low, shape.high) if is_wide(shape) else values)
-
-
-def slope_of_unit(shape: Shape, value: float) -> float:
-    """Change of a shape parameter by a part of its range."""
-    return value * float(np.log(shape.high / shape.low)) if is_wide(shape) else shape.high - shape.low
+    return shape.at(np.linspace(0.0, 1.0, count))

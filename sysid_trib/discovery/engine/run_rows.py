@@ -11,15 +11,15 @@ import xarray as xr
 from scipy.sparse.linalg import spsolve
 
 from sysid_trib.arrays import Array
-from sysid_trib.likelihood.likelihood import Likelihood
-from sysid_trib.likelihood.paths import RecordPath
-from sysid_trib.likelihood.run_products import RunProducts, products_of, tried_ratios, unresolved
+from sysid_trib.discovery.engine.likelihood import Likelihood
+from sysid_trib.discovery.engine.paths import RecordPath
+from sysid_trib.discovery.engine.run_products import RunProducts, products_of, tried_ratios, unresolved
+from sysid_trib.discovery.engine.trials import DEFAULTS, TrialEffect
 from sysid_trib.likelihood.sensor_noise import covariance_band
-from sysid_trib.likelihood.trials import DEFAULTS, TrialEffect
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, log_determinant, whiten
 from sysid_trib.records import equilibrium, sensor, signal, smoothing
 
-# Of a sensor of coarse steps at least so many samples a period are kept.
+# Samples per period that are kept at least for a sensor with coarse steps.
 FEWEST_PER_PERIOD = 10
 # Least rise of what a sensor shows with the angle.
 LEAST_SENSOR_GAIN = 0.05
@@ -33,7 +33,7 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
     and no sample enters two of them: noise stays white, and its level falls. The rounding of a sensor of
     coarse steps is white where the motion passes a step from one sample to the next: single samples that
-    far apart. attrs: `decimated`.
+    far apart. attrs: `decimated`, in words, and `decimation`, how many times fewer samples.
     """
     time, angle, halves = equilibrium.with_half_periods(decay)
     period = 2.0 * np.median(halves.duration) / np.median(np.diff(time))
@@ -46,15 +46,16 @@ def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) 
     if smoothed:
         angle = scipy.signal.savgol_filter(angle, width, 2)
     kept = slice(factor // 2, None, factor)
-    # What holds for the whole decay, such as its equilibrium, stays.
+    # Keep properties of the whole decay, such as its equilibrium.
     fewer = decay.drop_dims("time").assign_coords(time=("time", time[kept], decay.time.attrs))
     fewer = fewer.assign(angle=("time", angle[kept], decay.angle.attrs))
     how = "parabolas" if smoothed else "single samples"
-    return fewer.assign_attrs(decimated=f"{len(time)} samples to {fewer.sizes['time']}, by {how}")
+    said = f"{len(time)} samples to {fewer.sizes['time']}, by {how}"
+    return fewer.assign_attrs(decimated=said, decimation=len(time) / fewer.sizes["time"])
 
 
 def _apart_for_rounding(angle: Array, step: float) -> int:
-    """How many samples apart most values differ by a coarse step of the sensor; 0 of a fine one."""
+    """Return the distance (samples) over which most values differ by a coarse sensor step; 0 if fine."""
     if not step:
         return 0
     apart = 1
@@ -65,7 +66,7 @@ def _apart_for_rounding(angle: Array, step: float) -> int:
 
 @dataclass(frozen=True)
 class RunRows:
-    """What a run's rows are made of, about its path.
+    """Rows of a run about its path, with their noise.
 
     Attributes
     ----------
@@ -98,7 +99,7 @@ class RunRows:
 
     @cached_property
     def target(self) -> Array:
-        """What the columns are to explain, (row,)."""
+        """Target of the regression, (row,)."""
         return -(self.operator @ (self.path.angle - self.path.at_samples[0])) - self.path.known_part
 
     def columns(self, trials: Sequence[TrialEffect]) -> Array:
@@ -106,9 +107,9 @@ class RunRows:
         return self.path.columns(trials, self.operator)
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
-        """Columns of trials from a fifth of the points, as far as they serve to compare."""
+        """Return columns of trials from a fifth of the points, for comparisons."""
         settings = self.path.settings
-        # Not kept: of a long record it is tens of MB for the rows of each model.
+        # Do not cache this: for a long record it takes tens of MB per model.
         fewer = replace(settings, points_per_period=settings.points_per_period // 5)
         return replace(self.path, settings=fewer).columns(trials, self.operator)
 
@@ -146,7 +147,7 @@ class RunRows:
         return whiten(self.factor(float(likelihood.ratios[run])), table) / np.sqrt(likelihood.variances[run])
 
     def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
-        """By how much the deviance with a random force is too low, where rows do not resolve a stiffness.
+        """Return the deficit of the deviance with a random force, where rows do not resolve a stiffness.
 
         By all that the determinant of the noise alone is too large where the random force shows in far more,
         by nothing without one.
@@ -174,9 +175,9 @@ class RunRows:
 
         Notes
         -----
-        Of all splines about the path the one with the least squares of the sensor's innovations and of the
-        random force together; without a random force its rows vanish, and it is a free motion of the model.
-        The multipliers of the rows in this saddle point are the random force over its covariance.
+        This is the spline about the path that minimises the squares of sensor innovations and random force
+        together. Without a random force its rows vanish, and it is a free motion of the model. The
+        multipliers of the rows in this saddle point are the random force over its covariance.
         """
         unexplained = self.path.angle - errors - self.path.at_samples[0]
         at_rest = residual + self.operator @ unexplained
@@ -186,7 +187,7 @@ class RunRows:
     def possible_deviation(
         self, deviation: float, slopes: tuple[Array, Array], ratio: float, random: np.random.Generator
     ) -> Array:
-        """By what the motion may differ from the most likely one, drawn by its probability, (sample,), rad.
+        """Draw a possible deviation of the motion from the most likely one, (sample,), rad.
 
         Parameters
         ----------

@@ -77,7 +77,7 @@ class RunProducts:
         return np.asarray(weights @ self.products[at[:, None], columns, columns])
 
     def is_close(self, ratio: float) -> bool:
-        """True if a ratio is tried, or between others that are close to each other."""
+        """Return true if a ratio is on the grid, or between grid values that are close."""
         logs = np.log(self.ratios[1:])
         above = int(np.clip(np.searchsorted(logs, np.log(ratio)), 1, len(logs) - 1)) if ratio else 0
         return bool(not ratio or logs[above] - logs[above - 1] < CLOSE)
@@ -88,7 +88,7 @@ class RunProducts:
         return replace(self, products=self.products * np.outer(with_target, with_target))
 
     def _weighed(self, ratio: float) -> tuple[Index, Array]:
-        """Numbers of ratios, and weights by which what is known at these is summed up to that at any one."""
+        """Return the numbers of ratios, and the weights that interpolate their products to any ratio."""
         tried = np.flatnonzero(self.ratios == ratio)[:1]
         if len(tried):
             return tried, np.ones(1)
@@ -109,7 +109,7 @@ def spline_over_ratios(ratios: Array, values: Array) -> PPoly:
 
 @lru_cache(maxsize=16)
 def _cardinal_splines(ratios: bytes) -> CubicSpline:
-    """Splines that are 1 at one of the ratios and 0 at others: the same grid serves all models of a run."""
+    """Return the splines that are 1 at one ratio and 0 at the others, the same for all models of a run."""
     logs = np.log(np.frombuffer(ratios)[1:])
     return CubicSpline(logs, np.eye(len(logs)))
 
@@ -140,7 +140,7 @@ def tried_ratios(tau: Array, step: float, near: float | None) -> Array:
     span = np.log(ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau)))))
     logs = np.arange(span[0], span[1], step)
     if near:
-        # None beyond the ends of all, with which columns are screened; the ends where they are near.
+        # Stay within the ends that screening uses; include an end if it is near.
         middle = np.clip(0.5 * CLOSE * np.round(np.log(near) / (0.5 * CLOSE)), logs[0], logs[-1])
         tried = np.unique(np.clip(middle + ABOUT_LIKELY, logs[0], logs[-1]))
         inside = np.minimum(tried - tried[0], tried[-1] - tried)[1:-1] > LEAST_APART
@@ -151,7 +151,7 @@ def tried_ratios(tau: Array, step: float, near: float | None) -> Array:
 
 
 def has_products(columns: Array) -> Mask:
-    """True if the squares of columns, of which products are made, are far from overflowing, (column,)."""
+    """Return true if the squares of columns do not overflow, (column,)."""
     with np.errstate(over="ignore", invalid="ignore"):
         return np.asarray(np.sum(columns**2, axis=0) < MOST_SQUARES)
 
@@ -159,7 +159,7 @@ def has_products(columns: Array) -> Mask:
 def unresolved(
     form: WeakForm, tau: Array, stiffness: Array, damping: Array, operator: sp.csr_matrix
 ) -> float:
-    """By how much the logarithm of the determinant of the rows' white noise is too large.
+    """Return the excess of the log determinant of the white noise of the rows.
 
     Parameters
     ----------
@@ -212,6 +212,6 @@ def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Arra
     try:
         motions = scipy.linalg.solve_banded((2, 0), band, start, check_finite=False)
     except np.linalg.LinAlgError:
-        # What drives so strongly that steps do not follow it has no free motions to speak of.
+        # A force too strong for the steps leaves no free motions.
         return float("nan")
     return float(np.linalg.slogdet(motions.T @ motions)[1])

@@ -49,9 +49,9 @@ class GivenMotion:
         self.tau, self.time = tau, time
         self.x, self.v = CubicHermiteSpline(tau, x, v), CubicSpline(tau, v)
         zeros = np.sort(_zeros(self.v))
-        # Not the release itself: there the start values hold. One at a sample is found in both steps.
+        # Exclude the release, where the start values apply. A reversal at a sample is found in both steps.
         self.reversals = zeros[np.diff(zeros, prepend=tau[0]) > 1e-9]
-        # What a force with values of its shape parameters was along this motion.
+        # Cache of forces along this motion, by the values of their shape parameters.
         self.followed: dict[tuple[Force, tuple[float, ...]], Array] = {}
 
     @cached_property
@@ -131,7 +131,7 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
 
 
 def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]) -> tuple[Array, Array]:
-    """By how much a history-dependent force changes with the angle and its rate, (sample,) each.
+    """Return the derivatives of a history-dependent force by the angle and its rate, (sample,) each.
 
     Parameters
     ----------
@@ -143,13 +143,13 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
 
     Notes
     -----
-    Of a motion that is a little larger, or a little ahead of itself, each all along: the two changes of a
-    swing that are not forgotten. A state is not what it was at another angle, and so not a spring there.
-    What is linear may ring by itself, which is no answer to the motion: then of a period, in the mean.
+    They are taken from motions that are a little larger, or a little ahead, throughout: the two lasting
+    changes of a swing. A state depends on the history of the motion, and is no spring. A linear force may
+    oscillate by itself; then means over a period are taken.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
     linear, values = is_linear(force), values_along(motion, force, [shapes])
-    # What is linear grows with the motion, and need not be followed along a larger one.
+    # A linear force is proportional to the motion, and needs no second motion.
     of_larger = values if linear else values_along(motion.larger, force, [shapes])
     if values is None or of_larger is None:
         return still, still
@@ -203,7 +203,7 @@ def _stepped_value(
 
 
 def _single(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
-    """The only state, (1, sample): in one go, or by Newton's iteration on its whole course."""
+    """Compute a single state, (1, sample): directly, or by Newton's iteration on its whole course."""
     ((name, rate),) = force.state.items()
 
     def change_and_pull(stages: Any) -> tuple[Array, Array]:
@@ -241,7 +241,7 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     triangle, vectors = schur(jacobian, output="complex")
     inverse = vectors.conj().T
     forcing = np.stack([np.broadcast_to(f.evaluate(rest), (2, count)) for f in rates.values()])
-    # Of so few states sums are faster than products of matrices.
+    # For so few states sums are faster than matrix products.
     forcing = np.stack([sum(c * part for c, part in zip(row, forcing, strict=True)) for row in inverse])
     first = inverse @ [start[k] for k in rates]
     states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(forcing)
@@ -256,7 +256,7 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
 
 
 def _stretch(pull: Array) -> Array:
-    """What a step is to be multiplied by, so that y' = pull y is multiplied by exp(pull) exactly.
+    """Return the factor of a step with which y' = pull y is multiplied by exp(pull) exactly.
 
     Such nonstandard steps (Mickens 1994) keep the frequency and the damping of every resonance; Radau's own
     damp it by abs(pull)**4 / 72 at each step. Where a step is too long to resolve the decay they are better.

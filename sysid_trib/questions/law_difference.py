@@ -1,4 +1,4 @@
-"""The laws of two samples held against each other: where they differ, and how surely."""
+"""Comparison of the laws of two samples: where they differ, and how significantly."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -14,12 +14,12 @@ from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import System
 from sysid_trib.likelihood.random_force import RandomForceOption
+from sysid_trib.questions.difference import SIDES
+from sysid_trib.results.judged import best
 from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws import bands
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
 from sysid_trib.smooth_laws.laws import laws
-from sysid_trib.validation.findings import best
-from sysid_trib.validation.samples import SIDES
 
 # Group of a result that holds what `law_difference` returns.
 LAW_DIFFERENCE = "law_difference"
@@ -64,7 +64,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
     """
     samples = [best(sample) for sample in (first, second)]
     if any("friction_covariance" not in sample for sample in samples):
-        raise UsageError("law_difference wants two results of laws; identify the laws first (st.laws).")
+        raise UsageError("law_difference needs two results of laws; identify the laws first (st.laws).")
     if len({signal_units(sample) for sample in samples}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     values: dict[str, Any] = {}
@@ -84,7 +84,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
 
 
 def _in_units(data: xr.Dataset, unit: str) -> xr.Dataset:
-    """Say the unit of the records in the place of rad."""
+    """Replace rad by the unit of the records."""
     for variable in data.variables.values():
         if "units" in variable.attrs:
             variable.attrs["units"] = str(variable.attrs["units"]).replace("rad", unit)

@@ -21,13 +21,14 @@ import scipy.sparse as sp
 from scipy.interpolate import BSpline, PPoly
 
 from sysid_trib.arrays import Array, Index, Mask
+from sysid_trib.discovery.engine import stepped_states
+from sysid_trib.discovery.engine.trials import Settings, TrialEffect
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Force, channels_of
 from sysid_trib.likelihood import force_columns, sensor_noise, weak_form
-from sysid_trib.likelihood.trials import Settings, TrialEffect
 from sysid_trib.records.inputs import INPUT, KnownInput, values_of_inputs
 from sysid_trib.records.smoothing import SplinesAt, least_squares_spline
-from sysid_trib.simulation import internal_states, stepped_states
+from sysid_trib.simulation import internal_states
 
 # Trials with their coefficients.
 Terms: TypeAlias = Sequence[tuple[TrialEffect, float]]
@@ -102,7 +103,7 @@ class RecordPath:
         return tau / self.frequency + float(self.time[0]) - self.origin
 
     def given_at(self, trials: Iterable[TrialEffect], tau: Array) -> dict[str, Array]:
-        """What the formulas of trials hold of inputs, (point,) each."""
+        """Return the inputs in the formulas of trials, (point,) each."""
         channels = channels_of(trial.force for trial in trials)
         return values_of_inputs(self.inputs, channels, tau / self.frequency, self.frequency)
 
@@ -121,7 +122,7 @@ class RecordPath:
 
     @property
     def integrals(self) -> sp.csr_matrix:
-        """What integrates values at the points where forces are evaluated, (row, point)."""
+        """Matrix that integrates values at the points where forces are evaluated, (row, point)."""
         return self._between[1]
 
     @cached_property
@@ -133,7 +134,7 @@ class RecordPath:
 
     @cached_property
     def motion(self) -> stepped_states.GivenMotion:
-        """The path as history-dependent forces follow it, with what came before."""
+        """Path for history-dependent forces, with the record before it."""
         if self.before is None:
             return stepped_states.GivenMotion(*self.points)
         early, *others = self.before.points
@@ -148,7 +149,7 @@ class RecordPath:
 
     @cached_property
     def known_part(self) -> Array:
-        """Integrals of x'', of x and of what is always there, (row,)."""
+        """Integrals of x'', of x and of the held forces, (row,)."""
         splines, integrals = self._between
         half = 0.5 * (splines.points[1] - splines.points[0])
         # The mean of the acceleration in the cell about each point.
@@ -178,7 +179,7 @@ class RecordPath:
     def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
         """The operator of small deviations of a motion, (row, sample).
 
-        Of means about the samples of stiffness and damping at the points: they may jump between samples.
+        It uses means of stiffness and damping about each sample, because they may jump between samples.
         """
         points = len(tangent[0])
         parts = (points - 1) // (len(self.time) - 1)
@@ -208,7 +209,7 @@ class RecordPath:
         return errors
 
     def sensor_slopes(self, terms: Terms) -> tuple[Array, Array]:
-        """By which errors of the sensor grow with the angle and with its rate, (sample,) each."""
+        """Return the derivatives of sensor errors by the angle and by its rate, (sample,) each."""
         forces = ((trial.force, c, trial.shapes) for trial, c in terms)
         return force_columns.derivatives_along(forces, (self.elapsed, *self.at_samples), kind="sensor")
 
@@ -247,7 +248,7 @@ class RecordPath:
         return {}
 
     def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, Array, tuple[Array, Array, Array]]:
-        """Cells in which a force switches, tau, and x, v and time in their parts; of the same cells once."""
+        """Return the cells in which a force switches, with tau, x, v and time of their parts."""
         tau, x, v, time = self.points
         shapes = trial.force.shape_values(trial.shapes)
         names = {"x": x, "v": v, "t": time} | self.given_at([trial], tau) | shapes
@@ -273,7 +274,7 @@ class RecordPath:
         return columns
 
     def follow(self, motion: Array, terms: Terms) -> "RecordPath":
-        """The path through a motion at the samples, (sample,), with what forces along this path give it."""
+        """Return the path through a motion at the samples, (sample,), with the fine motion due to forces."""
         tau, acceleration = self.points[0], self._forcing - self._force(terms) - self._force(self.held)
         cells = np.concatenate([tau[:1], 0.5 * (tau[1:] + tau[:-1]), tau[-1:]])
         fine = PPoly(acceleration[None], cells).antiderivative(2)

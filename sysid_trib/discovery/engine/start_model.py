@@ -1,4 +1,4 @@
-"""The start of a search: the model that is given, fitted with both noises, at its own frequency."""
+"""Start of a search: the given model, fitted with both noises at its own frequency."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
@@ -8,12 +8,13 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.discovery.engine import likelihood, model_fit
+from sysid_trib.discovery.engine.fitted_model import FittedModel
+from sysid_trib.discovery.engine.paths import RecordPath, Terms
+from sysid_trib.discovery.engine.trials import DEFAULTS, Settings, TrialEffect, reference_power
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Channel, Force
-from sysid_trib.likelihood import colour, likelihood, model_fit, sensor_noise, weak_form
-from sysid_trib.likelihood.fitted_model import FittedModel
-from sysid_trib.likelihood.paths import RecordPath, Terms
-from sysid_trib.likelihood.trials import DEFAULTS, Settings, TrialEffect, reference_power
+from sysid_trib.likelihood import colour, sensor_noise, weak_form
 from sysid_trib.records import signal, smoothing
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
 
@@ -184,7 +185,7 @@ def _flicker_filter(path: RecordPath) -> Array:
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
-    """By how much the deviance would fall by the partial autocorrelation that shows most with a colour.
+    """Return the largest fall of the deviance by a small partial autocorrelation, to second order.
 
     By its slope and its bend there (Rao's score test).
     `deviance` : of a whitening filter, (tap,).
@@ -201,12 +202,12 @@ def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) ->
 
 
 def colour_penalty(model: FittedModel) -> float:
-    """What the colours of a model's noise cost besides its deviance (Bayesian information criterion)."""
+    """Return the penalty of the colours of a model's noise (Bayesian information criterion)."""
     return float(sum(_parameters_of(rows.path.sensor) * np.log(len(rows.path.time)) for rows in model.rows))
 
 
 def _parameters_of(sensor: sensor_noise.NoiseModel) -> int:
-    """Number of parameters of a colour: a filter longer than any autoregression's is 1/f noise, with one."""
+    """Return the number of parameters of a colour: 1 for 1/f noise, which has a long filter."""
     order = len(sensor.filter_) - 1
     return order if order <= colour.MAX_COLOUR else 1
 
@@ -233,7 +234,7 @@ def path_like(
 def _path_of(
     run: xr.Dataset, frequency: float, sensor: sensor_noise.NoiseModel, origin: float, settings: Settings
 ) -> RecordPath:
-    """A run with its least-squares spline as the path, what drives it, and the rows in which it sticks.
+    """Return a run with its least-squares spline as the path, its inputs, and the rows in which it sticks.
 
     To what moves, or is at rest.
     """

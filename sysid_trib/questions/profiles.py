@@ -1,20 +1,20 @@
 """Profile likelihood of a parameter: how much worse the motion fits where it is held off its estimate."""
 
-import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, Tell, UsageError, silent
-from sysid_trib.likelihood.random_force import random_force_of
 from sysid_trib.methods import Trajectory, method_of
 from sysid_trib.motion_fit.least_squares import Fit
-from sysid_trib.records.decay import Decays, as_runs
+from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results.random_force import random_force_of
 
 # Confidence of the intervals, and the root of the deviance at their ends.
 CONFIDENCE = 0.95
@@ -106,12 +106,12 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
 
 
 def _at_limit(value: Array, limit: Array, error: Array) -> Array:
-    """Values, those that are a limit but for rounding as the limit itself."""
+    """Return values, with those that equal a limit up to rounding set to the limit."""
     return np.where(np.abs(value - limit) < ROUNDING_OF_A_LIMIT * error, limit, value)
 
 
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
-    """Where the deviance refuses a parameter on one side; infinite, or its limit, where it does not.
+    """Return where the deviance rejects a parameter on one side; its limit, or infinity, if nowhere.
 
     Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
     """
@@ -156,75 +156,6 @@ def _roots(likelihood: Fit, fits: dict[float, Fit]) -> tuple[Array, Array]:
     return places, np.copysign(np.sqrt(np.maximum(0.0, deviance)), places)
 
 
-# Probabilities of contours, whose deviance is that of chi-square with two degrees; the step between points at
-# which both parameters are held, in errors, and how many there are each way at most.
-CONTOURS, GRID_STEP, FARTHEST_POINT = (0.68, 0.95), 0.5, 24
-
-
-@signal_scale.in_units_of_the_motion
-def contour(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Tell = silent) -> xr.Dataset:
-    """Deviance of the motion where two parameters are held, for contours of their profile likelihood.
-
-    Parameters
-    ----------
-    decay, result
-        See `profile`.
-    names : sequence of str
-        Two coefficients or shape parameters.
-    tell
-        See `profile`.
-
-    Returns
-    -------
-    Dataset
-        Over `row` and `column`, steps along the axes of their joint error: the `value(parameter)` of both and
-        the `deviance` of the best fit there, nan beyond the last contour. `estimate` and `standard_error` of
-        each parameter, their `correlation`; attrs `levels` and the `thresholds` of the deviance.
-
-    Raises
-    ------
-    UsageError, DecayError
-        See `profile`; or names are not two.
-    """
-    if len(set(names)) != 2:
-        raise UsageError(f"Contours are of two parameters, not of {', '.join(names)}; give lambda:delta.")
-    likelihood, thresholds = free_likelihood(decay, result, names), scipy.stats.chi2.ppf(CONTOURS, 2)
-    error = np.array([_error(likelihood, name) for name in names])
-    parameters = likelihood.parameters
-    places = [parameters.index(name) for name in names]
-    estimate, (low, high) = likelihood.values[places], (limit[places] for limit in parameters.limits)
-    correlation = likelihood.covariance[np.ix_(places, places)] / np.outer(error, error)
-    axes = GRID_STEP * error[:, None] * np.linalg.cholesky(correlation)
-    # Errors may hold more than the noise, whose contours are drawn: a step is that of their curvature.
-    for axis in axes.T:
-        held = dict(zip(names, (estimate + axis).tolist(), strict=True))
-        near = likelihood.holding(held, likelihood.values)
-        axis *= np.clip(GRID_STEP / np.sqrt(max(likelihood.deviance_of(near), 1e-9)), 0.02, 1.0)
-    fits, inside = {(0, 0): likelihood}, [(0, 0)]
-    # Outwards from the best fit, each from its neighbour, as far as the last contour reaches.
-    for row, column in inside:
-        tell(f"contour of {' and '.join(names)}", 1.0 - 1.0 / (1.0 + 0.01 * len(fits)))
-        for there in itertools.product((row - 1, row, row + 1), (column - 1, column, column + 1)):
-            value = estimate + axes @ there
-            refused = max(map(abs, there)) > FARTHEST_POINT or np.any((value < low) | (value > high))
-            if there in fits or refused:
-                continue
-            held = dict(zip(names, value.tolist(), strict=True))
-            fits[there] = likelihood.holding(held, fits[row, column].values)
-            if likelihood.deviance_of(fits[there]) < thresholds[-1]:
-                inside.append(there)
-    reach = int(np.max(np.abs(list(fits))))
-    deviance = np.full((2 * reach + 1, 2 * reach + 1), np.nan)
-    for (row, column), fit in fits.items():
-        deviance[row + reach, column + reach] = max(0.0, likelihood.deviance_of(fit))
-    steps = np.arange(-reach, reach + 1)
-    value = estimate[:, None, None] + np.einsum("pa,arc->prc", axes, np.meshgrid(steps, steps, indexing="ij"))
-    values = {"estimate": estimate, "standard_error": error, "value": value, "deviance": deviance}
-    attrs = {"levels": list(CONTOURS), "thresholds": thresholds.tolist()}
-    data = variables.described("contour", values | {"correlation": correlation[0, 1]})
-    return xr.Dataset(data, {"parameter": list(names)}, attrs)
-
-
 def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()) -> Fit:
     """The likelihood of the motion of an identification's forces; named shapes are fitted too.
 
@@ -260,3 +191,74 @@ def _error(likelihood: Fit, name: str) -> float:
     if at not in parameters.free or not (np.isfinite(error) and error > 0.0):
         raise UsageError(f"{name} is held or tied: there is no profile of it.")
     return error
+
+
+@dataclass(frozen=True)
+class LogLikelihood:
+    """Logarithm of the likelihood of a motion over that of its best fit, a function as samplers take it.
+
+    Attributes
+    ----------
+    names : tuple of str
+        The free parameters: coefficients, shapes, the frequency, and the start and zero of each run.
+    estimate : (parameter,) array of float
+        Their most likely values.
+    covariance : (parameter, parameter) array of float
+        By the curvature of the likelihood there.
+    low, high : (parameter,) array of float
+        Limits of the parameters.
+    """
+
+    names: tuple[str, ...]
+    estimate: Array
+    covariance: Array
+    low: Array
+    high: Array
+    fit: Fit
+
+    def __call__(self, values: ArrayLike) -> float:
+        """Return the logarithm for the free parameters, (parameter,); minus infinity beyond their limits."""
+        free = np.asarray(values, dtype=float)
+        if free.shape != self.estimate.shape:
+            raise UsageError(f"{len(self.names)} parameters are wanted, in the order of names: {self.names}.")
+        if np.any((free < self.low) | (free > self.high)):
+            return -np.inf
+        return -0.5 * self.fit.deviance(self.fit.parameters.expand(free))
+
+
+def log_likelihood(decay: Decays, result: xr.Dataset) -> LogLikelihood:
+    """Return the likelihood of the motion of an identification, for a sampler such as emcee.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        The record, or the runs.
+    result : Dataset
+        An identification of it, whose forces, constraints and fitted shapes are those of the likelihood.
+
+    Returns
+    -------
+    LogLikelihood
+        Parameters are in the units of the record (rad, or that of a displacement) and rad/s.
+
+    Raises
+    ------
+    DecayError
+        A random force pushes the motion, or no motion follows the record.
+
+    Notes
+    -----
+    White noise of the variance that the best fit leaves in each run. Priors are flat within the limits of the
+    library and of bounds.
+    """
+    fit = free_likelihood(decay, result)
+    free = fit.parameters.free
+    low, high = fit.parameters.limits
+    return LogLikelihood(
+        names=tuple(fit.parameters.names[at] for at in free),
+        estimate=fit.values[free],
+        covariance=fit.covariance[np.ix_(free, free)],
+        low=low[free],
+        high=high[free],
+        fit=fit,
+    )

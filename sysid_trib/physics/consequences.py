@@ -1,0 +1,86 @@
+"""Consequences of a model: weights of its forces, energy, crossovers, arrest, kept with the result."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import LibraryError
+from sysid_trib.physics.contact import slip_fingerprint, speaks_of_slip
+from sysid_trib.physics.force_weights import crossovers, dissipated_energy, weights
+from sysid_trib.physics.model_estimate import amplitude_row, arrest_time
+from sysid_trib.results import judged
+from sysid_trib.results.kinds import CONSEQUENCES, kind_of, si_of
+
+
+def with_consequences(tree: xr.DataTree) -> xr.DataTree:
+    """Return a result with the group `consequences` of its preferred model, where that follows the record.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Of `identify`. Any other result, and one that has the group, is returned as it is.
+
+    Returns
+    -------
+    DataTree
+        Its group `consequences` has the groups `weights`, `energy` (over `end`, the largest and the smallest
+        amplitude of the motion), `crossovers`, `arrest` and `slip_fingerprint`, each where there is one. Its
+        attr `refused` says why there are none, of a force that is not finite on such a cycle.
+    """
+    if CONSEQUENCES in tree.children:
+        return tree
+    if kind_of(tree) == "identify":
+        return _of_an_estimate(tree)
+    result = judged.preferred_result(tree) if kind_of(tree) == "cross_check" else None
+    if result is None or not judged.follows(tree):
+        return tree
+    times = judged.times_of_amplitudes(tree)
+    return tree.assign({CONSEQUENCES: _consequences(result, judged.amplitudes(tree), times, si_of(tree))})
+
+
+def _of_an_estimate(tree: xr.DataTree) -> xr.DataTree:
+    """A single identification: it keeps no record, and its largest known amplitude is that of its start."""
+    result = tree.to_dataset()
+    start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.zeros(0)
+    if not np.any(start > 0.0):
+        return tree
+    return tree.assign({CONSEQUENCES: _consequences(result, start, np.zeros(len(start)), None)})
+
+
+def _consequences(result: xr.Dataset, amplitude: Array, time: Array, si: xr.Dataset | None) -> xr.DataTree:
+    """The groups of `with_consequences`."""
+    ends = _ends(amplitude, time)
+    groups: dict[str, xr.Dataset] = {}
+    refused = ""
+    try:
+        groups["weights"] = _over_ends([weights(result, a, time=t) for a, t in ends])
+        groups["energy"] = _over_ends([dissipated_energy(result, a, time=t, **_inertia(si)) for a, t in ends])
+        # netCDF has no empty axis.
+        if (pairs := crossovers(result)).sizes["pair"]:
+            groups["crossovers"] = pairs
+        groups["arrest"] = arrest_time(result, ends[0][0])
+    except LibraryError as error:
+        refused = str(error)
+    if speaks_of_slip(result):
+        groups["slip_fingerprint"] = slip_fingerprint(result)
+    tree = xr.DataTree.from_dict(dict(groups))
+    tree.attrs["refused"] = refused
+    return tree
+
+
+def _over_ends(parts: Sequence[xr.Dataset]) -> xr.Dataset:
+    return xr.concat(parts, "end", combine_attrs="override")
+
+
+def _ends(amplitude: Array, time: Array) -> list[tuple[float, float]]:
+    """The largest and the smallest amplitude, or the only one, each with its time."""
+    a = amplitude_row(amplitude)
+    return sorted({(float(a[end]), float(time[end])) for end in (a.argmax(), a.argmin())}, reverse=True)
+
+
+def _inertia(si: xr.Dataset | None) -> dict[str, float]:
+    """The inertia of what is given in SI units with its error, as `dissipated_energy` takes it."""
+    names = ("inertia", "inertia_standard_error")
+    return {} if si is None or "inertia" not in si else {name: si[name].item() for name in names}

@@ -1,0 +1,106 @@
+"""Simultaneous bands of the curves of an identified model."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
+from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
+from sysid_trib.errors import DecayError, SysidTribError, UsageError
+from sysid_trib.motion_fit.least_squares import Fit, covariance_root
+from sysid_trib.questions.profiles import free_likelihood
+from sysid_trib.records.runs import Decays
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.results.variables import described
+
+# Draws of a band's factor, and points of the curves that are no motion.
+CURVE_DRAWS, CURVE_GRID = 4000, 60
+MODEL_CURVES = ("angle", "envelope", "frequency", "damping_ratio")
+
+
+@in_units_of_the_motion
+def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 0) -> xr.Dataset:
+    """Curves of an identified model with bands that hold each as a whole in 95 % of records.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        The record, or the runs.
+    result : Dataset
+        An identification of it, whose forces, constraints and shapes are those of the fit.
+    run : int
+        Which run's motion and envelope.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    Dataset
+        `angle(time)` as the sensor shows it, `envelope(envelope_time)`, and over `amplitude` the `frequency`
+        (rad/s) and the `damping_ratio`, each with its `..._standard_error` and the ends of its band,
+        `..._low` and `..._high`; attrs `factor_...`: half width over the standard error.
+
+    Raises
+    ------
+    UsageError
+        There is no such run.
+    DecayError
+        A random force pushes the motion, no motion follows the record, or a model within the errors has none.
+
+    Notes
+    -----
+    The fit of the motion, its parameters drawn with their covariance, also the start and the sensor's zero;
+    curves follow them by differences of a standard error each way. A band is the curve ± a multiple of its
+    pointwise standard error, which 95 % of the drawn curves do not exceed anywhere (sup-t; Montiel Olea and
+    Plagborg-Møller 2019). Curves but the motion are averages over a cycle. The bands know the error of the
+    noise, not that of the model: of a model that lacks something they hold its own curves, not the system's.
+    """
+    likelihood = free_likelihood(decay, result)
+    records = likelihood.problem.records
+    if run not in range(len(records)):
+        raise UsageError(f"There is no run {run}; the runs of these records are 0 to {len(records) - 1}.")
+    time = records[run].time
+    coarse = np.linspace(time[0], time[-1], CURVE_GRID)
+    values = likelihood.values
+    # One standard error each way along the axes of the covariance: a kink counts as in the mean.
+    root = covariance_root(likelihood.covariance)
+    steps = root.T[np.any(root != 0.0, axis=0)]
+    try:
+        best = _curves(likelihood, values, run, coarse, None)
+        up, down = (
+            [_curves(likelihood, values + sign * step, run, coarse, best[-1]) for step in steps]
+            for sign in (1.0, -1.0)
+        )
+    except SysidTribError as why:
+        raise DecayError(f"Within its errors this model need not have a motion: {why}") from None
+    coords = {"time": time, "envelope_time": coarse, **described("curve_bands", {"amplitude": best[-1]})}
+    made: dict[str, Any] = {}
+    attrs = {"confidence": BAND_PROBABILITY}
+    normal = np.random.default_rng(seed).standard_normal((CURVE_DRAWS, len(steps)))
+    for at, name in enumerate(MODEL_CURVES):
+        root = 0.5 * np.array([more[at] - less[at] for more, less in zip(up, down, strict=True)])
+        error = np.linalg.norm(root, axis=0)
+        unit = root / np.where(error > 0.0, error, np.inf)
+        # Draw by draw: a table of all draws of a long record would not fit.
+        factor = simultaneous_factor(np.array([[np.max(np.abs(draw @ unit))] for draw in normal]))
+        made[name] = best[at], error
+        made |= {f"{name}_low": best[at] - factor * error, f"{name}_high": best[at] + factor * error}
+        attrs[f"factor_{name}"] = factor
+    return xr.Dataset(described("curve_bands", made), coords, attrs)
+
+
+def _curves(
+    likelihood: Fit, values: Array, run: int, time: Array, amplitudes: Array | None
+) -> tuple[Array, ...]:
+    """The curves of these parameters, in the order of `MODEL_CURVES`, and the amplitudes of the last two."""
+    parameters, record = likelihood.parameters, likelihood.problem.records[run]
+    model, (angle, rate, _) = parameters.model(values, run), parameters.per_run(values)[run]
+    motion = record.angle + record.residual(model, parameters.per_run(values)[run])
+    release = float(np.hypot(angle, rate / model.reference_frequency))
+    envelope = predict_envelope(model, time, release).amplitude.values
+    if amplitudes is None:
+        amplitudes = np.geomspace(max(envelope.min(), 1e-2 * release), release, CURVE_GRID)
+    change, frequency = averaged_rates(model)(amplitudes)
+    return motion, envelope, frequency, -change / (amplitudes * frequency), amplitudes

@@ -1,0 +1,50 @@
+"""Kinds of results: what made a result, and which identifications it holds."""
+
+import xarray as xr
+
+from sysid_trib.results.variables import record_groups
+
+# The preferred model in SI units, with what these were made with, and its coefficient of friction.
+SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
+MU = "friction_coefficient"
+CONSEQUENCES = "consequences"
+
+
+def si_of(tree: xr.DataTree) -> xr.Dataset | None:
+    """Return the preferred model of a result in SI units, where it holds it."""
+    return tree[SI].to_dataset() if SI in tree.children else None
+
+
+def kind_of(tree: xr.DataTree) -> str:
+    """Return what made a result: one of identify, cross_check, laws, driven, compare, difference, discover.
+
+    Empty if none did.
+    """
+    if "stiffness_difference" in tree.ds:
+        return "difference"
+    if "coefficient" in tree.ds and "method" in tree.attrs:
+        return "identify"
+    if {"record", "record_1"}.isdisjoint(tree.children):
+        return ""
+    if {"steps", "ranking"} <= set(tree.children):
+        return "discover"
+    made_by = tree["judged"].attrs.get("made_by", "") if "judged" in tree.children else ""
+    return "cross_check" if made_by == "identify" else str(made_by)
+
+
+def is_of_driven(tree: xr.DataTree) -> bool:
+    """True if the records of a result are driven; an identification alone keeps none."""
+    kept = (tree[group].to_dataset() for group in record_groups(tree) if group in tree.children)
+    return any(map(has_input, kept))
+
+
+def has_input(record: xr.Dataset) -> bool:
+    """True if something that drives the motion was recorded with it."""
+    return any("input" in (name, record[name].attrs.get("role")) for name in record.variables)
+
+
+def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:
+    """The identifications of a result by name."""
+    if kind_of(tree) == "identify":
+        return {tree.attrs["method"]: tree.to_dataset()}
+    return {name: node.to_dataset() for name, node in tree.children.items() if "covariance" in node.ds}

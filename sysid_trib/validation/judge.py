@@ -1,0 +1,166 @@
+"""The judge: what each model of a result leaves of the records, and the verdict on it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.results.judged import LARGE
+from sysid_trib.results.random_force import DEPENDENCE_LEVEL
+from sysid_trib.results.variables import described
+
+# Significance level of a residual that is not white noise.
+RESIDUAL_LEVEL = 1e-3
+# A model is approximate that leaves no more than this part of the motion (RMS).
+APPROXIMATE_PART = 0.05
+DIVERGES = "its motion diverges"
+# A motion that grows beyond so many times the largest angle of the record is none of it.
+LARGEST_MOTION = 3.0
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Evidence for the verdict on a model.
+
+    Attributes
+    ----------
+    residual_is_noise : bool
+        No departure from white noise is found in the residual, with a random force in the innovations.
+    residual_over_motion : float
+        RMS of record minus motion over that of the record; nan without a motion.
+    residual_is_small : bool
+        The residual is not much larger than the noise.
+    has_random_force : bool
+        A random force was found.
+    random_force_p : float
+        P-value of a random force that depends on nothing; nan where it was not tested.
+    noise_hides_a_force : bool
+        The noise that was found is larger than the sensor's, and depends on the motion.
+    determines : bool
+        The record determines a coefficient, or all together.
+    rows_are_noise : bool
+        The residual of the equations is noise, although the motion may diverge.
+    """
+
+    residual_is_noise: bool
+    residual_over_motion: float
+    residual_is_small: bool = False
+    has_random_force: bool = False
+    random_force_p: float = float("nan")
+    noise_hides_a_force: bool = False
+    determines: bool = True
+    rows_are_noise: bool = False
+
+
+def verdict_word(evidence: Evidence) -> str:
+    """Return one of `results.judged.VERDICTS`.
+
+    A record that determines no coefficient explains nothing, whatever the residual is.
+    """
+    follows = evidence.residual_over_motion <= APPROXIMATE_PART
+    verdict = "approximate" if follows else "not explained"
+    if evidence.has_random_force:
+        fits = evidence.residual_is_noise or evidence.residual_is_small
+        if fits and evidence.random_force_p >= DEPENDENCE_LEVEL:
+            verdict = "explained with a random force"
+    elif evidence.residual_is_noise and not evidence.noise_hides_a_force:
+        verdict = "explained"
+    if evidence.determines:
+        return verdict
+    # No model of these forces could have been contradicted: its rows leave only the noise, although the
+    # motion of coefficients that are not known may diverge.
+    quiet = evidence.rows_are_noise and not evidence.has_random_force
+    return "undetermined" if quiet or verdict.startswith("explained") else verdict
+
+
+def judged(
+    records: Sequence[xr.Dataset],
+    results: Mapping[str, xr.Dataset],
+    tested: xr.Dataset,
+    *,
+    over_motion: Sequence[float] | None = None,
+    random_force_p: float = float("nan"),
+) -> xr.Dataset:
+    """Judge the models of a result; `with_verdicts` adds the verdicts.
+
+    Parameters
+    ----------
+    records : sequence of Dataset
+        Each run with the `simulated_angle` of every model and the sensor's `noise`.
+    results : mapping of str to Dataset
+        The identifications by the name of their model.
+    tested : Dataset
+        Over `model` the tests of the residuals, see `residuals`.
+    over_motion : sequence of float, optional
+        Residual of each model over the motion, where the angle was not measured itself.
+    random_force_p : float
+        P-value of a random force that depends on nothing.
+
+    Returns
+    -------
+    Dataset
+        Over `model` the variables `judged` of `variables.toml`.
+    """
+    own_quantity = int(records[0].attrs.get("integrations", 0)) > 0
+    rms = tested.tested_rms.values if own_quantity else _residual_rms(records)
+    noise = root_mean_square([run.noise.item() for run in records])
+    held_out = [float(result.get("held_out_rms", np.nan)) for result in results.values()]
+    values: dict[str, Any] = {
+        "residual_rms": rms,
+        "residual_over_noise": rms / noise,
+        "residual_over_motion": residual_over_motion(records) if over_motion is None else over_motion,
+        "held_out_rms": held_out,
+        "random_force_p": np.full(len(results), random_force_p),
+        "failure": failures_of(records),
+    }
+    return tested.assign(described("judged", values))
+
+
+def evidence_of(of_model: xr.Dataset, **further: Any) -> Evidence:
+    """Return the evidence on one model of `judged`; `further` : other fields of `Evidence`."""
+    return Evidence(
+        residual_is_noise=bool(of_model.p_value >= RESIDUAL_LEVEL),
+        residual_is_small=bool(of_model.tested_over_noise <= LARGE),
+        residual_over_motion=of_model.residual_over_motion.item(),
+        random_force_p=of_model.random_force_p.item(),
+        **further,
+    )
+
+
+def with_verdicts(
+    table: xr.Dataset, evidence: Mapping[str, Evidence], preferred: str, made_by: str
+) -> xr.Dataset:
+    """Return what was judged with the verdict on each model; attrs hold that on the preferred one."""
+    verdicts = [verdict_word(evidence[name]) for name in table.model.values.tolist()]
+    table = table.assign(described("judged", {"verdict": verdicts}))
+    attrs = {"made_by": made_by, "preferred": preferred}
+    return table.assign_attrs(attrs | {"verdict": table.verdict.sel(model=preferred).item()})
+
+
+def _residual_rms(records: Sequence[xr.Dataset]) -> Array:
+    """RMS of record minus motion of each model over all runs, rad; nan without a motion."""
+    residuals = [(run.angle - run.simulated_angle).transpose("model", "time").values for run in records]
+    return np.asarray(np.sqrt(np.mean(np.concatenate(residuals, axis=1) ** 2, axis=1)))
+
+
+def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
+    """RMS of record minus motion over that of the record, of each model; nan without a motion."""
+    squares = sum(
+        ((run.angle - run.simulated_angle) ** 2).sum("time", skipna=False).values for run in records
+    )
+    return np.sqrt(squares / sum(float((run.angle**2).sum()) for run in records))
+
+
+def failures_of(records: Sequence[xr.Dataset]) -> list[str]:
+    """Return why a model has no motion, in a few words; empty if it has one."""
+    reasons = []
+    largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
+    limits = [LARGEST_MOTION * np.abs(run.angle).max() for run in records]
+    failed = [~(size <= limit).values for size, limit in zip(largest, limits, strict=True)]
+    for of_model in np.transpose(failed):
+        of_run = f" in run {np.argmax(of_model) + 1}" if len(records) > 1 else ""
+        reasons.append(f"{DIVERGES}{of_run}" if of_model.any() else "")
+    return reasons
