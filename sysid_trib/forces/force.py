@@ -132,7 +132,7 @@ class Force:
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "Force":
-        """The force with numbers for the coefficients that its formula holds, held as shape parameters."""
+        """Return the force with numbers for the coefficients in its formula, as shape parameters."""
         if not self.uses:
             return self
         values = ((symbol, float(coefficients.get(symbol, 0.0))) for symbol in self.uses)
@@ -146,7 +146,7 @@ class Force:
         return tuple(dict.fromkeys(surface for f in formulas for surface in f.surfaces))
 
     def with_numbers(self, coefficients: Mapping[str, float]) -> "Force":
-        """The force with numbers written in the place of the coefficients that its formula holds."""
+        """Return the force with numbers written in place of the coefficients in its formula."""
         written = self
         for symbol in self.uses:
             written = written.with_instead(symbol, f"{coefficients.get(symbol, 0.0):.6g}")
@@ -312,14 +312,14 @@ class ForceLibrary:
         return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "ForceLibrary":
-        """The forces with numbers in the place of coefficients in their formulas (see `Force.bound`)."""
+        """Return the library with numbers for the coefficients in formulas (see `Force.bound`)."""
         if not self.used:
             return self
         return replace(self, forces=tuple(force.bound(coefficients) for force in self))
 
     @property
     def used(self) -> tuple[str, ...]:
-        """Symbols of the coefficients that formulas of its forces hold, each once."""
+        """Symbols of the coefficients in formulas of its forces, each once."""
         return tuple(dict.fromkeys(symbol for force in self for symbol in force.uses))
 
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":

@@ -97,7 +97,7 @@ class RunRegression:
 
     @cached_property
     def bound(self) -> ForceLibrary:
-        """The forces, whose formulas hold the present coefficients of others as numbers."""
+        """Forces with the present coefficients of others as numbers in their formulas."""
         return self.library.bound(dict(zip(self.library.symbols, self.acting.tolist(), strict=True)))
 
     @property

@@ -215,7 +215,7 @@ class Trajectory(Constrained):
 
 
 def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
-    """Angle (rad) and rate (rad/s) of each run at its first sample, and a zero of 0, by their names.
+    """Return angle (rad) and rate (rad/s) of each run at its first sample, and a zero of 0, by their names.
 
     Raises
     ------
@@ -232,7 +232,7 @@ def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
 
 
 def _regressed_start(problem: FitProblem) -> Model:
-    """The model of a regression over the samples of driven runs that move."""
+    """Return the model of a regression over the moving samples of driven runs."""
     parameters = problem.parameters
     library, held = parameters.library, parameters.constraints.fixed
     regression = regressed(points_of(problem.runs, library), library, held)
@@ -319,7 +319,7 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
 
 
 def _residual_is_white(fit: Fit) -> bool:
-    """True if what the motions leave of each run is white."""
+    """True if the residual of each run is white."""
     residuals = fit.problem.residuals(fit.values)
     return min(white_p_value(residual) for residual in residuals) >= WHITE_LEVEL
 

@@ -161,7 +161,9 @@ BETTER_START_BY = 1e-3
 
 
 def nearby_best(fit: Fit) -> Fit:
-    """Return the best of fits that begin about one; of friction that sticks the squares have many minima.
+    """Return the best of several fits that start near one.
+
+    With friction that sticks, the sum of squares has many minima.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Samples of driven records that move: forces along them, and a regression as the start of a fit."""
+"""Moving samples of driven records: forces along them, and a regression as the start of a fit."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -47,7 +47,7 @@ class Regression(NamedTuple):
 
 
 def points_of(runs: Sequence[xr.Dataset], library: ForceLibrary) -> MovingSamples:
-    """Samples of all runs in motion, along the smoothed records."""
+    """Return the moving samples of all runs, along the smoothed records."""
     w = nominal_frequency(first_frequency(runs))
     tables, accelerations = list[dict[str, Array]](), list[Array]()
     for run in runs:
@@ -65,18 +65,18 @@ def points_of(runs: Sequence[xr.Dataset], library: ForceLibrary) -> MovingSample
 
 
 def columns_of(points: MovingSamples, forces: Sequence[Force]) -> Array:
-    """Forces at the samples, then the acceleration, which the frequency scales; (sample, parameter)."""
+    """Return the forces at the samples, then the acceleration, (sample, parameter)."""
     return np.stack([*(_along(force, points.names) for force in forces), points.acceleration], axis=1)
 
 
 def _along(force: Force, names: Mapping[str, Array]) -> Array:
-    """Return a force at samples; what depends on history is taken with its states at zero."""
+    """Return a force at samples; internal states are taken as zero."""
     inputs = {channel.name: names[channel.name] for channel in force.channels}
     return force.value(names["x"], names["v"], names["t"], hidden=inputs)
 
 
 def regressed(points: MovingSamples, library: ForceLibrary, held: Mapping[str, float]) -> Regression:
-    """Least squares of the equation of motion at samples.
+    """Solve the equation of motion at samples by least squares.
 
     Parameters
     ----------

@@ -183,7 +183,7 @@ class FitProblem:
 
     @property
     def driven(self) -> bool:
-        """Return whether inputs drive each motion."""
+        """True if inputs drive each motion."""
         return all(record.inputs for record in self.records)
 
     def first(self, part: float) -> "FitProblem":

@@ -99,14 +99,14 @@ def _negative_damping(result: xr.Dataset) -> Iterator[str]:
 
 
 def _not_separated(tree: xr.DataTree) -> list[str]:
-    """Say which parameters the motions cannot separate, known before the fit."""
+    """Name the parameters that the motions cannot separate."""
     if "identifiability" not in tree.children:
         return []
     return str(tree["identifiability"].attrs["sentences"]).splitlines()
 
 
 def _constants_block(tree: xr.DataTree) -> Block:
-    """Known constants of the runs, a row each, where there are any."""
+    """Return a table of the known constants, one row per run; empty without any."""
     groups = record_groups(tree)
     rows = {name: constants_of(tree[name].to_dataset()) for name in groups}
     if not any(rows.values()):

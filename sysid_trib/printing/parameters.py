@@ -1,4 +1,4 @@
-"""The parameters of an identification for other programs: plain TOML or JSON, with their covariance."""
+"""Parameters of an identification for other programs: TOML or JSON, with their covariance."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from sysid_trib.results.variables import signal_units
 
 
 def parameters_of(result: xr.Dataset) -> dict[str, Any]:
-    """The parameters of an identification as plain data.
+    """Return the parameters of an identification as plain data.
 
     Parameters
     ----------
@@ -59,12 +59,12 @@ def parameters_of(result: xr.Dataset) -> dict[str, Any]:
 
 
 def _known(row: Mapping[str, Any]) -> dict[str, Any]:
-    """What a row holds; TOML has no word for what is not known."""
+    """Return a row without unknown values, for which TOML has no word."""
     return {key: value for key, value in row.items() if value is not None}
 
 
 def parameters_text(result: xr.Dataset, language: str) -> str:
-    """The parameters of an identification as a text in TOML or JSON (see `parameters_of`)."""
+    """Return the parameters of an identification in TOML or JSON (see `parameters_of`)."""
     data = parameters_of(result)
     if language == "json":
         return json.dumps(data, indent=2, ensure_ascii=False) + "\n"
@@ -82,5 +82,5 @@ def parameters_text(result: xr.Dataset, language: str) -> str:
 
 
 def _row(values: Sequence[float]) -> str:
-    """A row of numbers in TOML, which knows `nan` and no `NaN`."""
+    """Return a row of numbers in TOML, whose word is `nan`, not `NaN`."""
     return f"[{', '.join(repr(float(value)) for value in values)}]"

@@ -1,4 +1,4 @@
-"""Known constants of a run: a gain, a load, a temperature, each one number for all of its samples."""
+"""Known constants of a run, such as a gain, a load or a temperature: one number for all samples."""
 
 import re
 from collections.abc import Mapping
@@ -19,7 +19,7 @@ _NOTED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*[=:]\s*(?P<value>[-+]?(\d+\.?\d*
 def with_constants(
     record: xr.Dataset, table: FileTable, rows: Index, wanted: Mapping[str, str | float]
 ) -> xr.Dataset:
-    """Return a record with its known constants, inputs of formulas that do not vary.
+    """Return a record with its known constants as inputs that do not vary.
 
     Parameters
     ----------

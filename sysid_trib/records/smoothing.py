@@ -233,7 +233,7 @@ def first_frequency(runs: Sequence[xr.Dataset]) -> float:
 
 
 def clock_of(record: xr.Dataset) -> float:
-    """A frequency (rad/s) below which the rate of a motion has nearly all of its power, to two digits."""
+    """Return a frequency (rad/s) below which the rate has nearly all of its power, to two digits."""
     time = record.time.values.astype(float)
     step = float(np.median(np.diff(time)))
     rate = np.diff(np.interp(np.arange(time[0], time[-1], step), time, record.angle.values))

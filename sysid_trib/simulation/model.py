@@ -85,7 +85,7 @@ class Model:
 
     @property
     def bound(self) -> "Model":
-        """The model whose formulas hold numbers where they held coefficients of other forces."""
+        """Model with numbers in place of the coefficients in formulas."""
         return replace(self, library=self.library.bound(self.coefficients))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":

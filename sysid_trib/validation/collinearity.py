@@ -1,4 +1,4 @@
-"""Which parameters the motions of driven records cannot separate, and what motion would."""
+"""Identifiability: parameters that driven records cannot separate, and a motion that would."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -47,7 +47,7 @@ class Combination:
 
     @property
     def sentence(self) -> str:
-        """What is said of it."""
+        """Sentence that names it."""
         names = " and ".join([", ".join(self.members[:-1]), self.members[-1]])
         said = f"These runs do not separate {names}"
         said += (
@@ -61,7 +61,7 @@ class Combination:
 def identifiability(
     decay: Decays, library: ForceLibrary, *, constraints: ConstraintTable = NO_CONSTRAINTS
 ) -> xr.Dataset:
-    """Say which parameters the motions of driven records cannot separate, before anything is fitted.
+    """Find the parameters that driven records cannot separate, before a fit.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def identifiability(
 
 
 def _inflation(columns: Array) -> Array:
-    """Error of each parameter over that it would have alone, (parameter,), at most `MOST_INFLATED`."""
+    """Return the error of each parameter over its error alone, (parameter,), at most `MOST_INFLATED`."""
     unit = _of_unit_size(columns)
     values, axes = np.linalg.eigh(unit.T @ unit)
     inverse = np.sum(axes**2 / np.maximum(values, MOST_INFLATED**-2), axis=1)
@@ -108,13 +108,13 @@ def _inflation(columns: Array) -> Array:
 
 
 def _of_unit_size(columns: Array) -> Array:
-    """Columns over their norms; one of zeros stays."""
+    """Return columns divided by their norms; a column of zeros stays."""
     size = np.linalg.norm(columns, axis=0)
     return np.asarray(columns / np.where(size > 0.0, size, 1.0))
 
 
 def _combinations(points: MovingSamples, forces: Sequence[Force], names: Sequence[str]) -> list[Combination]:
-    """Parameters that are not separated, the worst first, each in one combination."""
+    """Return the combinations that are not separated, the worst first; a parameter is in one of them."""
     columns, open_, combinations = columns_of(points, forces), np.ones(len(names), bool), list[Combination]()
     while open_.sum() > 1:
         places = np.flatnonzero(open_)
@@ -135,7 +135,7 @@ def _combinations(points: MovingSamples, forces: Sequence[Force], names: Sequenc
 
 
 def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, worst: float) -> str:
-    """What other motion separates parameters best: one variable of their formulas at zero, or doubled."""
+    """Return the motion that separates parameters best: one variable of their formulas is 0, or doubled."""
     among = {name for at in members if at < len(forces) for name in forces[at].formula.names}
     best, said = worst, ""
     for name in sorted(among & points.names.keys() - {"t"}):
@@ -156,7 +156,7 @@ def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, wors
 
 
 def _motion_with(name: str, factor: float) -> str:
-    """A motion in which a variable is another one, in words."""
+    """Describe a motion in which a variable is changed."""
     if name == "x":
         return "a swing twice as wide"
     if name == "v":

@@ -150,7 +150,7 @@ def identified_driven(
 
 @contextmanager
 def _saying(separated: xr.Dataset) -> Iterator[None]:
-    """Say what motion separates forces, where they are refused as the same."""
+    """Add to a refusal of equal forces the motion that separates them."""
     try:
         yield
     except DecayError as error:
@@ -459,7 +459,7 @@ def _predict(
 
 
 def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
-    """Predict a record from the start that was measured, with nothing fitted to it."""
+    """Predict a record from its measured start; nothing is fitted to it."""
     held = [*measured_starts([record]).values()]
     time, angle = record.time.values.astype(float), record.angle.values.astype(float)
     try:
