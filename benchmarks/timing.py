@@ -1,7 +1,7 @@
 """Times of simulations and identifications: medians of repeated calls in one process.
 
 python -m benchmarks simulator
-python -m benchmarks timing [--quick] [--only methods|random-force|discover]
+python -m benchmarks timing [--quick] [--only methods|random-force|discover|laws]
 
 simulator: on the run of the paper beside scipy restarted at every switching; then its derivatives over the
 motion alone, its core over a plain Taylor engine, identifications, driven motions, and what is lost over
@@ -11,7 +11,9 @@ methods: beside pysindy in the same run.
 random-force: what `sysid-trib identify` does with a random force that is estimated, over the same without
 one; processor time, no import. discover: how its processor time grows with candidates, samples and the
 duration of a motion, over one direct identification in the same process, which separates slow machines from
-slow code; before it, the slopes of lines through logarithms, where 1 is linear.
+slow code; before it, the slopes of lines through logarithms, where 1 is linear. laws: friction and restoring
+force as curves of the example, of a long simulated record and of measured ones; in seconds and in direct
+identifications of the example.
 """
 
 import importlib
@@ -33,8 +35,18 @@ from scipy_motion import reference_motion
 
 from benchmarks import DATA, peers
 from benchmarks.study.common import median_ms, timed, times
-from sysid_trib import ForceLibrary, Model, discover, load_library, simulate
+from sysid_trib import (
+    Model,
+    discover,
+    free_decay,
+    laws,
+    load_library,
+    read_record,
+    simulate,
+)
+from sysid_trib.forces import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.records import paper_twin
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.simulation import motions, under_way
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE
@@ -140,7 +152,37 @@ def methods(quick: bool) -> pd.DataFrame:
     return table.rename_axis("second call in a process").reset_index()
 
 
-PARTS = {"methods": methods, "random-force": random_forces, "discover": searches}
+# Measured records: file, how it is read, the part that is a decay (s), the system.
+MEASURED = {
+    "string pendulum": ("string_pendulum/run_1.txt", {}, (None, None), "pendulum"),
+    "ship": ("roll_decay/model_test_21337.csv", {"angle": "phi"}, (25.0, None), "ship"),
+    "tank": ("sloshing/decay_0p953.csv", {}, (None, None), None),
+}
+EMPS = {"time": "t", "angle": "qm", "units": "m", "input": "35.15065*vir", "between": "linear"}
+
+
+def curves(quick: bool) -> pd.DataFrame:
+    """Processor time of laws, also over that of a direct identification of the example."""
+    example = free_decay(paper_twin())
+    unit = times(lambda: Direct(random_force="off").identify(example, load_library()), 5, process_time).min()
+    long = paper_run(sampling_rate=400.0, duration=50.0).decay(0)
+    records: dict[str, tuple[xr.Dataset, str | None]] = {"example": (example, None)}
+    records["the paper's forces, simulated"] = (long, None)
+    if not quick:
+        for name, (file, how, part, system) in MEASURED.items():
+            record = read_record(DATA / file, **how).sel(time=slice(*part))
+            records[name] = (free_decay(record), system)
+        records["EMPS, driven"] = (read_record(DATA / "emps" / "DATA_EMPS.mat", **EMPS), "axis")
+    # The first call imports and compiles.
+    laws(example)
+    rows = []
+    for name, (record, system) in records.items():
+        _, seconds = timed(partial(laws, record, system), process_time)
+        rows.append((name, record.sizes["time"], seconds, seconds / unit))
+    return pd.DataFrame(rows, columns=["record", "samples", "laws (s)", "in direct identifications"])
+
+
+PARTS = {"methods": methods, "random-force": random_forces, "discover": searches, "laws": curves}
 
 
 def timing(asked: Namespace) -> None:

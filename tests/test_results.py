@@ -20,7 +20,13 @@ from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page
 from sysid_trib.results.files import load, save, write_figure
 from sysid_trib.results.models import library_of
-from sysid_trib.results.schema import asymptotic_frequency, model_of
+from sysid_trib.results.schema import (
+    Estimate,
+    asymptotic_frequency,
+    covariance_with_frequency,
+    identification,
+    model_of,
+)
 from sysid_trib.results.variables import RESULT_TABLES, scaling_of
 from sysid_trib.simulation.simulate import trajectory
 
@@ -110,6 +116,17 @@ def test_asymptotic_frequency_and_its_gradient():
         moved[j] += step
         there, _ = asymptotic_frequency(FORCES, moved[:-1], moved[-1])
         assert gradient[j] == pytest.approx((there - found) / step, rel=1e-4, abs=1e-6)
+
+
+@pytest.mark.parametrize("zeta", [0.02, 1.3], ids=["oscillates", "overdamped at rest"])
+def test_the_covariance_with_the_frequency_comes_back(zeta):
+    library = FORCES.select(["lambda", "zeta", "delta"])
+    factor = np.random.default_rng(0).standard_normal((4, 4)) * 1e-3
+    covariance = factor @ factor.T
+    estimate = Estimate(np.array([1e-3, zeta, 0.03]), covariance, W, [1e-3])
+    result = identification(Direct(), record(), library, estimate, offered=library)
+    assert (result.asymptotic_frequency.item() == 0.0) == (zeta > 1.0)
+    np.testing.assert_allclose(covariance_with_frequency(result), covariance, rtol=1e-9)
 
 
 TIME = np.arange(1500) / 100.0

@@ -1,5 +1,6 @@
 """Laws as curves: recovered within their bands, formulas within the band, and what a curve cannot be."""
 
+import json
 from functools import cache
 
 import numpy as np
@@ -7,9 +8,17 @@ import pytest
 import xarray as xr
 
 import sysid_trib as st
+from sysid_trib.cycles.signatures import averages, tabulated_averages_of
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.likelihood.smoothness import smooth_least_squares
+from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.simulation.initial_conditions import fit_start
+from sysid_trib.smooth_laws import bands
+from sysid_trib.smooth_laws.fits import fit_of
+from sysid_trib.smooth_laws.interaction import readings
+from sysid_trib.smooth_laws.laws import _movement
+from sysid_trib.smooth_laws.model import LawModel
 
 W, NOISE = 9.0, 3e-4
 # Friction and restoring force beyond the straight line, over w^2.
@@ -108,10 +117,59 @@ def test_a_law_is_the_same_in_every_unit_of_length():
     np.testing.assert_allclose(same, laws[0].friction * 1e-3, rtol=2e-3)
 
 
+@pytest.mark.parametrize(("factor", "refinements"), [(1.0, 1), (1.02, 4)])
+def test_a_fit_that_begins_at_another_one_finds_the_same_law(factor, refinements):
+    """A step from the fit itself leaves it; one from coefficients that are 2 % off needs a few more."""
+    result = identified("paper")["direct"].to_dataset()
+    near = model_of(result)
+    start = near.with_coefficients({name: factor * c for name, c in near.coefficients.items()})
+    method = st.methods.Direct(random_force="off", start=start, most_refinements=refinements)
+    found = method.identify(record("paper"), library_of(result))
+    (law, _), (wanted, _) = (bands.laws_of(of, {"x": 0.3, "v": 0.3 * W}) for of in (found, result))
+    off = np.abs(law.values - wanted.values) / np.sqrt(np.diag(wanted.covariance))
+    assert np.max(off[law.visited]) < 0.3
+    assert json.loads(found.attrs["options"])["start"] is None
+
+
+def test_a_start_that_does_not_follow_the_record_is_left():
+    result = identified("paper")["direct"].to_dataset()
+    far = st.Model(library_of(result), {}, 2.0 * W)
+    method = st.methods.Direct(random_force="off", start=far)
+    found = method.identify(record("paper"), library_of(result))
+    assert found.reference_frequency.item() == pytest.approx(result.reference_frequency.item(), rel=1e-4)
+
+
+def test_a_fitted_motion_along_curves_is_the_exact_one():
+    model, decay = model_of(identified("paper")["direct"].to_dataset()), record("paper")
+    time = decay.time.values - decay.time.values[0]
+    fitted = fit_start(model, time, decay.angle.values, (float(decay.angle[0]), 0.0))
+    exact = st.simulate(model, time, fitted.angle, fitted.rate)
+    np.testing.assert_allclose(fitted.x, exact.angle, atol=1e-8)
+    again = fit_start(model, time, exact.angle.values, (fitted.angle * 1.02, fitted.rate + 0.1), offset=None)
+    assert again.angle == pytest.approx(fitted.angle, abs=1e-6)
+    assert again.rate == pytest.approx(fitted.rate, abs=1e-5)
+
+
+def test_parts_of_a_curve_share_one_table_of_averages():
+    forces = library_of(identified("paper")["direct"].to_dataset()).forces
+    amplitude = np.geomspace(0.01, 0.3, 7)
+    shared = tabulated_averages_of(forces, amplitude)
+    for at, force in enumerate(forces):
+        for found, wanted in zip(shared, averages(force, amplitude), strict=True):
+            np.testing.assert_allclose(found[:, at], wanted, atol=1e-11)
+
+
 def test_a_result_without_laws_is_refused():
     result = st.identify(record("paper"), st.load_library().select(["zeta"]), st.methods.Direct())
     with pytest.raises(DecayError, match="holds no laws"):
         st.physics.law_formulas(result)
+
+
+def test_formulas_of_a_law_without_an_error_are_refused():
+    result = st.best(identified("paper"))
+    held = result.assign(friction_standard_error=0.0 * result.friction_standard_error)
+    with pytest.raises(DecayError, match="has no error"):
+        st.physics.law_formulas(held)
 
 
 def test_the_smoothness_of_a_curve_follows_from_the_rows():
@@ -126,3 +184,45 @@ def test_the_smoothness_of_a_curve_follows_from_the_rows():
         z = (columns @ fit.coefficients - shape) / error
         assert np.mean(np.abs(z) < 2.0) > 0.85
         assert fit.noise == pytest.approx(0.05, rel=0.15)
+
+
+@cache
+def direct_of(noise):
+    library = parse_library({"force": [{"symbol": "f", "formula": "0.3*x**2*v + 0.01*v"}]}, "one")
+    motion = st.simulate(st.Model(library, {"f": 1.0}, W), np.arange(0.0, 12.0, 0.03), angle=0.4)[["angle"]]
+    motion["angle"] += noise * np.random.default_rng(0).standard_normal(motion.sizes["time"])
+    model = LawModel(st.load_library().select(["lambda", "zeta", "delta"]), {})
+    return fit_of([st.free_decay(motion)], st.methods.Direct(random_force="off", refine=False), model)
+
+
+def test_a_record_with_little_noise_tells_position_from_speed():
+    both = readings(direct_of(2e-5), 0.2)
+    assert both.separated.item()
+    assert both.standard_error.item() < both.error_of_law.item()
+
+
+def test_a_noisy_record_determines_only_what_position_and_speed_make_together():
+    both = readings(direct_of(3e-3), 0.2)
+    assert not both.separated.item()
+    # Of 0.3 x^2 v and 0.01 v over a cycle of 0.2 rad.
+    truth = 0.3 * 0.2**2 / 8.0 + 0.005
+    assert abs(both["sum"].item() - truth) < 3.0 * both.standard_error.item()
+    assert both.error_of_law.item() > 5.0 * both.standard_error.item()
+
+
+def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds():
+    """Only the first swings reach the largest speeds: parts agree there because they are the same samples."""
+    places = np.linspace(0.1, 1.0, 10)
+    everywhere = np.ones(10, dtype=bool)
+    noise = 0.01 * np.ones(10)
+
+    def law(values):
+        return bands.Law("friction", "speed", places, everywhere, values, np.diag(noise**2))
+
+    whole = law(places)
+    # What the second part does not reach it does not change.
+    parts = [law(places + 0.1 * (places < 0.65)), law(places - 0.1 * (places < 0.65))]
+    errors = bands.standard_errors(_movement(whole, parts, 0.65))
+    assert np.all(errors[:6] > 5.0 * noise[:6])
+    np.testing.assert_allclose(errors[6:], errors[0], rtol=1e-6)
+    assert np.all(bands.standard_errors(_movement(whole, parts, 1.0))[6:] == 0.0)

@@ -21,7 +21,7 @@ def reported_method(store: xr.Dataset) -> str:
     """Return the label of the identification that a campaign compares between records.
 
     Among the methods that identify most forces, this is the one that most often predicts best, or else the
-    last.
+    last. Of laws it is the preferred one.
     """
     done = np.flatnonzero(store.status.values == IDENTIFIED)
     labels = store.model.values.astype(str)

@@ -27,7 +27,6 @@ from sysid_trib.campaigns.task import (
     record_at,
 )
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.results.schema import force_labels
 
 FINGERPRINT = "task_fingerprint"
 # Of numbers, texts and small integers; no other kind is read, as it may run code.
@@ -258,11 +257,13 @@ def _near(path: Path, ending: str) -> Path:
 
 def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
     """Make the arrays of a store."""
-    labels, forces = task.axes, force_labels(list(task.forces))
+    labels = task.axes
+    units, degrees = zip(*task.quantities.values(), strict=True)
     coordinates: dict[str, tuple[str, Sequence[Any]]] = {
         "record": ("record", names_of(records)),
         **{dim: (dim, names) for dim, names in labels.items()},
-        **{name: ("force", forces[name][1]) for name in ("unit", "speed_degree")},
+        "unit": ("force", units),
+        "speed_degree": ("force", degrees),
     }
     for name, (dim, texts) in coordinates.items():
         values = np.asarray(list(texts), dtype=float if name == "speed_degree" else str)

@@ -22,15 +22,20 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
+from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import one_record
 from sysid_trib.records.read import read_records
 from sysid_trib.records.runs import RecordLike, one_or_all
 from sysid_trib.results import effects, judged, variables
+from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
+from sysid_trib.results.schema import force_labels
+from sysid_trib.smooth_laws.bands import interpolation
+from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare, cross_check, verdict
 
-Name: TypeAlias = Literal["identify", "compare", "discover"]
+Name: TypeAlias = Literal["identify", "compare", "discover", "laws"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 # Files, names that the task reads, or decays in memory.
 CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
@@ -40,6 +45,9 @@ TASKS = get_args(Name)
 STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
+# Of laws: both methods, and the one that is preferred.
+PREFERRED = "preferred"
+LAW_LABELS = ("averaging", "direct", PREFERRED)
 # What a comparison says of a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
 
@@ -73,10 +81,10 @@ class Task:
 
     Parameters
     ----------
-    name : {"identify", "compare", "discover"}
+    name : {"identify", "compare", "discover", "laws"}
     library : ForceLibrary, str, or what `library` takes, optional
         The forces offered, by default those of `contact_forces`; of `discover` those of the start model, by
-        default viscous friction.
+        default viscous friction; of `laws` those that may be named and of which formulas are made.
     methods : mapping of str to method, optional
         By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
         `compare` every method.
@@ -91,12 +99,17 @@ class Task:
         What is held, bounded or tied, as `identify` takes it.
     contactless : (float, float), rad/s, optional
     options : mapping
-        As the functions take them: further arguments of `cross_check` or `discover`.
+        As the functions take them: further arguments of `cross_check`, `discover` or `laws`.
+    speeds : sequence of float
+        Of `laws`: speeds at which the friction of each record is kept, in the signal's unit a second; with a
+        mass m/s. What a record does not visit has no number.
+    measured : mapping of str to (float, float)
+        Of `laws`: inertia or mass, load, radius with their errors, as `laws_in_si` takes them.
 
     Raises
     ------
     UsageError
-        An unknown task, not a library, or not two methods to hold against each other.
+        An unknown task, not a library, not two methods to hold against each other, or laws without speeds.
     """
 
     name: Name
@@ -108,6 +121,8 @@ class Task:
     constraints: ConstraintTable = field(default_factory=dict)
     contactless: tuple[float, float] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
+    speeds: Sequence[float] = ()
+    measured: Mapping[str, tuple[float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.name not in TASKS:
@@ -115,6 +130,12 @@ class Task:
         object.__setattr__(self, "library", forces.as_library(self.library, "Task"))
         if self.candidates is not None:
             object.__setattr__(self, "candidates", forces.as_library(self.candidates, "Task, candidates=,"))
+        if (self.name == "laws") != bool(self.speeds):
+            raise UsageError(
+                "The task laws needs at least one speed, and no other takes one: speeds=(0.1, 0.5)."
+            )
+        if not all(speed > 0.0 and np.isfinite(speed) for speed in self.speeds):
+            raise UsageError("The speeds of laws are numbers above 0.")
         if self.name == "discover" and self.candidates is None:
             object.__setattr__(self, "candidates", further_forces(load_library(), self.library))
         judged = not self.methods if self.judged is None else self.judged
@@ -128,6 +149,8 @@ class Task:
     @property
     def labels(self) -> list[str]:
         """The labels of the identifications that come of a record."""
+        if self.name == "laws":
+            return list(LAW_LABELS)
         return list(MODELS) if self.name == "discover" else list(self.methods)
 
     @property
@@ -137,16 +160,38 @@ class Task:
         return ForceLibrary("all", tuple(of.values()))
 
     @property
+    def quantities(self) -> dict[str, tuple[str, float]]:
+        """Names of the force axis, each with its unit and the degree of a force in the rate.
+
+        Of laws it is the friction at each speed, over the inertia or in SI units, and its coefficient.
+        """
+        if self.name != "laws":
+            labels = force_labels(list(self.forces))
+            units, degrees = labels["unit"][1], labels["speed_degree"][1]
+            pairs = zip(units, degrees, strict=True)
+            return dict(zip(self.forces.symbols, pairs, strict=True))
+        unit = "signal/s^2"
+        if self.measured:
+            unit = "N" if "mass" in self.measured else "N m"
+        named = {f"friction({speed:g})": (unit, np.nan) for speed in self.speeds}
+        if "load" in self.measured:
+            named |= {f"mu({speed:g})": ("1", np.nan) for speed in self.speeds}
+        return named
+
+    @property
     def axes(self) -> dict[str, list[str]]:
         """Labels of the dimensions of a row."""
-        names = {"model": self.labels, "force": list(self.forces.symbols), "edge": list(stored.EDGES)}
-        return names | {"shape_parameter": list(self.forces.shape_values())}
+        names = {"model": self.labels, "force": list(self.quantities), "edge": list(stored.EDGES)}
+        shapes = [] if self.name == "laws" else list(self.forces.shape_values())
+        return names | {"shape_parameter": shapes}
 
     def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
         """Return the result of the task's function for a record."""
         if self.name == "discover":
             assert self.candidates is not None
             return discover(decays, self.library, self.candidates, **self.options)
+        if self.name == "laws":
+            return laws(decays, library=self.library, constraints=dict(self.constraints), **self.options)
         if self.name == "compare":
             return compare.compare(
                 decays, self.library, self.methods, contactless=self.contactless, constraints=self.constraints
@@ -232,6 +277,8 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     axes = task.axes
     for at, label in enumerate(task.labels):
         # What a record's text withholds is not kept either.
+        if label == PREFERRED:
+            label = judged.preferred_of(tree)
         given = label in tree.children and "covariance" in tree[label]
         if given and not (task.judged and label in judged.failures(tree)):
             result = tree[label].to_dataset()
@@ -239,8 +286,12 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
                 # Forces and shape parameters that the result lacks stay nan.
                 of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
                 row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
+            if task.name == "laws":
+                row["coefficient"][at], row["standard_error"][at] = _frictions(task, result)
     if "agreement" in tree.children and "p_value" in tree["agreement"]:
         row |= {"p_value": float(tree["agreement"].p_value), "verdict": judged.verdict_of(tree)}
+    if task.name == "laws":
+        row |= {"verdict": f"{judged.verdict_of(tree)}, by {judged.preferred_of(tree)}"}
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
@@ -248,6 +299,19 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
         early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
+
+
+def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
+    """The friction of an identification at the task's speeds, and its coefficient, with standard errors."""
+    data = laws_in_si(result, **task.measured) if task.measured else result
+    speeds = np.array(task.speeds)
+    largest = float(np.max(data.speed.values[data.speed_visited.values]))
+    weights = interpolation(data.speed.values, speeds)
+    weights[speeds > largest * (1.0 + 1e-9)] = np.nan
+    names = ["friction", *([MU] if "load" in task.measured else [])]
+    values = [weights @ data[name].values for name in names]
+    variances = [np.diag(weights @ data[f"{name}_covariance"].values @ weights.T) for name in names]
+    return np.concatenate(values), np.sqrt(np.concatenate(variances))
 
 
 def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
@@ -267,8 +331,10 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
     """Return the text that identifies a campaign; further records may be added."""
     libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
     methods = {label: repr(method) for label, method in task.methods.items()}
-    asked = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
+    asked: list[Any] = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
     options = sorted((name, repr(value)) for name, value in task.options.items())
+    if task.name == "laws":
+        asked += [list(task.speeds), sorted(task.measured.items())]
     # Files say themselves when they change.
     held = [item for item in records if isinstance(item, xr.Dataset)]
     in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]

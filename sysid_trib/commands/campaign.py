@@ -16,13 +16,19 @@ from sysid_trib.campaigns.campaign import campaign as filled, check_extra
 from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
 from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.campaigns.task import names_of
-from sysid_trib.commands.asked import asked_model, asked_search
-from sysid_trib.commands.fits import methods_asked
+from sysid_trib.commands.asked import asked_constraints, asked_model, asked_search, parse_random_force
+from sysid_trib.commands.fits import measured_given, methods_asked
 from sysid_trib.commands.options import GROUPS, CampaignOptions, ModelOptions
 from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import check_output, command_line, print_blocks, print_json
 from sysid_trib.errors import RecordError, Tell, UsageError
+from sysid_trib.forces.library import load_library
+from sysid_trib.forces.selection import load_system
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
+from sysid_trib.smooth_laws.method import law_methods
+
+# Options of the task laws alone.
+OF_LAWS = ["speeds", "inertia", "mass", "load", "radius"]
 
 
 def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
@@ -79,10 +85,15 @@ def _task(given: CampaignOptions) -> task.Task:
     # How a file is read depends neither on which others there are, nor on where its row goes.
     of_reading = {option.name: getattr(given, option.name) for option in fields(ModelOptions)}
     read = partial(decays_of, ModelOptions(**of_reading | {"records": []}))
-    of_model = [option for option in GROUPS["model"] if option not in GROUPS["start"]]
     # What the task would pass over in silence.
-    if idle := given.changed(of_model if name == "discover" else GROUPS["search"]):
+    idle_options = {
+        "discover": [*(option for option in GROUPS["model"] if option not in GROUPS["start"]), *OF_LAWS],
+        "laws": [*GROUPS["search"], *(option for option in GROUPS["model"] if option not in GROUPS["laws"])],
+    }.get(name, [*GROUPS["search"], *OF_LAWS])
+    if idle := given.changed(idle_options):
         raise UsageError(f"{idle[0]} is no option of --task {name}; leave it out, or give another task.")
+    if name == "laws":
+        return _task_of_laws(given, read)
     if name == "discover":
         if given.methods is not None:
             raise UsageError("--methods is for identify and compare; discover has its own method.")
@@ -94,6 +105,8 @@ def _task(given: CampaignOptions) -> task.Task:
     wanted = ["averaging", "direct"] if name == "identify" else list(methods)
     if given.methods:
         wanted = [label.strip() for label in given.methods.split(",")]
+    if name == "identify" and (curves := [label for label in wanted if label in law_methods()]):
+        raise UsageError(f"--methods '{curves[0]}' has no coefficients: give --task laws --speeds 0.1,0.5.")
     if misspelt := [label for label in wanted if label not in methods]:
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
     return task.Task(
@@ -105,6 +118,36 @@ def _task(given: CampaignOptions) -> task.Task:
         constraints=asked.constraints,
         contactless=asked.contactless,
     )
+
+
+def _task_of_laws(given: CampaignOptions, read: task.Read) -> task.Task:
+    """Return the task laws: friction at speeds."""
+    if given.methods is not None:
+        raise UsageError("--methods are of identify and compare; laws has two of its own.")
+    random_force = parse_random_force(given.random_force)
+    return task.Task(
+        "laws",
+        load_library(given.library),
+        read=read,
+        constraints=asked_constraints(given.fix, given.bound, given.tie).table,
+        options={
+            "system": load_system(given.system),
+            "random_force": "off" if random_force == "auto" else random_force,
+        },
+        speeds=_speeds(given.speeds),
+        measured=measured_given(given),
+    )
+
+
+def _speeds(text: str | None) -> tuple[float, ...]:
+    """Return the speeds of --speeds."""
+    try:
+        speeds = tuple(float(word) for word in (text or "").split(","))
+    except ValueError:
+        speeds = ()
+    if not speeds or not all(speed > 0.0 for speed in speeds):
+        raise UsageError("--task laws wants --speeds, numbers above 0 between commas: --speeds 0.1,0.5,1.")
+    return tuple(dict.fromkeys(speeds))
 
 
 def _records(patterns: list[Path], conditions: Path | None) -> list[str]:

@@ -18,7 +18,7 @@ from sysid_trib.commands.options import (
     DifferenceOptions,
     DiscoverOptions,
     IdentifyOptions,
-    MeasuredOptions,
+    SIOptions,
 )
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
@@ -40,6 +40,7 @@ from sysid_trib.results import judged
 from sysid_trib.results.kinds import SI, kind_of
 from sysid_trib.results.references import with_scale_error
 from sysid_trib.results.variables import record_groups
+from sysid_trib.smooth_laws.method import law_methods
 from sysid_trib.validation import refits
 from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
@@ -142,7 +143,7 @@ def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
         raise DecayError(choice) from None
 
 
-def measured_given(given: MeasuredOptions) -> dict[str, tuple[float, float]]:
+def measured_given(given: SIOptions) -> dict[str, tuple[float, float]]:
     """Return the values that give SI units, with errors; raise an error if one is missing."""
     texts = {"inertia": given.inertia, "mass": given.mass, "load": given.load, "radius": given.radius}
     pairs = {name: parse_value_with_error(text, f"--{name}") for name, text in texts.items()}
@@ -220,7 +221,7 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
 
 def methods_asked(asked: AskedModel) -> dict[str, Method]:
     """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
-    methods = every_method(asked.reference_frequency, asked.shapes)
+    methods = every_method(asked.reference_frequency, asked.shapes) | law_methods()
     return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
 

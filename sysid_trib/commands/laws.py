@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.asked import asked_constraints, parse_random_force
-from sysid_trib.commands.fits import measured_given, record_sentences
+from sysid_trib.commands.fits import measured_given, names_in, record_sentences
 from sysid_trib.commands.next_step import keep_next
 from sysid_trib.commands.options import LawsOptions
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
@@ -36,13 +36,21 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
     if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
         raise UsageError("--warm-up is a time from 0 s of the record of --test: give both.")
     measured, calibration = measured_given(given), calibration_of(given)
-    system, library = load_system(given.system), load_library(given.library)
+    system = load_system(given.system)
+    library = load_library(given.library) if given.changed(["library"]) else None
     tell("reading")
     decays, sources = read_decays(given, driven=True)
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
     tree = identified(
-        decays, system, constraints.table, library=library, random_force=random_force, tell=tell
+        decays,
+        system,
+        constraints.table,
+        library=library,
+        random_force=random_force,
+        own=names_in(given.own),
+        passive=given.passive,
+        tell=tell,
     )
     predicted = _predicted(tree, given, tell)
     if calibration[1]:

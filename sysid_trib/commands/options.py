@@ -102,13 +102,19 @@ class SearchOptions(ForcesOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class MeasuredOptions(CommandOptions):
-    """Measured quantities for SI units, and another record to predict."""
+class SIOptions(CommandOptions):
+    """Measured quantities for SI units."""
 
     inertia: str | None = None
     mass: str | None = None
     load: str | None = None
     radius: str | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MeasuredOptions(SIOptions):
+    """Measured quantities for SI units, and another record to predict."""
+
     test: Path | None = None
     warm_up: float | None = None
 
@@ -170,6 +176,8 @@ class LawsOptions(RecordOptions, ConstraintOptions, MeasuredOptions, Destination
 
     library: str = "contact_forces"
     random_force: str = "off"
+    passive: bool = False
+    own: str | None = None
     width: float = 88.0
 
 
@@ -209,11 +217,12 @@ class ResponseOptions(ShownOptions, FileOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
-class CampaignOptions(ModelOptions, SearchOptions):
+class CampaignOptions(ModelOptions, SearchOptions, SIOptions):
     """Options of `campaign`."""
 
     task: str = "identify"
     methods: str | None = None
+    speeds: str | None = None
     conditions: Path | None = None
     laboratories: str | None = None
     workers: int = 2

@@ -5,7 +5,8 @@ describing function of the force (Krylov-Bogoliubov averages). Forces whose sign
 averaging can separate, and those that depend on each other in any motion nothing can.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -117,6 +118,46 @@ def tabulated_averages(
             if inside.any():
                 both[:, inside] = chebyshev.chebval(2.0 * (at[inside] - low) / (high - low) - 1.0, series)
     return both[0], both[1]
+
+
+def tabulated_averages_of(
+    forces: Sequence[Force], amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
+) -> tuple[Array, Array]:
+    """`tabulated_averages` of many forces: (sine, cosine), each (amplitude, force), rad.
+
+    Parts of a smooth curve, which differ in their scale alone, share one table.
+    """
+    both = np.empty((2, len(amplitude), len(forces)))
+    scaled: dict[str, list[int]] = {}
+    for at, force in enumerate(forces):
+        if force.curve and _is_scaled(force):
+            scaled.setdefault(force.formula.text, []).append(at)
+        else:
+            both[:, :, at] = tabulated_averages(force, amplitude, shapes, time)
+    for places in scaled.values():
+        scales = np.array([next(iter(forces[at].shape_values(shapes).values())) for at in places])
+        ratios = amplitude[:, None] / scales
+        of_unit = tabulated_averages(_of_unit_scale(forces[places[0]]), ratios.ravel())
+        for part, values in zip(both, of_unit, strict=True):
+            part[:, places] = scales * values.reshape(ratios.shape)
+    return both[0], both[1]
+
+
+@lru_cache(maxsize=1024)
+def _is_scaled(force: Force) -> bool:
+    """Return True if the only shape parameter of a force is a scale: s f(x/s, v/s)."""
+    if len(force.shape) != 1 or not force.memoryless or force.holds_time or force.channels:
+        return False
+    (name,) = force.shape
+    x, v = np.random.default_rng(0).uniform(-1.0, 1.0, (2, 20))
+    small, large = (force.value(k * x, k * v, shapes={f"{force.symbol}.{name}": 0.3 * k}) for k in (1.0, 4.0))
+    return bool(np.allclose(4.0 * small, large, rtol=1e-13, atol=0.0))
+
+
+def _of_unit_scale(force: Force) -> Force:
+    """Return a force whose only shape parameter is 1, the same for all parts of a curve."""
+    ((name, shape),) = force.shape.items()
+    return replace(force, symbol="part", name="part of a curve", shape={name: replace(shape, default=1.0)})
 
 
 @lru_cache(maxsize=1024)

@@ -8,7 +8,13 @@ from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.least_squares import ConstraintMap
-from sysid_trib.likelihood.regression import RunRegression, Runs, common_values, shifted
+from sysid_trib.likelihood.regression import (
+    RunRegression,
+    Runs,
+    common_values,
+    shifted,
+    with_common_values,
+)
 from sysid_trib.likelihood.rows import Solution, solve, weak_rows
 from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
@@ -49,7 +55,34 @@ def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -
     return _refined(runs, linear_about, constraints) or _refined(runs, None, constraints)
 
 
-def _refined(runs: Runs, linear_about: Runs | None, constraints: ConstraintMap) -> Solution | None:
+def refine_from(runs: Runs, start: Model, most: int, constraints: ConstraintMap) -> Solution | None:
+    """Take the first columns from the motion of a model nearby, and refine them a few times.
+
+    Parameters
+    ----------
+    runs : tuple of RunRegression
+        About any paths.
+    start : Model
+        Of nearly the same forces; those that it lacks are zero.
+    most : int
+        Motions at most: of one the estimate is a step of Gauss and Newton from the start.
+    constraints : ConstraintMap
+        Of the forces that are in the model.
+
+    Returns
+    -------
+    Solution or None
+        None if no motion follows the records.
+    """
+    begun = [start.coefficients.get(symbol, 0.0) for symbol in runs[0].library.symbols]
+    frequency = start.reference_frequency if runs[0].frequency_free else runs[0].frequency
+    near = with_common_values(runs, constraints.impose(np.array(begun)), frequency)
+    return _refined(near, None, constraints, most)
+
+
+def _refined(
+    runs: Runs, linear_about: Runs | None, constraints: ConstraintMap, most: int | None = None
+) -> Solution | None:
     """Return the fixed point of the solution; without `linear_about` rows are linear about each motion.
 
     Over many periods a small error of an operator turns what the motion still misses into other forces. Where
@@ -60,7 +93,7 @@ def _refined(runs: Runs, linear_about: Runs | None, constraints: ConstraintMap) 
     last, halvings = None, 0
     runs = tuple(replace(run, sensitivity=None) for run in runs)
     of_curves = any(run.library.in_curves.any() for run in runs)
-    for _ in range(MAX_REFINEMENTS_OF_CURVES if of_curves else MAX_REFINEMENTS):
+    for _ in range(most or (MAX_REFINEMENTS_OF_CURVES if of_curves else MAX_REFINEMENTS)):
         try:
             runs = tuple(simulated(run, constraints) for run in runs)
         except SimulationError:

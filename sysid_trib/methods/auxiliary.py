@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.polynomial import legendre
 
 from sysid_trib.arrays import Array, Index, jacobian
-from sysid_trib.cycles.signatures import averages, tabulated_averages
+from sysid_trib.cycles.signatures import averages, tabulated_averages_of
 from sysid_trib.forces.force import ForceLibrary, ShapeValues
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import covariance_band
@@ -52,9 +52,8 @@ def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_perio
     def equations(extremum: Array, time: Array) -> tuple[Array, Array]:
         a, span = 0.5 * (extremum[2:] + extremum[:-2]), time[2:] - time[:-2]
         design = np.zeros((len(a), 2, len(library) + 1))
-        for j, force in enumerate(library):
-            sine, cosine = tabulated_averages(force, a, shapes, time[1:-1])
-            design[:, 0, j], design[:, 1, j] = sine, cosine / a
+        sine, cosine = tabulated_averages_of(library.forces, a, shapes, time[1:-1])
+        design[:, 0, :-1], design[:, 1, :-1] = sine, cosine / a[:, None]
         design[:, 1, -1] = 1.0
         return design, np.stack([(extremum[2:] - extremum[:-2]) / span, 2.0 * np.pi / span], axis=1)
 

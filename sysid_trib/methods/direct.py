@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -21,7 +21,11 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.refined_columns import refine_columns
+from sysid_trib.likelihood.refined_columns import (
+    MAX_REFINEMENTS_OF_CURVES,
+    refine_columns,
+    refine_from,
+)
 from sysid_trib.likelihood.regression import begin, common_values, shifted
 from sysid_trib.likelihood.rows import (
     Rows,
@@ -40,6 +44,7 @@ from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, described, start_variables
+from sysid_trib.simulation.model import Model
 
 MAX_SELECTIONS = 5
 # The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
@@ -80,6 +85,11 @@ class Direct(Constrained):
         `regress_stochastic`). The strong form, and the weak form that is not refined, have none.
     own : tuple of str
         Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
+    start : Model, optional
+        Of nearly the same forces, as another fit of the records found them: the first columns are those of
+        its motion, where that follows the records.
+    most_refinements : int
+        Motions, from a start, that give columns at most.
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
         held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
@@ -109,6 +119,8 @@ class Direct(Constrained):
     shapes: Mapping[str, float] = field(default_factory=dict)
     random_force: RandomForceOption = "auto"
     own: tuple[str, ...] = ()
+    start: Model | None = None
+    most_refinements: int = MAX_REFINEMENTS_OF_CURVES
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
@@ -163,6 +175,12 @@ class Direct(Constrained):
         runs = begin(
             runs_given, offered, constraints, reference_frequency=self.reference_frequency, shapes=shapes
         )
+        started = None
+        if self.start is not None and self._takes_random_force and not self._fits_random_force:
+            started = refine_from(runs, self.start, self.most_refinements, constraints)
+        if started is not None:
+            every = np.ones(len(offered), bool)
+            return self._identified(decay, library, offered, asked, shapes, started, every, refined=True)
         for _ in range(FIRST_ESTIMATES):
             after = solve(weak_rows(runs), constraints).runs
             runs = tuple(run.along_own_path() for run in after)
@@ -185,10 +203,24 @@ class Direct(Constrained):
             solution, refined = again or solve(replace(rows, runs=after), kept), again is not None
         solution = with_errors_of_bounded(solution, constraints.keep(active))
         solution = with_errors_of_dropped(solution, active, constraints)
-        estimate = _estimate(solution)
-        result = identification(
-            replace(self, shapes=shapes), decay, offered, estimate, offered=library, active=active
-        )
+        return self._identified(decay, library, offered, asked, shapes, solution, active, refined=refined)
+
+    def _identified(
+        self,
+        decay: Decays,
+        library: ForceLibrary,
+        offered: ForceLibrary,
+        asked: Constraints,
+        shapes: Mapping[str, float],
+        solution: Solution,
+        active: Mask,
+        *,
+        refined: bool,
+    ) -> xr.Dataset:
+        """Return a solution as an identification."""
+        estimate, constraints = _estimate(solution), constraint_map(asked, offered, shapes)
+        method = replace(self, shapes=shapes, start=None)
+        result = identification(method, decay, offered, estimate, offered=library, active=active)
         result = result.assign(_random_force(solution, self.random_force))
         reached = set(constraints.free[active[constraints.free]]) - set(solution.constraints.free)
         result = asked.marked(result, [offered.symbols[i] for i in reached])

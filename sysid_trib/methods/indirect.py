@@ -34,6 +34,7 @@ from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.stand_in import accuracy_of
 
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
@@ -201,7 +202,8 @@ def _motion_from_start(
     guess = first_guess(*begin, frequency) if before is None else (before.angle, before.rate)
     sensitivity = None if before is None else before.sensitivity
     start = fit_start(model, *begin, guess, offset=None, sensitivity=sensitivity)
-    simulated = trajectory(model, time, start.angle, start.rate).angle
+    accuracy = accuracy_of(model)
+    simulated = trajectory(model, time, start.angle, start.rate, accuracy=accuracy).angle
     return xr.Dataset({"angle": ("time", simulated)}, {"time": time}), start
 
 

@@ -40,6 +40,8 @@ class MethodScope:
         Whether it identifies several runs together.
     white_noise : bool
         Whether its standard errors are right in white noise only.
+    names_forces : bool
+        Whether it identifies coefficients of the forces offered; else it identifies curves.
     driven : bool
         Whether it identifies the forces with a known input of the record, too.
     family : str
@@ -56,6 +58,7 @@ class MethodScope:
     identifies: str = "every force offered"
     several_runs: bool = True
     white_noise: bool = False
+    names_forces: bool = True
     driven: bool = False
     family: Literal["trajectory", "direct", "averaging", "other"] = "other"
     variants: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

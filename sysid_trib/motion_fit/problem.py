@@ -19,6 +19,7 @@ from sysid_trib.results import schema, variables
 from sysid_trib.simulation import initial_conditions, simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD, STEPS_A_PERIOD, SimulatedMotion
+from sysid_trib.simulation.stand_in import accuracy_of
 
 # A motion is out of all proportion beyond so many swings of the record.
 OUT_OF_PROPORTION = 10.0
@@ -141,7 +142,15 @@ class WhitenedRecord:
         plain = all(force.memoryless for force in model.library)
         steps = FEW_STEPS_A_PERIOD if plain else STEPS_A_PERIOD
         try:
-            return simulate.trajectory(acting, self.time[:count], angle, rate, by=by, most_steps=steps)
+            return simulate.trajectory(
+                acting,
+                self.time[:count],
+                angle,
+                rate,
+                by=by,
+                most_steps=steps,
+                accuracy=accuracy_of(acting),
+            )
         except SimulationError:
             return None
 

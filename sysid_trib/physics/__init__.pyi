@@ -21,5 +21,6 @@ from sysid_trib.questions.law_difference import law_difference as law_difference
 from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
 from sysid_trib.smooth_laws.calibration import with_scale_error as with_scale_error
 from sysid_trib.smooth_laws.formulas import law_formulas as law_formulas
+from sysid_trib.smooth_laws.method import law_methods as law_methods
 
 from ..results.schema import model_of as model_of

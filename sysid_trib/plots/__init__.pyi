@@ -7,6 +7,7 @@ from sysid_trib.plots.si_laws import friction_coefficient as friction_coefficien
 from sysid_trib.plots.sureness import difference as difference, profile as profile, sensitivity as sensitivity
 
 from .at_a_glance import overview as overview
+from .interaction_map import interaction as interaction
 from .law_curves import laws as laws
 from .over_time import frequency_shift as frequency_shift, motions as motions, weights as weights
 from .predicted import innovations as innovations, plan as plan, response as response

@@ -121,7 +121,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
     return [
         Block([_prediction(tree)], ALWAYS),
         Block(sources),
-        Block([*_effective(tree, table)], ALWAYS),
+        Block([*_rival(table, units), *_effective(tree, table)], ALWAYS),
         Block(title="At a glance"),
         Block((), ALWAYS, BY_METHOD, _coefficient_table(table), "Coefficients"),
         Block((), details, BY_METHOD, _difference_table(table), DIFFERENCES),
@@ -150,6 +150,30 @@ def _prediction(tree: xr.DataTree) -> str:
         f"RMS residual {layout.in_small_units(best.holdout_rms.item(), signal_units(tree))}, "
         f"{ratio:.3g} times the noise. These forces {explain} it."
     )
+
+
+def _rival(table: xr.Dataset, units: str) -> Iterator[str]:
+    """Compare the prediction of laws without a formula with that of the named forces."""
+    laws = _of_curves(table)
+    if not np.any(np.isfinite(laws.holdout_rms.values)):
+        return
+    nearest = laws.isel(model=int(np.nanargmin(laws.holdout_over_noise.values)))
+    ratio = nearest.holdout_over_noise.item() / ratio_of_best(table)
+    label, p_value = nearest.model.item(), nearest.holdout_p_value.item()
+    how = "about as well as these forces"
+    if abs(ratio - 1.0) > ALIKE - 1.0 and not p_value > ALIKE_LEVEL:
+        how = "better than these forces" if ratio < 1.0 else "less well than these forces"
+    size = layout.in_small_units(nearest.holdout_rms.item(), units)
+    yield (
+        f"Friction and restoring force as curves ({label}) predict it {how}: RMS residual {size}, "
+        f"{nearest.holdout_over_noise.item():.3g} times the noise."
+    )
+
+
+def _of_curves(table: xr.Dataset) -> xr.Dataset:
+    """Return the rows of methods that identify curves; older results have none."""
+    curves = ~table.names_forces.values.astype(bool) if "names_forces" in table else np.zeros(0, dtype=int)
+    return table.isel(model=np.flatnonzero(curves))
 
 
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
@@ -210,7 +234,8 @@ def _noise(table: xr.Dataset) -> str:
 
 def _by_accident(table: xr.Dataset) -> Iterator[str]:
     """Warn that a poor model may still follow the last swings, and that errors can be wide."""
-    ratios = table.residual_over_noise.fillna(np.inf)
+    of_names = table.drop_sel(model=_of_curves(table).model.values)
+    ratios = of_names.residual_over_noise.fillna(np.inf)
     best, least = table.attrs["best"], ratios.idxmin("model").item()
     ratio = (ratios.sel(model=best) / ratios.min()).item()
     if ratio > LARGE:

@@ -1,5 +1,6 @@
 """The laws in words, tables and plain data: friction against speed, restoring force against displacement."""
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from math import floor, log10
 from typing import Any
@@ -17,10 +18,13 @@ from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.fits import NO_BETTER
+from sysid_trib.smooth_laws.laws import OWN_LAWS
+from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
 SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
+BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
 # Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
@@ -52,11 +56,44 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         Block([*_no_curve(tree), *_method_sentences(tree)], ALWAYS),
         Block((), ALWAYS, FRICTION_TITLE, law_table(tree, "friction"), _caption(tree, "friction")),
         Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
+        *_own_blocks(tree),
         *_restoring_blocks(tree),
         Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
         Block([*_formula_sentences(tree)], title=FORMULA_TITLE),
+        Block([*_interaction_sentences(tree)], title=BOTH_TITLE),
         Block([*_details(tree)], details, SURENESS_TITLE),
     ]
+
+
+def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """The laws of each run that has its own."""
+    if OWN_LAWS not in tree.children:
+        return
+    own = tree[OWN_LAWS].to_dataset()
+    for law in shown.laws_in(_preferred(tree)):
+        curves = [shown.curve_of(own.sel(run=run), law) for run in own.run.values]
+        if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
+            # It is shared.
+            continue
+        word, unit_at, unit = _words(tree, law)
+        both = bool(np.any(curves[0].places < 0.0))
+        whole = shown.curve_of(_preferred(tree), law)
+        places = shown.places_shown(whole, SIDE_PARTS if both else SHOWN_PARTS)
+        rows = []
+        for at, place in enumerate(places):
+            row = {word: f"{place:.3g}"}
+            for run, curve in zip(own.run.values, curves, strict=True):
+                part = curve.at(places)
+                text = layout.value_with_error(part.values[at], part.errors[at])
+                row[f"run {run}"] = text if part.visited[at] else f"({text})"
+            rows.append(row)
+        title = "Friction of each run" if law == "friction" else "Restoring force of each run"
+        inertia = "inertia" if signal_units(tree) == "rad" else "mass"
+        caption = (
+            f"{title} over the {inertia} ({unit}) against {word} ({unit_at}), with standard errors; in "
+            "parentheses where the run does not reach. The table above holds the mean of the runs"
+        )
+        yield Block((), ALWAYS, title, layout.text_table(rows), caption)
 
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
@@ -240,7 +277,9 @@ def _preferred(tree: xr.DataTree) -> xr.Dataset:
 
 
 def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Describe where friction feeds energy in."""
+    """Describe where friction feeds energy in, or would without the constraint of passivity."""
+    if PASSIVE in tree["judged"].attrs:
+        yield _passivity(tree)
     spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
         said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
@@ -255,6 +294,23 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
             f"The continuation of the friction law would feed energy in at {_spans(spans['beyond'], unit)}, "
             "which the record does not visit: do not use it there."
         )
+
+
+def _passivity(tree: xr.DataTree) -> str:
+    """Return the speeds at which the constraint of passivity acts."""
+    result = _preferred(tree)
+    acting = json.loads(tree["judged"].attrs[PASSIVE])
+    if not acting:
+        return "Passivity was asked for, and acts nowhere: friction takes energy out at every speed shown."
+    places = result.speed.values
+    largest = float(np.max(places[result.speed_visited.values]))
+    # The constraint also stands just above and below zero speed.
+    near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
+    spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
+    return (
+        f"Passivity acts at {_spans(spans, _words(tree, 'friction')[1])}: without it, friction would feed "
+        "energy in there. Suspect an error of the sensor within the cycle, or another force."
+    )
 
 
 def _remarks(tree: xr.DataTree) -> Iterator[str]:
@@ -306,8 +362,22 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             yield f"No sum of up to three library forces stays within the band of {words}."
             continue
         listed = tree[name].to_dataset()
-        texts = [_formula_text(listed.isel(alternative=at)) for at in range(listed.sizes["alternative"])]
-        yield f"Formulas within the band of {words}, over w^2: {'; or '.join(texts[:FORMULAS_SHOWN])}."
+        count = min(FORMULAS_SHOWN, listed.sizes["alternative"])
+        texts = [_formula_text(listed.isel(alternative=at)) for at in range(count)]
+        said = ""
+        if "held_out_rms" in listed:
+            unit = signal_units(tree)
+            sizes = [_residual_text(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
+            texts = [f"{text} ({size})" for text, size in zip(texts, sizes, strict=True)]
+            of_laws = _residual_text(listed.held_out_rms_of_laws.item(), unit)
+            said = f" (in parentheses what each leaves of the last third, held out; the laws: {of_laws})"
+        yield f"Formulas within the band of {words}, over w^2{said}: {'; or '.join(texts)}."
+
+
+def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
+    """Say whether the force is a sum of both laws, and which readings the record does not tell apart."""
+    if "readings" in tree.children:
+        yield from _reading_sentences(tree["readings"].to_dataset(), signal_units(tree))
     if "interaction" in tree.children:
         products = tree["interaction"]
         p_value = layout.p_value_text(products.p_value.item())
@@ -315,8 +385,27 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             "The force is not a law of speed plus a law of displacement (p "
             f"{p_value}): with products of both the residual falls to "
             f"{products.residual_after.item() / products.residual_before.item():.0%}. Group `interaction` of "
-            "the result maps what they add."
+            "the result, and its figure, map what they add."
         )
+
+
+def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
+    """Say which combination of a friction law and of products the record determines."""
+    if bool(both.separated.item()):
+        return
+    size = max(abs(both["sum"].item()), 1e-300)
+    of_both, of_speed = (100.0 * both[error].item() / size for error in ("standard_error", "error_of_law"))
+    yield (
+        "The record does not tell friction that changes with the speed from friction that depends on the "
+        f"position: the damping of both together over a cycle of {both.amplitude.item():.2g} {unit} is known "
+        f"to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands hold if friction "
+        "depends on the speed alone."
+    )
+
+
+def _residual_text(rms: float, unit: str) -> str:
+    """Return what a model leaves of what was held out, or that it predicts no motion."""
+    return layout.in_small_units(rms, unit) if np.isfinite(rms) else "no motion"
 
 
 def _formula_text(formula: xr.Dataset) -> str:
@@ -431,6 +520,7 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
         "noise": judged.record_noise(tree),
         **{name: checked.attrs[name] for name in ("even", "sensor", "reason", "averaging_failed", "options")},
         "feeds_energy": shown.feeding(preferred) if preferred is not None else {},
+        **({OWN_LAWS: tree[OWN_LAWS].to_dataset()} if OWN_LAWS in tree.children else {}),
     }
 
 
@@ -478,8 +568,36 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
                 "unit": unit,
                 "visited": bool(curve.visited[at]),
             }
+    yield from _own_rows(tree)
     if LAWS_SI in tree.children:
         yield from si_rows(tree[LAWS_SI].to_dataset())
+
+
+def _own_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
+    """The laws of each run that has its own, a row each place."""
+    if OWN_LAWS not in tree.children:
+        return
+    own, answer = tree[OWN_LAWS].to_dataset(), judged.preferred_of(tree)
+    for run in own.run.values.tolist():
+        of_run = own.sel(run=run)
+        for law in shown.laws_in(_preferred(tree)):
+            variable, curve = shown.LAW_PLACES[law], shown.curve_of(of_run, law)
+            _, unit_at, unit = _words(tree, law)
+            for at, place in enumerate(curve.places.tolist()):
+                yield {
+                    "method": f"{answer}, run {run}",
+                    "law": law,
+                    "variable": variable,
+                    "at": place,
+                    "unit_at": unit_at,
+                    "value": curve.values[at],
+                    "standard_error": curve.errors[at],
+                    "low": curve.low[at],
+                    "high": curve.high[at],
+                    "error_of_model": of_run[f"{law}_error_of_model"].values[at],
+                    "unit": unit,
+                    "visited": bool(curve.visited[at]),
+                }
 
 
 def laws_csv(tree: xr.DataTree) -> str:

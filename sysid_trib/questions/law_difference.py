@@ -18,7 +18,7 @@ from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.judged import best
 from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws import bands
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band, interpolation
 from sysid_trib.smooth_laws.laws import laws
 
 # Group of a result that holds what `law_difference` returns.
@@ -111,7 +111,7 @@ def _of_law(samples: list[xr.Dataset], law: str, common: Array) -> dict[str, Any
     """Return a law of both samples at common places, its difference and the tests of it."""
     laws, covariances, values = [], [], dict[str, Any]()
     for name, sample in zip(SIDES, samples, strict=True):
-        weights = _interpolation(sample[VARIABLE_OF_LAW[law]].values, common)
+        weights = interpolation(sample[VARIABLE_OF_LAW[law]].values, common)
         laws.append(weights @ sample[law].values)
         covariances.append(weights @ sample[f"{law}_covariance"].values @ weights.T)
         values[f"{law}_{name}"] = laws[-1], np.sqrt(np.diag(covariances[-1]))
@@ -124,24 +124,6 @@ def _of_law(samples: list[xr.Dataset], law: str, common: Array) -> dict[str, Any
     values |= {f"{law}_difference": difference, f"{law}_difference_covariance": covariance, f"{law}_z": z}
     differs: Mask = (error > 0.0) & ((low > 0.0) | (high < 0.0))
     return values | of_band | {f"{law}_differs": differs, f"{law}_p_value": p_value(z, covariance)}
-
-
-def _interpolation(places: Array, common: Array) -> Array:
-    """Return the matrix that gives a law at common places from its values, (common, place).
-
-    A law that is known for positive places alone is odd.
-    """
-    weights = np.zeros((len(common), len(places)))
-    two_sided = bool(np.any(places < 0.0))
-    for row, place in enumerate(common):
-        sign = 1.0 if two_sided else float(np.sign(place))
-        # A law may jump at zero: its two sides are not interpolated between.
-        side = np.flatnonzero(places * place > 0.0) if two_sided else np.arange(len(places))
-        at, target = np.abs(places[side]), abs(float(place))
-        order = np.argsort(at)
-        for column in np.eye(len(side))[order]:
-            weights[row, side[int(np.argmax(column))]] = sign * np.interp(target, at[order], column[order])
-    return weights
 
 
 def p_value(z: Array, covariance: Array) -> float:

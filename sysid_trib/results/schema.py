@@ -85,13 +85,15 @@ def identification(
     variances = covariance[count, count], gradient @ covariance @ gradient
     w_error, limit_error = np.sqrt(np.fmax(0.0, variances)).tolist()
     of_force = covariance[:count, :count]
+    # A motion that does not oscillate at rest has no asymptotic frequency.
+    with_frequency = covariance @ gradient if limit > 0.0 else covariance[:, count]
     values_of: dict[str, Any] = {
         "coefficient": np.where(kept, estimate.coefficients, 0.0),
         "standard_error": np.sqrt(np.diag(of_force)),
         "covariance": of_force,
         "active": kept,
         "refers_to": np.full(count, w),
-        "frequency_covariance": (covariance @ gradient)[:count],
+        "frequency_covariance": with_frequency[:count],
         "noise": root_mean_square(estimate.noises),
         # The error is 0 of one that was given.
         "reference_frequency": (w, w_error),
@@ -186,9 +188,11 @@ def covariance_with_frequency(result: xr.Dataset) -> Array:
     if error > 0.0:
         inside = np.isclose(result.refers_to.values, w, rtol=1e-12)
         acting = library_of(result).select(result.force.values[inside].tolist())
-        _, gradient = asymptotic_frequency(acting, result.coefficient.values[inside], w)
-        # A result states the covariance with the asymptotic frequency; that with w follows.
-        with_w = (result.frequency_covariance.values - covariance[:, inside] @ gradient[:-1]) / gradient[-1]
+        limit, gradient = asymptotic_frequency(acting, result.coefficient.values[inside], w)
+        with_w = result.frequency_covariance.values
+        if limit > 0.0:
+            # A result states the covariance with the asymptotic frequency; that with w follows.
+            with_w = (with_w - covariance[:, inside] @ gradient[:-1]) / gradient[-1]
         whole[:count, count] = whole[count, :count] = with_w
         whole[count, count] = error**2
     return whole

@@ -185,10 +185,11 @@ def _order(code, c, rows, J, k):
                 for j in range(k + 1):
                     t += u[j] * w[np.uintp(k - j)]
         elif o == op.DIV:
+            u, w = J[q], J[s]
             t = J[p, k]
             for j in range(1, k + 1):
-                t -= J[q, j] * J[s, k - j]
-            t /= J[q, 0]
+                t -= u[j] * w[np.uintp(k - j)]
+            t /= u[0]
         elif o == op.NEG:
             t = -J[p, k]
         elif o == op.SIN:
@@ -240,15 +241,26 @@ def _derivatives(code, c, J, T, k, s):
         here[i] = 0.0
     if o in (op.CONST, op.SIGN):
         return
+    if o == op.MUL:
+        u, w, of_u, of_w = J[p], J[q], T[p], T[q]
+        for m in range(k + 1):
+            by_u, by_w = w[np.uintp(k - m)], u[np.uintp(k - m)]
+            for i in range(count):
+                here[i] += by_u * of_u[m, i] + by_w * of_w[m, i]
+        return
+    if o == op.DIV:
+        u, w, of_u, of_w = J[q], J[s], T[q], T[s]
+        for m in range(k):
+            by_u, by_w = w[np.uintp(k - m)], u[np.uintp(k - m)]
+            for i in range(count):
+                here[i] -= by_u * of_u[m, i] + by_w * of_w[m, i]
+        for i in range(count):
+            here[i] = (here[i] + T[p, k, i] - w[0] * of_u[k, i]) / u[0]
+        return
     for m in range(k + 1):
         # What multiplies the derivatives of the operands, and of the slot itself, at order m.
         of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
-        if o == op.MUL:
-            of_p, of_q = J[q, k - m], J[p, k - m]
-        elif o == op.DIV:
-            of_p, of_q = (1.0 if at_last else 0.0), -J[s, k - m]
-            of_s = 0.0 if at_last else -J[q, k - m]
-        elif o in (op.LOG, op.POWER):
+        if o in (op.LOG, op.POWER):
             of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]
             of_s = 0.0 if at_last else -J[p, k - m]
         else:
@@ -256,10 +268,9 @@ def _derivatives(code, c, J, T, k, s):
             of_p = J[s, k - m] if o == op.EXP else -J[q, k - m] if o == op.PARTNER else J[q, k - m]
         for i in range(count):
             here[i] += of_p * T[p, m, i] + of_q * T[q, m, i] + of_s * T[s, m, i]
-    if o in (op.DIV, op.LOG, op.POWER):
-        divisor = J[q, 0] if o == op.DIV else J[p, 0]
+    if o in (op.LOG, op.POWER):
         for i in range(count):
-            here[i] /= divisor
+            here[i] /= J[p, 0]
 
 
 @inner

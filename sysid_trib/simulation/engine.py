@@ -136,10 +136,11 @@ def outcome_of(c, h, furthest, steps, most_steps):
 def run(program, given, c, limits):
     """Follow the motions of `given`, one after the other, and write its `rows`, `tangents` and `reversals`.
 
-    `limits`: rad beyond which one diverges, switchings and steps that all may take. Returns how
+    `limits`: rad beyond which one diverges, switchings and steps that all may take, and what a step may leave
+    of the series of the states. Returns how
     often the sign of v changes; where it comes to rest for good, or nan; how it ended, at the clock.
     """
-    furthest, budget, most_steps = limits
+    furthest, budget, most_steps, part = limits
     piece, done, steps, held = np.int64(0), np.int64(0), 0, np.int64(at.FREE)
     turns, rest, state = np.int64(0), np.nan, at.MOVING
     fresh, until = at_knot(program, given, c, piece, held), given.until[0]
@@ -156,10 +157,10 @@ def run(program, given, c, limits):
         n = series(program, c, h, held)
         steps += 1
         if held != at.FREE:
-            longest = limit if held == at.RESTS else min(limit, length(program, c, n))
+            longest = limit if held == at.RESTS else min(limit, length(program, c, n, part))
             h, way, which = held_step(program, c, n, longest, held, held == at.RESTS and ends)
         else:
-            h, which = free_step(program, c, n, min(h, length(program, c, n)) if n == at.ORDER else h)
+            h, which = free_step(program, c, n, min(h, length(program, c, n, part)) if n == at.ORDER else h)
         whole = h >= limit and which < 0 and way == 0.0
         done = sampled(program, given, c, done, until, n, np.inf if whole and ends else h)
         if done == len(given.grid):

@@ -14,6 +14,7 @@ from sysid_trib.records.smoothing import first_of_spline
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model
 from sysid_trib.simulation.motions import STEPS_A_PERIOD, SimulatedMotion
 from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.stand_in import accuracy_of, has_curves, without_curves
 
 MEASURED, MEASURED_TIME = "measured", "measured_time"
 
@@ -149,9 +150,15 @@ def fit_start(
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero, longest = np.array(start, dtype=float), offset or 0.0, np.inf
     by = BY_START if sensitivity is None else ()
+    # Derivatives of a motion along many narrow parts of a curve take many times as long as the motion itself.
+    smooth = without_curves(model, float(np.ptp(angle))) if has_curves(model) else None
+    accuracy = accuracy_of(model)
     rounds = NEARBY_ROUNDS if near else MAX_ROUNDS
     for done in range(rounds + 1):
-        motion = trajectory(model, time, *begin, by=by, most_steps=most_steps)
+        if by and smooth is not None:
+            sensitivity = trajectory(smooth, time, *begin, by=by, most_steps=most_steps).derivatives["angle"]
+            by = ()
+        motion = trajectory(model, time, *begin, by=by, most_steps=most_steps, accuracy=accuracy)
         sensitivity = motion.derivatives.get("angle", sensitivity)
         if longest < SETTLED_START or done == rounds:
             break
@@ -168,6 +175,8 @@ def fit_start(
         if near and longest < NEAR_START:
             break
         by = BY_START if longest > min(FAR_START, NOT_SHORTER * before) else ()
+        if longest > NOT_SHORTER * before:
+            smooth = None
     v = motion.rate / model.reference_frequency
     return FittedMotion(
         begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity

@@ -148,6 +148,7 @@ def integrate(
     by: Sequence[str] = (),
     forcing: Forcing | None = None,
     most_steps: int = STEPS_A_PERIOD,
+    accuracy: float = under_way.STATE_PART,
 ) -> SimulatedMotion:
     """Integrate the motion of a model along a grid.
 
@@ -164,6 +165,8 @@ def integrate(
         Nothing where left out: what forces hold of inputs is zero.
     most_steps : int
         A period.
+    accuracy : float
+        What a step may leave of the series of x and v, in parts of these.
 
     Raises
     ------
@@ -190,7 +193,7 @@ def integrate(
     )
     periods, acts = float(tau[-1] - tau[0]) / (2.0 * np.pi), np.any(polynomials) or np.any(increments)
     switchings = 1000 + many + int(periods * (50 + 10 * len(motion.switches)))
-    limits = switchings, 5000 + many + int(most_steps * periods)
+    limits = switchings, 5000 + many + int(most_steps * periods), accuracy
     rows, tangents, turns, stop = run(motion, model, by, (values[size:], slopes[size:]), given, limits)
     hidden = dict(zip(motion.hidden, rows.T[2:], strict=False))
     return SimulatedMotion(model, tau, rows, hidden, np.nan if acts else stop, turns, tuple(by), tangents)
@@ -211,7 +214,7 @@ def run(
     by: Sequence[str],
     parameters: tuple[Vector, Vector],
     given: under_way.Given,
-    limits: tuple[int, int],
+    limits: tuple[int, int, float],
 ) -> tuple[Vector, Vector, Vector, float]:
     """Follow motions by the compiled engine.
 
@@ -223,8 +226,8 @@ def run(
         Values and derivatives of what stays (see `Motion.names`).
     given : under_way.Given
         But for what is written.
-    limits : (int, int)
-        Switchings and steps that all may take.
+    limits : (int, int, float)
+        Switchings and steps that all may take, and the accuracy of a step (see `integrate`).
 
     Returns
     -------

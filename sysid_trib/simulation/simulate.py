@@ -14,6 +14,7 @@ from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_
 from sysid_trib.simulation.model import Model, Vector
 from sysid_trib.simulation.motions import STEPS_A_PERIOD, Forcing, SimulatedMotion, integrate
 from sysid_trib.simulation.program import FORCING_NUMBERS
+from sysid_trib.simulation.under_way import STATE_PART
 
 
 def simulate(
@@ -114,6 +115,7 @@ def trajectory(
     *,
     by: Sequence[str] = (),
     most_steps: int = STEPS_A_PERIOD,
+    accuracy: float = STATE_PART,
 ) -> SimulatedMotion:
     """Simulate without labels, the fast way for repeated use (see `simulate`).
 
@@ -125,6 +127,8 @@ def trajectory(
         Parameters of which derivatives are taken: symbols of forces, `dahl.s`, and the names in `integrate`.
     most_steps : int
         A period; a stiff state may take thousands.
+    accuracy : float
+        See `integrate`.
 
     Returns
     -------
@@ -137,7 +141,9 @@ def trajectory(
     """
     tau, w = _checked(model, time, angle, rate), model.reference_frequency
     forcing = forcing_of(model, tau)
-    motion = integrate(model, tau, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps)
+    motion = integrate(
+        model, tau, (angle, rate / w), by=by, forcing=forcing, most_steps=most_steps, accuracy=accuracy
+    )
     return replace(motion, start=float(time[0]))
 
 

@@ -19,7 +19,7 @@ from sysid_trib.records.inputs import INPUT
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, motion_of
 from sysid_trib.simulation.motions import run
 from sysid_trib.simulation.simulate import bends_of, polynomials_of
-from sysid_trib.simulation.under_way import MOTION_ENDS, Given
+from sysid_trib.simulation.under_way import MOTION_ENDS, STATE_PART, Given
 
 # In an interval, and in each unit of tau of it.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
@@ -118,7 +118,7 @@ def steps_of(
     )
     values, slopes = motion.start(model, 0.0, 0.0, columns)
     whole = np.sum(1.0 + length)
-    limits = int(SWITCHINGS_ALLOWED * whole), int(STEPS_ALLOWED * whole)
+    limits = int(SWITCHINGS_ALLOWED * whole), int(STEPS_ALLOWED * whole), STATE_PART
     rows, tangents, *_ = run(motion, model, columns, (values[size:], slopes[size:]), given, limits)
     by_begin, by_names, by_impulses = np.split(tangents[:, :size], [starts, first], axis=2)
     random = by_impulses * np.sqrt(length)[:, None, None]

@@ -260,12 +260,12 @@ def _part_of_derivatives(program, c, k):
 
 
 @inner
-def length(program, c, n):
-    """A step for which the rest of the series is below rounding."""
+def length(program, c, n, part):
+    """Return a step that leaves less than a part of the states' series, and rounding of the others."""
     J = c.J
-    h = radius(J, np.int64(0), np.int64(1), n, at.STATE_PART)
+    h = radius(J, np.int64(0), np.int64(1), n, part)
     for i in range(2, program.states):
-        h = min(h, radius(J, i, i, n, at.STATE_PART))
+        h = min(h, radius(J, i, i, n, part))
     for s in program.surfaces:
         if s >= program.states:
             h = min(h, radius(J, s, s, n, at.SURFACE_PART))

@@ -1,7 +1,7 @@
 """Friction against speed and restoring force against displacement of an identification, with bands."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -44,6 +44,10 @@ class Law:
     values: Array
     covariance: Array
 
+    def reached(self, largest: float) -> "Law":
+        """Return the law of a run that visits places up to the largest."""
+        return replace(self, visited=np.abs(self.places) <= largest * (1.0 + 1e-9))
+
 
 def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
     """Return places of a law, (place,), and which of them the record visits.
@@ -65,7 +69,7 @@ def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
     return np.asarray(places, dtype=float), visited
 
 
-def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
+def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = None) -> list[Law]:
     """Return the laws of any identification whose forces depend on speed or displacement alone.
 
     Parameters
@@ -74,6 +78,8 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
         An identification.
     largest : dict
         Largest displacement `x` (rad) and speed `v` (rad/s) of its records.
+    run : int, optional
+        Number of the run, from 1, if runs have laws of their own; without it their mean.
 
     Returns
     -------
@@ -87,7 +93,9 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float]) -> list[Law]:
         forces = [force for force in library if depends_on(force, of)]
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
-        values, covariance = _evaluated(result, library, forces, of, places)
+        values, jacobian = law_and_jacobian(result, library, forces, of, places, run)
+        covariance = jacobian @ schema.covariance_with_frequency(result) @ jacobian.T
+        covariance = 0.5 * (covariance + covariance.T)
         laws.append(Law(name, variable, places, visited, values, covariance))
     return laws
 
@@ -96,24 +104,50 @@ def depends_on(force: Force, of: str) -> bool:
     """Return True if a force is a function of x, or of v, alone."""
     if force.kind != "force" or not force.memoryless or force.channels or force.holds_time:
         return False
-    return {"x", "v"} & set(force.formula.names) == {of} and force.run is None
+    return {"x", "v"} & set(force.formula.names) == {of}
 
 
-def _evaluated(
-    result: xr.Dataset, library: ForceLibrary, forces: Sequence[Force], of: str, places: Array
+def law_and_jacobian(
+    result: xr.Dataset,
+    library: ForceLibrary,
+    forces: Sequence[Force],
+    of: str,
+    places: Array,
+    run: int | None,
 ) -> tuple[Array, Array]:
-    """Values of a law (place,), rad/s^2, and their covariance, (place, place)."""
+    """Return a law (place,), rad/s^2, and its derivatives by coefficients and frequency, (place, force + 1).
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    library : ForceLibrary
+        Its forces.
+    forces : sequence of Force
+        Those of the law.
+    of : {"v", "x"}
+    places : (place,) array of float
+    run : int or None
+        See `laws_of`.
+    """
     shapes = schema.shape_values_of(result)
     symbols = result.force.values.tolist()
     w = result.reference_frequency.item()
     coefficients = np.where(result.active.values, result.coefficient.values, 0.0)
+    runs = max((force.run or 1 for force in library), default=1)
+
+    def part(force: Force) -> float:
+        """Return the part of a force in the law of the run, or in the mean of all runs."""
+        if force.run is None:
+            return 1.0
+        return 1.0 / runs if run is None else float(force.run == run)
 
     def columns(frequency: float) -> Array:
         """Forces over the inertia of coefficient 1, (place, force), rad/s^2."""
         x, v = (0.0 * places, places / frequency) if of == "v" else (places, 0.0 * places)
         values = np.zeros((len(places), len(symbols)))
         for force in forces:
-            values[:, symbols.index(force.symbol)] = force.value(x, v, shapes=shapes)
+            values[:, symbols.index(force.symbol)] = part(force) * force.value(x, v, shapes=shapes)
         return frequency**2 * values
 
     def law(frequency: float) -> Array:
@@ -122,9 +156,17 @@ def _evaluated(
 
     step = 1e-6 * w
     by_frequency = (law(w + step) - law(w - step)) / (2.0 * step)
-    jacobian = np.column_stack([columns(w), by_frequency])
-    covariance = jacobian @ schema.covariance_with_frequency(result) @ jacobian.T
-    return law(w), 0.5 * (covariance + covariance.T)
+    return law(w), np.column_stack([columns(w), by_frequency])
+
+
+def standard_errors(covariance: Array) -> Array:
+    """Return the square roots of the variances, (place,); rounding may make one of them negative.
+
+    Parameters
+    ----------
+    covariance : (place, place) array of float
+    """
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))
 
 
 def largest_of_draws(covariance: Array) -> Array:
@@ -135,7 +177,7 @@ def largest_of_draws(covariance: Array) -> Array:
     covariance : (place, place) array of float
         Of the curve.
     """
-    errors = np.sqrt(np.diag(covariance))
+    errors = standard_errors(covariance)
     known = np.flatnonzero(errors > 0.0)
     if not len(known):
         return np.zeros(0)
@@ -174,7 +216,7 @@ def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str
     visited : (place,) array of bool
         Places over which the band is simultaneous.
     """
-    error = np.sqrt(np.diag(covariance))
+    error = standard_errors(covariance)
     half = simultaneous_factor(covariance[np.ix_(visited, visited)]) * error
     return {f"{name}_standard_error": error, f"{name}_low": values - half, f"{name}_high": values + half}
 
@@ -194,7 +236,7 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         covariance = law.covariance + added
         values[law.name] = law.values
         values |= band(law.name, law.values, covariance, law.visited)
-        values[f"{law.name}_error_of_model"] = np.sqrt(np.diag(added))
+        values[f"{law.name}_error_of_model"] = standard_errors(added)
         values[f"{law.name}_covariance"] = covariance
         values[f"{law.variable}_visited"] = law.visited
         places[law.variable] = law.places
@@ -250,3 +292,25 @@ def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
             }
         )
     )
+
+
+def interpolation(places: Array, common: Array) -> Array:
+    """Return the matrix that gives a law at other places from its values, (common, place).
+
+    Parameters
+    ----------
+    places : (place,) array of float
+        Of the law; one that is known for positive places alone is odd.
+    common : (common,) array of float
+    """
+    weights = np.zeros((len(common), len(places)))
+    two_sided = bool(np.any(places < 0.0))
+    for row, place in enumerate(common):
+        sign = 1.0 if two_sided else float(np.sign(place))
+        # A law may jump at zero: its two sides are not interpolated between.
+        side = np.flatnonzero(places * place > 0.0) if two_sided else np.arange(len(places))
+        at, target = np.abs(places[side]), abs(float(place))
+        order = np.argsort(at)
+        for column in np.eye(len(side))[order]:
+            weights[row, side[int(np.argmax(column))]] = sign * np.interp(target, at[order], column[order])
+    return weights

@@ -1,6 +1,6 @@
 """Fits of law models: curves where the data allow them, with sensor errors and even parts if significant."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,11 +14,13 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.methods import Averaging, Direct, Trajectory
+from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
+from sysid_trib.smooth_laws.passive import Passive, made_passive
 from sysid_trib.validation.judge import RESIDUAL_LEVEL
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 
@@ -27,6 +29,8 @@ EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
 SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
 # Level of a test that finds them; they are kept where the residual shrinks to less than this part.
 EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.8
+# Motions that give the columns of a fit which begins at another one, and of a fit to a part of the record.
+REFINEMENTS_OF_EXTENSION, REFINEMENTS_OF_PART = 4, 2
 NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
 
 
@@ -42,12 +46,38 @@ class LawFit:
         The forces of the model over the range of the runs.
     followed : FollowedRuns
         The identification, and its motion in each run.
+    largest : mapping of str to float, optional
+        Largest displacement `x` (rad) and speed `v` (rad/s) of the runs, where friction is passive.
     """
 
     method: Direct | Averaging | Trajectory
     model: LawModel
     library: ForceLibrary
     followed: FollowedRuns
+    largest: Mapping[str, float] | None = None
+
+    @property
+    def asked_method(self) -> Method:
+        """The method with passivity, where that is asked for."""
+        return self.method if self.largest is None else Passive(self.method, self.largest)
+
+    def made_passive(self, largest: Mapping[str, float]) -> "LawFit":
+        """Return the fit with friction that takes energy out at every speed."""
+        result = made_passive(self.followed.result, largest)
+        return replace(self, largest=largest, followed=FollowedRuns(self.followed.runs, result))
+
+    def method_from_here(self, refinements: int) -> Direct | Averaging | Trajectory:
+        """Return the method, that of Direct as a fit which begins at this one."""
+        if not isinstance(self.method, Direct) or self.method.random_force != "off":
+            return self.method
+        start = schema.model_of(self.followed.result)
+        return replace(self.method, start=start, most_refinements=refinements)
+
+    @property
+    def method_of_parts(self) -> Method:
+        """The method for parts of the record: it begins at this fit, with passivity if that is asked for."""
+        method = self.method_from_here(REFINEMENTS_OF_PART)
+        return method if self.largest is None else Passive(method, self.largest)
 
     @property
     def _residuals(self) -> xr.Dataset:
@@ -76,6 +106,8 @@ def fit_of(
 ) -> LawFit:
     """Fit a law model with a method as it is."""
     library = model.library(runs, lowest, method.reference_frequency)
+    if model.own and isinstance(method, Direct):
+        method = replace(method, own=tuple(dict.fromkeys((*method.own, *model.own_symbols(library)))))
     result = method.identify(one_or_all(list(runs)), library)
     return LawFit(method, model, library, FollowedRuns(dict(enumerate(runs)), result))
 
@@ -133,7 +165,7 @@ def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
     """Return the fit with more forces, or errors of each run's sensor; None where they are not needed."""
     runs = list(fit.followed.runs.values())
     added = load_library(EFFECTS).select(symbols)
-    model, method = fit.model, fit.method
+    model, method = fit.model, fit.method_from_here(REFINEMENTS_OF_EXTENSION)
     if not isinstance(method, Direct):
         return None
     if model.is_free_to_move:
@@ -169,10 +201,14 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
     """Fit the motion itself: the named forces are free, the parts of curves are held as Direct found them."""
     result = fit.followed.result
     coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
-    held = {force.symbol: coefficients[force.symbol] for force in fit.library if force.curve}
-    asked = Constraints({**fit.method.constraints, **held})
+    # With a copy of each run's own forces.
+    library = schema.library_of(result)
+    held = {force.symbol: coefficients[force.symbol] for force in library if force.curve}
+    own = fit.method.own if isinstance(fit.method, Direct) else ()
+    of_runs = Constraints(fit.method.constraints).of_each_run(own, len(runs))
+    asked = Constraints({**of_runs.table, **held})
     start = Model(
-        schema.library_of(result),
+        library,
         coefficients,
         result.reference_frequency.item(),
         schema.shape_values_of(result),
@@ -183,5 +219,5 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
         constraints=asked.table,
         start=start,
     )
-    result = method.identify(one_or_all(list(runs)), fit.library)
-    return LawFit(method, fit.model, fit.library, FollowedRuns(dict(enumerate(runs)), result))
+    result = method.identify(one_or_all(list(runs)), library)
+    return LawFit(method, fit.model, library, FollowedRuns(dict(enumerate(runs)), result))

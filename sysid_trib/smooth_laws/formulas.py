@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -55,12 +56,12 @@ def law_formulas(
     UsageError
         Not a law, or no candidate of its variable.
     DecayError
-        The identification holds no law.
+        The identification holds no law, or one without an error.
 
     Notes
     -----
-    Every sum is solved by `WhitenedLeastSquares`, an optimiser of pysindy, on the features of
-    `ForceFeatures`, in the metric of the law's covariance.
+    Every sum that stays inside is solved by `WhitenedLeastSquares`, an optimiser of pysindy, on the features
+    of `ForceFeatures`, in the metric of the law's covariance.
     """
     if law not in VARIABLE_OF_LAW:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
@@ -72,6 +73,8 @@ def law_formulas(
     places = part[variable].values
     w = result.reference_frequency.item()
     at = np.flatnonzero(result[f"{variable}_visited"].values)
+    if not np.any(part[f"{law}_standard_error"].values > 0.0):
+        raise DecayError(f"The {law} law of this identification has no error: it is held, or there is none.")
     problem = _LawProblem(
         places=places,
         of=of,
@@ -135,6 +138,21 @@ class LawFormula:
         return self.chi_square + 2.0 * (len(self.forces) + self.shapes)
 
 
+class _Distance(NamedTuple):
+    """How far a sum of forces is from a law.
+
+    Attributes
+    ----------
+    chi_square : float
+        In the metric of the law's covariance.
+    deviation : float
+        Largest deviation over the half width of the band.
+    """
+
+    chi_square: float
+    deviation: float
+
+
 @dataclass(frozen=True)
 class _LawProblem:
     """A law over its visited range, and how sums of forces are held against it.
@@ -148,8 +166,9 @@ class _LawProblem:
     target, half : (place,) array of float, rad/s^2
         The law without w^2 x, and the half width of its band.
     whitening : (direction, place) array of float
-    features : dict of str to array
-        Forces at the places by their formulas, as far as they are computed.
+    columns : dict of (str, float or None) to (place,) array of float
+        Forces of coefficient 1 over the inertia by their symbols and the value of the shape parameter, as far
+        as they are computed.
     """
 
     places: Array
@@ -158,7 +177,7 @@ class _LawProblem:
     target: Array
     half: Array
     whitening: Array
-    features: dict[str, Array] = field(default_factory=dict)
+    columns: dict[tuple[str, float | None], Array] = field(default_factory=dict)
 
     def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
         """Return sums within the band, of the fewest terms and then of one more, each by information."""
@@ -170,46 +189,81 @@ class _LawProblem:
                 for forces in itertools.combinations(offered, count)
                 if sum(bool(force.shape) for force in forces) <= 1
             ]
-            inside += [formula for formula in map(self.best_of, chosen) if formula.deviation <= 1.0]
+            found = [self.inside(forces) for forces in chosen]
+            inside += [formula for formula in found if formula is not None]
             if enough:
                 # Longer ones hold these.
                 break
         return sorted(inside, key=lambda formula: (len(formula.forces), formula.information))
 
-    def best_of(self, forces: Sequence[Force]) -> LawFormula:
-        """Return the sum of forces that is nearest to the law, the shape parameter fitted too."""
-        shaped = [at for at, force in enumerate(forces) if force.shape]
+    def inside(self, forces: Sequence[Force]) -> LawFormula | None:
+        """Return the sum of forces that is nearest to the law; None if it leaves the band."""
+        value = self.nearest_shape(forces)
+        if self.distance(forces, value).deviation > 1.0:
+            return None
+        shaped = [force for force in forces if force.shape]
         if not shaped:
             return self.solved(forces)
-        ((name, shape),) = forces[shaped[0]].shape.items()
-        largest = float(np.max(np.abs(self.places))) / (self.frequency if self.of == "v" else 1.0)
-        low, high = max(shape.low, SMALLEST_SHAPE * largest), min(shape.high, LARGEST_SHAPE * largest)
-        if not low < high:
-            low, high = shape.low, shape.high
+        (name,) = shaped[0].shape
+        written = [_with_value(force, name, value) if force.shape else force for force in forces]
+        formula = replace(self.solved(written), shapes=1)
+        # The value that is written has four digits.
+        return formula if formula.deviation <= 1.0 else None
 
-        def at_value(logarithm: float) -> LawFormula:
-            written = [
-                _with_value(force, name, np.exp(logarithm)) if force.shape else force for force in forces
-            ]
-            return replace(self.solved(written), shapes=1)
+    def nearest_shape(self, forces: Sequence[Force]) -> float:
+        """Return the value of the shape parameter at which a sum of forces is nearest to the law; or nan."""
+        shapes = [shape for force in forces for shape in force.shape.values()]
+        if not shapes:
+            return float("nan")
+        largest = float(np.max(np.abs(self.places))) / (self.frequency if self.of == "v" else 1.0)
+        low, high = max(shapes[0].low, SMALLEST_SHAPE * largest), min(shapes[0].high, LARGEST_SHAPE * largest)
+        if not low < high:
+            low, high = shapes[0].low, shapes[0].high
+
+        def chi_square(logarithm: float) -> float:
+            return self.distance(forces, float(np.exp(logarithm))).chi_square
 
         grid = np.linspace(np.log(low), np.log(high), SHAPE_VALUES)
-        squares = [at_value(value).chi_square for value in grid]
-        nearest = int(np.argmin(squares))
+        nearest = int(np.argmin([chi_square(value) for value in grid]))
         ends = grid[max(0, nearest - 1)], grid[min(SHAPE_VALUES - 1, nearest + 1)]
         fitted = scipy.optimize.minimize_scalar(
-            lambda value: at_value(value).chi_square, bounds=ends, method="bounded", options={"xatol": 1e-3}
+            chi_square, bounds=ends, method="bounded", options={"xatol": 1e-3}
         )
-        return at_value(float(fitted.x))
+        return float(np.exp(fitted.x))
 
-    def solved(self, forces: Sequence[Force]) -> LawFormula:
-        """Return the sum of forces that is nearest to the law."""
-        # Here, since importing pysindy takes as long as twenty identifications.
-        from sysid_trib.likelihood.pysindy_features import WhitenedLeastSquares
-
-        columns = np.column_stack([self.feature(force) for force in forces])
+    def distance(self, forces: Sequence[Force], value: float) -> _Distance:
+        """Return how far the nearest sum of forces is from the law, at a value of the shape parameter."""
+        columns = np.column_stack([self.column(force, value) for force in forces])
         if self.of == "x":
             # The frequency is fitted with each formula.
+            columns = np.column_stack([columns, self.frequency**2 * self.places])
+        columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+        white, white_target = self.whitening @ columns, self.whitening @ self.target
+        coefficients = np.linalg.lstsq(white, white_target, rcond=None)[0]
+        residual = white_target - white @ coefficients
+        deviation = np.abs(columns @ coefficients - self.target) / self.half
+        return _Distance(float(residual @ residual), float(deviation.max()))
+
+    def column(self, force: Force, value: float) -> Array:
+        """Return a force of coefficient 1 over the inertia at the places, (place,)."""
+        key = force.symbol, value if force.shape else None
+        if key not in self.columns:
+            rest = np.zeros_like(self.places)
+            x, v = (self.places, rest) if self.of == "x" else (rest, self.places / self.frequency)
+            shapes = {f"{force.symbol}.{name}": value for name in force.shape}
+            self.columns[key] = self.frequency**2 * force.value(x, v, shapes=shapes)
+        return self.columns[key]
+
+    def solved(self, forces: Sequence[Force]) -> LawFormula:
+        """Return the sum of forces that is nearest to the law, by an optimiser of pysindy."""
+        # Here, since importing pysindy takes as long as twenty identifications.
+        from sysid_trib.likelihood.pysindy_features import ForceFeatures, WhitenedLeastSquares
+
+        states = np.zeros((len(self.places), 2))
+        states[:, 0 if self.of == "x" else 1] = self.places / (self.frequency if self.of == "v" else 1.0)
+        features = ForceFeatures(ForceLibrary("terms of a formula", tuple(forces)))
+        columns = self.frequency**2 * np.asarray(features.fit(states).transform(states), dtype=float)
+        if self.of == "x":
             columns = np.column_stack([columns, self.frequency**2 * self.places])
         white, white_target = self.whitening @ columns, self.whitening @ self.target
         coefficients = WhitenedLeastSquares().fit(white, white_target).coef_[0]
@@ -220,19 +274,6 @@ class _LawProblem:
         return LawFormula(
             forces, coefficients[:count], errors[:count], float(residual @ residual), float(deviation.max())
         )
-
-    def feature(self, force: Force) -> Array:
-        """Return a force of coefficient 1 over the inertia at the places, (place,), computed once."""
-        text = force.formula.text
-        if text not in self.features:
-            from sysid_trib.likelihood.pysindy_features import ForceFeatures
-
-            states = np.zeros((len(self.places), 2))
-            states[:, 0 if self.of == "x" else 1] = self.places / (self.frequency if self.of == "v" else 1.0)
-            library = ForceFeatures(ForceLibrary("term of a formula", (force,)))
-            values = np.asarray(library.fit(states).transform(states), dtype=float)
-            self.features[text] = self.frequency**2 * values[:, 0]
-        return self.features[text]
 
 
 def _with_value(force: Force, name: str, value: float) -> Force:

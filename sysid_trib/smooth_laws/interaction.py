@@ -1,18 +1,28 @@
 """Limits of curves: friction that depends on the position, or stiffness that depends on the speed."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 import xarray as xr
 
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
-from sysid_trib.methods import Trajectory
+from sysid_trib.methods import Direct
+from sysid_trib.records.smoothing import smooth
 from sysid_trib.results import schema
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.fits import EXTENSION_GAIN, EXTENSION_LEVEL, LawFit, fit_of, p_value_of
+from sysid_trib.smooth_laws.bands import depends_on
+from sysid_trib.smooth_laws.fits import (
+    EXTENSION_GAIN,
+    EXTENSION_LEVEL,
+    REFINEMENTS_OF_EXTENSION,
+    LawFit,
+    fit_of,
+    p_value_of,
+)
 
 # Products of a force of the speed and one of the displacement.
 PRODUCTS = (
@@ -37,18 +47,11 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
     -------
     Dataset or None
         Where the sum is rejected and products of both follow the record better: the map `force(displacement,
-        speed)` (rad/s^2) of what the products add, with its `standard_error`; `p_value`; `residual_before`
-        and `residual_after` (rad). None elsewhere.
+        speed)` (rad/s^2) of what the products add, with its `standard_error`, and where the runs are
+        (`visited`); `p_value`; `residual_before` and `residual_after` (rad). None elsewhere.
     """
-    runs = list(fit.followed.runs.values())
-    added = load_library(EFFECTS).select(PRODUCTS)
-    named = replace(fit.model.named, forces=(*fit.model.named.forces, *added.forces))
-    method = fit.method
-    if isinstance(method, Trajectory):
-        return None
-    try:
-        whole = fit_of(runs, method, replace(fit.model, named=named))
-    except (SysidTribError, np.linalg.LinAlgError):
+    whole = with_products(fit)
+    if whole is None:
         return None
     result = whole.followed.result
     p_value = p_value_of(result, PRODUCTS)
@@ -65,9 +68,99 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
     values = {
         "force": columns @ result.coefficient.values[at],
         "standard_error": np.sqrt(np.maximum(variance, 0.0)),
+        "visited": _visited(list(fit.followed.runs.values()), displacement, speed, w),
         "p_value": p_value,
         "residual_before": fit.residual_rms,
         "residual_after": whole.residual_rms,
     }
     coords = described("interaction", {"displacement": displacement, "speed": speed})
     return xr.Dataset(described("interaction", values), coords)
+
+
+def with_products(fit: LawFit, *, refine: bool = True) -> LawFit | None:
+    """Return the fit with products of speed and displacement beside the laws; None where there is none."""
+    method = fit.method_from_here(REFINEMENTS_OF_EXTENSION)
+    if not isinstance(method, Direct):
+        return None
+    added = load_library(EFFECTS).select(PRODUCTS)
+    named = replace(fit.model.named, forces=(*fit.model.named.forces, *added.forces))
+    runs = list(fit.followed.runs.values())
+    try:
+        return fit_of(runs, replace(method, refine=refine), replace(fit.model, named=named))
+    except (SysidTribError, np.linalg.LinAlgError):
+        return None
+
+
+def _visited(runs: Sequence[xr.Dataset], displacement: Array, speed: Array, w: float) -> Mask:
+    """Return which places of a map lie between the smallest and the largest swing of the runs."""
+    largest = float(displacement.max()), float(speed.max())
+
+    def size(x: Array, v: Array) -> Array:
+        return np.asarray(np.hypot(x / largest[0], v / largest[1]))
+
+    sizes = []
+    for run in runs:
+        time = run.time.values.astype(float)
+        x, v, *_ = smooth(w * (time - time[0]), run.angle.values.astype(float))
+        sizes.append(size(x, w * v))
+    everywhere = size(*np.meshgrid(displacement, speed, indexing="ij"))
+    every = np.concatenate(sizes)
+    return np.asarray((everywhere >= every.min()) & (everywhere <= every.max()))
+
+
+# A sum of two readings that is known so many times better than each is all that a record determines.
+BETTER_KNOWN = 5.0
+# Standard error of a reading, over the sum, below which it is known well enough.
+WELL_KNOWN = 0.2
+CYCLE_POINTS = 256
+
+
+def readings(fit: LawFit, amplitude: float) -> xr.Dataset | None:
+    """Return whether the runs tell friction that changes with speed from friction that depends on position.
+
+    Parameters
+    ----------
+    fit : LawFit
+        By Direct.
+    amplitude : float
+        Of the cycle over which forces are averaged, rad.
+
+    Returns
+    -------
+    Dataset or None
+        The damping ratio `sum` that the friction law and products of speed and displacement give over a
+        cycle, its `standard_error`, `error_of_law`, that of the part of the law, and whether they are
+        `separated`. None where there is no fit.
+
+    Notes
+    -----
+    By the covariance of all coefficients: two readings that have the same average over a cycle have errors
+    that cancel in their sum. The columns are those of the smoothed record, which is enough for errors.
+    """
+    whole = with_products(fit, refine=False)
+    if whole is None:
+        return None
+    result = whole.followed.result
+    library = schema.library_of(result)
+    phase = 2.0 * np.pi * np.arange(CYCLE_POINTS) / CYCLE_POINTS
+    x, v = amplitude * np.cos(phase), -amplitude * np.sin(phase)
+    shapes = schema.shape_values_of(result)
+    of_law, of_products = np.zeros((2, len(library)))
+    for at, force in enumerate(library):
+        # A viscous force 2 v has a damping ratio of 1.
+        ratio = np.mean(force.value(x, v, shapes=shapes) * v) / amplitude**2
+        if depends_on(force, "v"):
+            of_law[at] = ratio
+        elif force.symbol in PRODUCTS:
+            of_products[at] = ratio
+    both, covariance = of_law + of_products, result.covariance.values
+    total = float(both @ result.coefficient.values)
+    error, of_law_alone = (float(np.sqrt(max(row @ covariance @ row, 0.0))) for row in (both, of_law))
+    values = {
+        "sum": total,
+        "standard_error": error,
+        "error_of_law": of_law_alone,
+        "separated": of_law_alone <= max(BETTER_KNOWN * error, WELL_KNOWN * abs(total)),
+        "amplitude": amplitude,
+    }
+    return xr.Dataset(described("readings", values))

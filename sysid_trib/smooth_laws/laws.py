@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -12,28 +12,35 @@ from sysid_trib import forces, records
 from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
-from sysid_trib.forces.force import LibraryLike
-from sysid_trib.forces.selection import System, load_system
+from sysid_trib.forces.force import ForceLibrary, LibraryLike
+from sysid_trib.forces.selection import System, load_system, with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.records.smoothing import clock_of, swing_frequency
 from sysid_trib.results import signal_scale
-from sysid_trib.results.variables import described, group_names
+from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
+from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
-from sysid_trib.smooth_laws.interaction import interaction
-from sysid_trib.smooth_laws.model import LawModel, law_model, why_no_curve
+from sysid_trib.smooth_laws.interaction import interaction, readings
+from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
+from sysid_trib.smooth_laws.passive import PASSIVE
+from sysid_trib.smooth_laws.predictions import with_predictions
 from sysid_trib.validation import cross_check, judge, model_error
 from sysid_trib.validation.driven import is_driven
+from sysid_trib.validation.refits import between
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 
-# A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
-BELOW_SMALLEST = 0.5
 # A residual of so many times the other method's is far worse.
 FAR_WORSE = 2.0
+# What two parts of the record reach, by the variable of a law.
+TWICE = {"speed": "speed of two parts", "displacement": "displacement of two parts"}
+# Group of a result that holds the laws of each run.
+OWN_LAWS = "own_laws"
 
 
 def laws(
@@ -43,6 +50,8 @@ def laws(
     *,
     library: LibraryLike | None = None,
     random_force: RandomForceOption = "off",
+    own: Sequence[str] = (),
+    passive: bool = False,
     tell: Tell = silent,
 ) -> xr.DataTree:
     """Identify friction as a function of speed and restoring force as a function of displacement.
@@ -57,9 +66,15 @@ def laws(
     constraints : mapping of str to float, (float, float) or str, optional
         Known forces: `{"gravity": 1.0}`.
     library : ForceLibrary, str, or what `library` takes, optional
-        Where forces of the constraints are looked for before those of the package.
+        Where forces of the constraints are looked for before those of the package, and of which formulas
+        within the bands are made.
     random_force : "off", "estimated" or float
         As that of `methods.Direct`.
+    own : sequence of str
+        Laws that each run has for itself, `friction` or `restoring`, and symbols of named forces; the other
+        laws are shared. By `direct`, of driven records also by `trajectory`.
+    passive : bool
+        Whether friction takes energy out at every speed; where it would not, it is zero there.
     tell : callable
         Called with a few words as the work goes on.
 
@@ -74,15 +89,18 @@ def laws(
         its error at each speed and displacement. The attrs of `judged` say the preferred method
         (`preferred`), what was decided about even parts (`even`) and errors of the sensor (`sensor`), and
         `reason` where the record decides no curve. Groups `friction_formulas` and `restoring_formulas` (see
-        `physics.law_formulas`) where sums of up to three library forces stay within the band. Group
-        `interaction` where the force is no sum of both laws.
+        `physics.law_formulas`) where sums of up to three library forces stay within the band, with the
+        residual of each on the last third that was held out, and that of the laws. Group `interaction` where
+        the force is no sum of both laws; elsewhere group `readings`, whether the record separates a law from
+        products of speed and displacement. With `own` the laws of the identifications are the means over the
+        runs, and group `own_laws` that of each run: `friction(run, speed)`, ... by the preferred method.
 
     Raises
     ------
     DecayError
         The record cannot support the request.
     UsageError
-        No such system or force, or a force of an angle for a displacement.
+        No such system or force, a force of an angle for a displacement, or own laws of one run.
 
     Notes
     -----
@@ -95,6 +113,9 @@ def laws(
     model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), offered)
     given = records.as_decays(decay, "laws")
     runs = as_runs(given, driven=True)
+    # An input acts by the first force that holds it, where none is named.
+    model = replace(model, named=with_inputs_acting(model.named, list(inputs_of(runs[0]))))
+    model = replace(model, own=_checked_own(own, model, len(runs)))
     if not signal_scale.counts_angles(runs[0]):
         for force in model.named:
             if not signal_scale.scalable(force):
@@ -102,19 +123,48 @@ def laws(
                     f"Force '{force.symbol}' is a function of an angle, but a displacement was measured; "
                     "leave it out, or give the pendulum's length, --length M."
                 )
-    tree = _identified(given, model, random_force, tell=tell)
-    asked = {"system": moving.name, "constraints": dict(constraints or {}), "random_force": random_force}
+    tree = _identified(given, model, random_force, passive, offered, tell=tell)
+    asked: dict[str, Any] = {
+        "system": moving.name,
+        "constraints": dict(constraints or {}),
+        "random_force": random_force,
+    }
+    asked |= ({"own": list(own)} if own else {}) | ({"passive": True} if passive else {})
     tree["judged"].attrs["options"] = json.dumps(asked)
     return tree
 
 
+def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, ...]:
+    """Return the laws and forces that each run has for itself; refused where there are none."""
+    offered = [*VARIABLE_OF_LAW, *model.named.symbols]
+    if misspelt := [name for name in own if name not in offered]:
+        raise UsageError(f"'{misspelt[0]}' cannot be each run's own; there are {', '.join(offered)}.")
+    if own and runs < 2:
+        raise UsageError(f"Each run's own {own[0]} takes several runs, and this is one; leave it out.")
+    return tuple(dict.fromkeys(own))
+
+
+def _offering(candidates: ForceLibrary | None, law: str) -> ForceLibrary | None:
+    """Return the library if it has forces of which formulas of a law can be made."""
+    of = NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]]
+    if candidates is None or not any(bands.depends_on(force, of) for force in candidates):
+        return None
+    return candidates
+
+
 @signal_scale.in_units_of_the_motion
 def _identified(
-    decay: Decays, model: LawModel, random_force: RandomForceOption, *, tell: Tell
+    decay: Decays,
+    model: LawModel,
+    random_force: RandomForceOption,
+    passive: bool,
+    candidates: ForceLibrary | None,
+    *,
+    tell: Tell,
 ) -> xr.DataTree:
     runs = as_runs(decay, driven=True)
     if is_driven(runs):
-        return _identified_driven(runs, model, random_force, tell=tell)
+        return _identified_driven(runs, model, random_force, passive, tell=tell)
     amplitudes = np.concatenate([np.abs(envelope(run).extremum.values) for run in runs])
     if reason := why_no_curve(amplitudes):
         model = replace(model.without_curves, reason=reason)
@@ -125,36 +175,52 @@ def _identified(
         direct = extended(direct)
     tell("averaging")
     # Averages tell nothing of even forces, nor of what a law does far below the smallest amplitude.
-    lowest = BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
+    lowest = smallest_part(amplitudes)
     method = Averaging(random_force=random_force, constraints=model.constraints)
     fits: dict[str, LawFit] = {}
     failed = ""
     try:
+        if model.own:
+            raise UsageError("averaging fits no law of each run's own")
         fits["averaging"] = fitted(runs, method, model.of_odd_forces, lowest)
     except (SysidTribError, np.linalg.LinAlgError) as error:
         failed = str(error)
     fits["direct"] = direct
     tell("errors")
     largest = _largest(runs)
+    if passive:
+        fits = {name: fit.made_passive(largest) for name, fit in fits.items()}
     tree = _tree(runs, {name: _with_laws(fit, largest) for name, fit in fits.items()}, fits, failed)
     if not tree["judged"].attrs["reason"]:
         tell("formulas within the bands")
-        preferred = tree[tree["judged"].attrs["preferred"]].to_dataset()
-        for law in bands.VARIABLE_OF_LAW:
-            listed = law_formulas(preferred, law)
+        answer = tree["judged"].attrs["preferred"]
+        preferred = tree[answer].to_dataset()
+        listed = {law: law_formulas(preferred, law, _offering(candidates, law)) for law in VARIABLE_OF_LAW}
+        tell("predictions of the formulas")
+        for law, formulas in with_predictions(listed, fits[answer]).items():
             # netCDF has no empty axis.
-            if listed.sizes["alternative"]:
-                tree[f"{law}_formulas"] = xr.DataTree(listed)
+            if formulas.sizes["alternative"]:
+                tree[f"{law}_formulas"] = xr.DataTree(formulas)
     if direct.model.odd and not direct.is_white:
         tell("whether both laws add up")
         products = interaction(direct, largest)
         if products is not None:
             tree["interaction"] = xr.DataTree(products)
+    if direct.model.odd and "interaction" not in tree.children:
+        tell("what the record tells apart")
+        both = readings(direct, float(np.sqrt(amplitudes.min() * amplitudes.max())))
+        if both is not None:
+            tree["readings"] = xr.DataTree(both)
     return tree
 
 
 def _identified_driven(
-    runs: Sequence[xr.Dataset], model: LawModel, random_force: RandomForceOption, *, tell: Tell
+    runs: Sequence[xr.Dataset],
+    model: LawModel,
+    random_force: RandomForceOption,
+    passive: bool,
+    *,
+    tell: Tell,
 ) -> xr.DataTree:
     """Identify the laws of driven records by Direct alone: they have no amplitudes to be averaged."""
     method = Direct(random_force=random_force, constraints=model.constraints)
@@ -166,16 +232,19 @@ def _identified_driven(
     fits = {"direct": fitted(runs, method, model)}
     tell("errors of the sensor, and even parts")
     fits["direct"] = extended(fits["direct"])
+    largest = _largest(runs)
+    if passive:
+        fits["direct"] = fits["direct"].made_passive(largest)
     tell("trajectory")
     failed = ""
     try:
-        fits["trajectory"] = refitted(runs, fits["direct"])
+        trajectory = refitted(runs, fits["direct"])
+        fits["trajectory"] = trajectory.made_passive(largest) if passive else trajectory
     except (SysidTribError, np.linalg.LinAlgError) as error:
         failed = str(error)
     tell("errors")
-    largest = _largest(runs)
-    followed = {name: _with_laws(fit, largest) for name, fit in fits.items()}
-    return _tree(runs, followed, fits, failed)
+    of_fits = {name: _with_laws(fit, largest) for name, fit in fits.items()}
+    return _tree(runs, of_fits, fits, failed)
 
 
 def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
@@ -185,36 +254,100 @@ def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
     return {"x": ranges["x"], "v": ranges["v"] * w}
 
 
-def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FollowedRuns:
+class FitWithLaws(NamedTuple):
+    """An identification with its laws, and those of each run that has its own.
+
+    Attributes
+    ----------
+    followed : FollowedRuns
+    own : Dataset or None
+        `friction(run, speed)`, ...
+    """
+
+    followed: FollowedRuns
+    own: xr.Dataset | None
+
+
+def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FitWithLaws:
     """Return the identification with its laws, whose errors hold that of the model where one is missing."""
     followed, result = fit.followed, fit.followed.result
-    whole_laws = bands.laws_of(result, largest)
-    of_model = [np.zeros_like(law.covariance) for law in whole_laws]
+    runs = list(followed.runs.values())
+    parts: list[xr.Dataset] = []
     if not fit.is_white:
-        runs = list(followed.runs.values())
-        parts = model_error.fitted_parts(runs, fit.method, fit.library, result, later_only=True)
-        of_parts = [bands.laws_of(part, largest) for part in parts.results]
-        if of_parts:
-            of_model = [_movement(law, [laws[at] for laws in of_parts]) for at, law in enumerate(whole_laws)]
-        result = result.assign(described("identification", {"held_out_rms": parts.held_out_rms}))
-    values, places = bands.law_variables(whole_laws, of_model)
-    return followed.with_result(result.assign_coords(places).assign(values))
+        of_parts = model_error.fitted_parts(runs, fit.method_of_parts, fit.library, result, later_only=True)
+        parts = of_parts.results
+        result = result.assign(described("identification", {"held_out_rms": of_parts.held_out_rms}))
+    if parts:
+        largest = {**largest, **_reached_twice(runs, largest)}
+    values, places = _law_variables(result, parts, largest)
+    own = None
+    if fit.model.own:
+        of_runs = [_law_variables(result, parts, largest, run) for run in enumerate(runs, 1)]
+        own = xr.concat([xr.Dataset(values, places) for values, places in of_runs], "run", coords="minimal")
+        own = own.assign_coords(run=np.arange(1, len(runs) + 1))
+    return FitWithLaws(followed.with_result(result.assign_coords(places).assign(values)), own)
 
 
-def _movement(law: bands.Law, parts: Sequence[bands.Law]) -> Array:
-    """Return the covariance of a law by its change between parts of the record, (place, place)."""
+def _law_variables(
+    result: xr.Dataset,
+    parts: Sequence[xr.Dataset],
+    largest: Mapping[str, float],
+    run: tuple[int, xr.Dataset] | None = None,
+) -> tuple[Variables, Variables]:
+    """Return the laws of a run with its number, or those of all, with the error of the model by parts."""
+    number = None if run is None else run[0]
+    whole_laws = bands.laws_of(result, largest, number)
+    if run is not None:
+        reached = _largest([run[1]])
+        whole_laws = [law.reached(reached[NAME_IN_FORMULAS[law.variable]]) for law in whole_laws]
+    of_model = [np.zeros_like(law.covariance) for law in whole_laws]
+    of_parts = [bands.laws_of(part, largest, number) for part in parts]
+    if of_parts:
+        of_model = [
+            _movement(law, [laws[at] for laws in of_parts], largest[TWICE[law.variable]])
+            for at, law in enumerate(whole_laws)
+        ]
+    return bands.law_variables(whole_laws, of_model)
+
+
+def _reached_twice(runs: Sequence[xr.Dataset], largest: Mapping[str, float]) -> dict[str, float]:
+    """Return the displacement (rad) and speed (rad/s) that at least two parts of the record reach."""
+    parts = []
+    for limits in PARTS_OF_RECORD.values():
+        try:
+            parts.append(_largest([run.isel(time=between(run, limits)) for run in runs]))
+        except SysidTribError:
+            # Too short to be smoothed: nothing is known to be reached twice.
+            parts.append(dict.fromkeys(largest, 0.0))
+    return {TWICE[name]: sorted(part[of] for part in parts)[-2] for name, of in NAME_IN_FORMULAS.items()}
+
+
+def _movement(law: bands.Law, parts: Sequence[bands.Law], reached: float) -> Array:
+    """Return the covariance of a law by its change between parts of the record, (place, place).
+
+    Beyond what two parts reach no change is seen: there the error is as large, in standard errors by the
+    noise, as it is elsewhere at most.
+    """
     changes = [part.values - law.values for part in parts]
-    errors = [np.sqrt(np.diag(part.covariance)) for part in parts]
-    return model_error.covariance_by_parts(changes, errors, np.sqrt(np.diag(law.covariance)))
+    errors = [bands.standard_errors(part.covariance) for part in parts]
+    own = bands.standard_errors(law.covariance)
+    covariance = model_error.covariance_by_parts(changes, errors, own)
+    by_movement = bands.standard_errors(covariance)
+    seen = np.abs(law.places) <= reached
+    ratios = np.divide(by_movement, own, out=np.zeros_like(by_movement), where=seen & (own > 0.0))
+    lacking = np.where(seen, 0.0, np.maximum((ratios.max(initial=0.0) * own) ** 2 - by_movement**2, 0.0))
+    # The largest speeds are those of the same first swings.
+    return covariance + np.sqrt(np.outer(lacking, lacking))
 
 
 def _tree(
     runs: Sequence[xr.Dataset],
-    followed: Mapping[str, FollowedRuns],
+    of_fits: Mapping[str, FitWithLaws],
     fits: Mapping[str, LawFit],
     failed: str,
 ) -> xr.DataTree:
     """Return the result with both methods' laws compared."""
+    followed = {name: of.followed for name, of in of_fits.items()}
     names, results = list(followed), {name: of.result for name, of in followed.items()}
     second = results[names[-1]]
     records = with_motions(followed)
@@ -228,10 +361,15 @@ def _tree(
         "reason": fits[preferred].model.reason,
         "averaging_failed": failed,
     }
+    if PASSIVE in results[preferred].attrs:
+        table.attrs[PASSIVE] = results[preferred].attrs[PASSIVE]
     groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= results | {"judged": table}
     if len(names) == 2:
         groups["agreement"] = _difference(results[names[0]], second)
+    own = of_fits[preferred].own
+    if own is not None:
+        groups[OWN_LAWS] = own.assign_attrs(names=", ".join(fits[preferred].model.own))
     if not is_driven(runs):
         of_envelopes = [envelope(run) for run in runs]
         groups |= dict(zip(group_names("envelope", len(runs)), of_envelopes, strict=True))
@@ -264,7 +402,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     Both methods saw the same noise: the sum of their variances is more than that of their difference.
     """
     values: dict[str, Any] = {}
-    for law in bands.VARIABLE_OF_LAW:
+    for law in VARIABLE_OF_LAW:
         averaged, other = xr.align(bands.odd_part(first, law), bands.odd_part(second, law))
         error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
         values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")

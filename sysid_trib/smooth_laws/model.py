@@ -11,11 +11,14 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import System, is_free_to_move, with_shipped
 from sysid_trib.smooth_laws import curves
+from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW, depends_on
 
 # Forces outside of the penalty where no system is named, and the one that is always there: a jump at rest.
 USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
 # Fewer half periods, or amplitudes that change by less than this factor, decide no curve.
 FEWEST_OF_A_CURVE, SMALLEST_RANGE = 8, 1.15
+# A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
+BELOW_SMALLEST = 0.5
 
 
 @dataclass(frozen=True)
@@ -30,6 +33,8 @@ class LawModel:
         Of coefficients.
     odd, even : tuple of str
         Curves of `libraries/curves.toml`; none where the record decides no curve.
+    own : tuple of str
+        Laws that each run has for itself, `friction` or `restoring`, and symbols of named forces.
     reason : str
         Why the record decides no curve; empty where it does.
     """
@@ -38,6 +43,7 @@ class LawModel:
     constraints: ConstraintTable
     odd: tuple[str, ...] = curves.ODD_CURVES
     even: tuple[str, ...] = ()
+    own: tuple[str, ...] = ()
     reason: str = ""
 
     def library(
@@ -46,6 +52,15 @@ class LawModel:
         """Return all forces, the parts of the curves over the range of the runs at a frequency (rad/s)."""
         ranges = curves.ranges(runs, frequency)
         return curves.with_curves(self.named, (*self.odd, *self.even), ranges, lowest)
+
+    def own_symbols(self, library: ForceLibrary) -> tuple[str, ...]:
+        """Return the forces of a library whose coefficients are each run's own."""
+        of_laws = {NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]] for law in self.own if law in VARIABLE_OF_LAW}
+        return tuple(
+            force.symbol
+            for force in library
+            if force.symbol in self.own or any(depends_on(force, of) for of in of_laws)
+        )
 
     @property
     def without_curves(self) -> "LawModel":
@@ -80,6 +95,11 @@ def with_jump(named: ForceLibrary, offered: ForceLibrary) -> ForceLibrary:
     if jump is None or named.role(JUMP) is not None:
         return named
     return replace(named, forces=(jump, *named.forces))
+
+
+def smallest_part(amplitudes: Array) -> float:
+    """Return where a law of averaging begins, in parts of the largest amplitude."""
+    return BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
 
 
 def why_no_curve(amplitudes: Array) -> str:

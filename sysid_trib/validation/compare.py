@@ -107,9 +107,10 @@ def compare(
         `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
         `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
-        errors hold in `white_noise` only. Of several runs also `run_noise(run)` and, over `model` and `run`,
-        `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen by
-        `sel(model=label)`.
+        errors hold in `white_noise` only; and whether it `names_forces`, or identifies curves, which have no
+        numbers over `force` and are never the best method. Of several runs also `run_noise(run)` and, over
+        `model` and `run`, `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen
+        by `sel(model=label)`.
 
     Raises
     ------
@@ -199,7 +200,8 @@ def _compared(
         p_value = len(runs) * min(map(white_p_value, of_runs), default=0.0)
         white = variables.described("comparison", {"white_residual": p_value >= WHITE_LEVEL})
         table = table.assign(white)
-    table.attrs |= _not_separable(runs, list(results.values()), library)
+    of_names = [result for label, result in results.items() if scope_of(named[label]).names_forces]
+    table.attrs |= _not_separable(runs, of_names or list(results.values()), library)
     table, judged = _judged(table, runs, {label: trial.followed for label, trial in trials.items()})
     return xr.DataTree.from_dict({**groups, **results, "comparison": table, "judged": judged})
 
@@ -250,13 +252,16 @@ def _try_method(
     part, part_reason, _ = _identified(method, train, library, constraints)
     result, reason, seconds = _identified(method, runs, library, constraints)
     amplitude = max(float(np.max(np.abs(run.angle.values))) for run in runs)
+    names_forces = scope_of(method).names_forces
     forces = force_scope(method, library, result, amplitude)
+    if not names_forces:
+        forces |= {"identifies": scope_of(method).identifies, "neglects": "", "cannot_tell_apart": ""}
     row = {**vars(scope_of(method)), **forces, "time_taken": seconds, "failure": ""}
     row["bias"] = _bias(result)
     if result is None:
         return Trial(None, row | {"reason": reason}, {})
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
-    if not forces["neglects"]:
+    if names_forces and not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
         held = constrained(method, constraints)
         followed = verdict.with_model_in_errors(followed, held, library)

@@ -187,6 +187,13 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))
     # The smallest RMS over the noise on the part held out; if no method has any, on the whole.
     whole = np.where([result is None for result in results], np.nan, np.nan_to_num(ratio, nan=np.inf))
+    # Coefficients are held against those of the best method that has some.
+    names_forces = np.array([row["names_forces"] for row in rows])
+    values["names_forces"] = names_forces
+    if any(result is not None for result, named in zip(results, names_forces, strict=True) if named):
+        pairs = zip(results, names_forces, strict=True)
+        results = tuple(result if named else None for result, named in pairs)
+        held_out, whole = (np.where(names_forces, ratios, np.nan) for ratios in (held_out, whole))
     best = int(np.nanargmin(held_out if np.isfinite(held_out).any() else whole))
     reference, of_reference = _common_frequency(results, labels, whole, best)
     forces = _forces(results)

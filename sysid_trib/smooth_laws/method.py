@@ -1,0 +1,100 @@
+"""Laws as one of the methods that `compare` holds against each other."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Literal
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
+from sysid_trib.methods import Averaging, Direct
+from sysid_trib.methods.scope import Constrained, Method, MethodScope
+from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.runs import Decays, as_runs
+from sysid_trib.results.signal_scale import in_units_of_the_motion
+from sysid_trib.smooth_laws.fits import fitted
+from sysid_trib.smooth_laws.model import LawModel, smallest_part, why_no_curve, with_jump
+from sysid_trib.validation.driven import is_driven
+
+
+@dataclass(frozen=True)
+class LawMethod(Constrained):
+    """Friction and restoring force as curves, by one method, to be held against methods of named forces.
+
+    Parameters
+    ----------
+    by : {"direct", "averaging"}
+        The method that fits the curves.
+    random_force : "auto", "off", "estimated" or float
+        As that of `methods.Direct`; `auto` is `off`.
+    constraints : mapping of str to float, (float, float) or str
+        Of the named forces.
+
+    Notes
+    -----
+    Outside of the penalty are the forces offered. See `laws`, which adds errors of the sensor, even parts and
+    bands.
+    """
+
+    scope: ClassVar = MethodScope(
+        label="laws",
+        assumes="friction depends on the speed alone, the restoring force on the displacement alone",
+        identifies="friction and restoring force as curves",
+        driven=True,
+        names_forces=False,
+        variants={"averaging": {"by": "averaging"}},
+    )
+
+    by: Literal["direct", "averaging"] = "direct"
+    random_force: RandomForceOption = "auto"
+
+    def __post_init__(self) -> None:
+        check_random_force(self.random_force)
+
+    @in_units_of_the_motion
+    def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
+        """Identify the curves with the forces of a library outside of the penalty.
+
+        Parameters
+        ----------
+        decay : Dataset or sequence of Dataset
+            `angle(time)`, and inputs of a driven record.
+        library : ForceLibrary
+            Named forces.
+
+        Returns
+        -------
+        Dataset
+            As that of `methods.Direct`: the parts of the curves are forces.
+
+        Raises
+        ------
+        DecayError
+            The record decides no curve.
+        """
+        runs = as_runs(decay, driven=True)
+        random_force: RandomForceOption = "off" if self.random_force == "auto" else self.random_force
+        model = LawModel(with_jump(library, library), self.constraints)
+        lowest = 0.0
+        if not is_driven(runs):
+            amplitudes = np.concatenate([np.abs(envelope(run).extremum.values) for run in runs])
+            if reason := why_no_curve(amplitudes):
+                raise DecayError(reason)
+            lowest = smallest_part(amplitudes)
+        if self.by == "direct":
+            direct = Direct(random_force=random_force, constraints=self.constraints)
+            return fitted(runs, direct, model).followed.result
+        averaging = Averaging(random_force=random_force, constraints=self.constraints)
+        return fitted(runs, averaging, model.of_odd_forces, lowest).followed.result
+
+
+def law_methods() -> dict[str, Method]:
+    """Return the laws by each method, by their labels, for `compare`."""
+    method = LawMethod()
+    label = method.scope.label
+    methods: dict[str, Method] = {label: method}
+    for name, options in method.scope.variants.items():
+        methods[f"{label} ({name})"] = replace(method, **options)
+    return methods

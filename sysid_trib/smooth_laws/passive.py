@@ -1,0 +1,156 @@
+"""Passivity: a friction law that takes energy out at every speed."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+import xarray as xr
+
+from sysid_trib.arrays import Array
+from sysid_trib.errors import DecayError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.methods.scope import Method
+from sysid_trib.records.runs import Decays
+from sysid_trib.results import schema
+from sysid_trib.smooth_laws import bands
+
+# Attribute of an identification with a passive law: speeds at which the constraint acts, in parts of the
+# largest one that the record visits, as JSON.
+PASSIVE = "passive_at"
+# Just above zero speed, in parts of the largest: there friction jumps.
+SMALLEST_SPEED = 1e-6
+# A force that is below this part of its largest value there is none.
+NOTHING_AT_REST = 1e-5
+# Below this part of the largest multiplier a constraint does not act.
+LEAST_MULTIPLIER = 1e-9
+# Steps at most, and the part of the largest power that is rounding.
+PASSIVE_STEPS, POWER_ROUNDING = 5, 1e-9
+
+
+@dataclass(frozen=True)
+class Passive:
+    """A method whose friction law is made passive.
+
+    Attributes
+    ----------
+    method : Method
+    largest : mapping of str to float
+        Largest displacement `x` (rad) and speed `v` (rad/s) of the runs.
+    """
+
+    method: Method
+    largest: Mapping[str, float]
+
+    def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
+        """Identify the forces by the method, and make the friction law passive."""
+        return made_passive(self.method.identify(decay, library), self.largest)
+
+
+def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset:
+    """Return the nearest identification whose friction takes energy out at every speed that is shown.
+
+    Parameters
+    ----------
+    result : Dataset
+        An identification.
+    largest : mapping of str to float
+        Largest displacement `x` (rad) and speed `v` (rad/s) of its records.
+
+    Returns
+    -------
+    Dataset
+        With other coefficients and another frequency where the constraint acts; attribute `passive_at`.
+        Errors are those without the constraint.
+
+    Raises
+    ------
+    DecayError
+        Forces that are held feed energy in.
+
+    Notes
+    -----
+    Least squares in the metric of the covariance of the estimate, which is the solution of the rows with the
+    inequality at the smoothness that they have without it (least distance programming: Lawson & Hanson,
+    Solving Least Squares Problems, 1974, Ch. 23).
+    """
+    acting: set[float] = set()
+    # The step is linear in the frequency, too: the second one is tiny.
+    for _ in range(PASSIVE_STEPS):
+        result, at_speeds = _stepped(result, largest)
+        if not at_speeds:
+            break
+        acting |= at_speeds
+    return result.assign_attrs({PASSIVE: json.dumps([speed / largest["v"] for speed in sorted(acting)])})
+
+
+def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Dataset, set[float]]:
+    """Return the nearest identification with a passive law, and the speeds at which the constraint acts."""
+    speeds, rows = _power_over_speed(result, largest)
+    estimate = np.append(
+        np.where(result.active.values, result.coefficient.values, 0.0), result.reference_frequency.item()
+    )
+    covariance = schema.covariance_with_frequency(result)
+    values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    power = rows[:, :-1] @ estimate[:-1]
+    if np.all(power >= -POWER_ROUNDING * np.max(np.abs(power))):
+        return result, set()
+    # Each row in units of its own error; one that nothing free moves cannot be met.
+    size = np.linalg.norm(rows @ root, axis=1)
+    if np.any((power < 0.0) & (size == 0.0)):
+        raise DecayError("Forces that are held feed energy in: no friction law is passive beside them.")
+    scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
+    moves, needed = scale[:, None] * (rows @ root), -scale * power
+    step, multipliers = _least_distance(moves, needed)
+    changed = estimate + root @ step
+    acting = multipliers > LEAST_MULTIPLIER * multipliers.max()
+    return _with_values(result, changed, covariance), set(speeds[acting].tolist())
+
+
+def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[Array, Array]:
+    """Return speeds (place,), and by coefficients and frequency the friction there times the sign of them."""
+    library = schema.library_of(result)
+    runs: Sequence[int | None] = sorted({force.run for force in library if force.run}) or [None]
+    forces = [force for force in library if bands.depends_on(force, "v")]
+    even = any(force.parity != "odd" for force in forces)
+    at_rest = SMALLEST_SPEED * largest["v"] * np.array([-1.0, 1.0] if even else [1.0])
+    places = np.concatenate([at_rest, bands.grid(largest["v"], both_sides=even)[0]])
+    jacobians = [bands.law_and_jacobian(result, library, forces, "v", places, run)[1] for run in runs]
+    rows = np.vstack([np.where(places < 0.0, -1.0, 1.0)[:, None] * jacobian for jacobian in jacobians])
+    # The frequency is but the unit of the speed: it changes no sign.
+    rows[:, -1] = 0.0
+    # At rest what is no jump is nothing.
+    rows[np.abs(rows) < NOTHING_AT_REST * np.max(np.abs(rows), axis=0)] = 0.0
+    return np.tile(places, len(runs)), rows
+
+
+def _least_distance(moves: Array, needed: Array) -> tuple[Array, Array]:
+    """Return the shortest step with `moves @ step >= needed`, and the multiplier of each row."""
+    width = moves.shape[1]
+    # Rows in like sizes: rounding of the smallest would else decide.
+    height = float(np.max(np.abs(needed)))
+    table = np.vstack([moves.T, needed / height])
+    wanted = np.append(np.zeros(width), 1.0)
+    multipliers, _ = scipy.optimize.nnls(table, wanted, maxiter=50 * table.shape[1])
+    residual = table @ multipliers - wanted
+    return np.asarray(-residual[:width] / residual[width] * height), np.asarray(multipliers)
+
+
+def _with_values(result: xr.Dataset, values: Array, covariance: Array) -> xr.Dataset:
+    """Return the identification with other coefficients and another frequency, and the same errors."""
+    library, w = schema.library_of(result), float(values[-1])
+    limit, gradient = schema.asymptotic_frequency(library, values[:-1], w)
+    with_frequency = covariance @ gradient if limit > 0.0 else covariance[:, -1]
+    variance = float(gradient @ covariance @ gradient) if limit > 0.0 else 0.0
+    error = float(np.sqrt(max(variance, 0.0)))
+    changed = {
+        "coefficient": values[:-1],
+        "refers_to": np.full(len(values) - 1, w),
+        "reference_frequency": np.array(w),
+        "asymptotic_frequency": np.array(limit),
+        "asymptotic_frequency_standard_error": np.array(error),
+        "frequency_covariance": with_frequency[:-1],
+    }
+    return result.assign({name: result[name].copy(data=value) for name, value in changed.items()})

@@ -1,0 +1,92 @@
+"""Residuals of formulas, and of their laws, on a part of the record that was held out."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+import xarray as xr
+
+from sysid_trib.arrays import root_mean_square
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.forces.library import library_of_text
+from sysid_trib.methods.scope import Method
+from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.variables import described
+from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW, depends_on
+from sysid_trib.smooth_laws.fits import LawFit
+from sysid_trib.validation import holdout
+
+
+def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str, xr.Dataset]:
+    """Add to the formulas of each law what they leave of the last third of the runs.
+
+    Parameters
+    ----------
+    listed : mapping of str to Dataset
+        Of `law_formulas`, by law.
+    fit : LawFit
+        The laws.
+
+    Returns
+    -------
+    dict of str to Dataset
+        With `held_out_rms(alternative)` and `held_out_rms_of_laws` (rad): each model is identified from the
+        first two thirds and predicts the rest, start and zero fitted. Beside a formula stands the first one
+        of the other law, or where there is none its curve.
+    """
+    runs = list(fit.followed.runs.values())
+    if not any(formulas.sizes["alternative"] for formulas in listed.values()):
+        return dict(listed)
+    of_laws = held_out_rms(runs, fit.asked_method, fit.library)
+    first = {law: next(_forces_of(formulas), None) for law, formulas in listed.items()}
+    predicted = {}
+    for law, formulas in listed.items():
+        (other,) = (name for name in VARIABLE_OF_LAW if name != law)
+        missed = []
+        for forces in _forces_of(formulas):
+            library = _model(fit, {law: forces, other: first.get(other)})
+            kept = {name: value for name, value in fit.method.constraints.items() if name in library.symbols}
+            missed.append(held_out_rms(runs, replace(fit.method, constraints=kept), library))
+        values = {"held_out_rms": missed, "held_out_rms_of_laws": of_laws}
+        predicted[law] = formulas.assign(described("law_formulas", values))
+    return predicted
+
+
+def held_out_rms(runs: Sequence[xr.Dataset], method: Method, library: ForceLibrary) -> float:
+    """Return what a model identified from two thirds leaves of the last (RMS, rad); nan without a motion."""
+    try:
+        result = method.identify(one_or_all([holdout.split(run)[0] for run in runs]), library)
+        motions = holdout.motions_held_out(result, runs)
+    except (SysidTribError, np.linalg.LinAlgError):
+        return float("nan")
+    if any(motion is None for motion in motions):
+        return float("nan")
+    rests = [holdout.split(run)[1].angle.values for run in runs]
+    pairs = zip(rests, motions, strict=True)
+    missed = [angle - motion.offset - motion.x for angle, motion in pairs if motion is not None]
+    return float(root_mean_square([root_mean_square(residual) for residual in missed]))
+
+
+def _forces_of(formulas: xr.Dataset) -> Iterator[list[Force]]:
+    """Yield the forces of each formula."""
+    if not formulas.sizes["alternative"]:
+        return
+    library = library_of_text(formulas.attrs["library"], "formulas")
+    for coefficients in formulas.coefficient.values:
+        symbols = formulas.force.values[np.isfinite(coefficients)].tolist()
+        yield [library[symbol] for symbol in symbols]
+
+
+def _model(fit: LawFit, forces: Mapping[str, Sequence[Force] | None]) -> ForceLibrary:
+    """Return the forces of a fit in which formulas stand in the place of laws."""
+    replaced = {NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]] for law, of_law in forces.items() if of_law}
+    kept = [force for force in fit.library if not any(depends_on(force, of) for of in replaced)]
+    taken = {force.symbol for force in kept}
+    for of_law in forces.values():
+        for force in of_law or ():
+            kept.append(
+                replace(force, symbol=f"{force.symbol}_of_formula" if force.symbol in taken else force.symbol)
+            )
+            taken.add(kept[-1].symbol)
+    return replace(fit.library, title="Formulas", forces=tuple(kept))

@@ -1,0 +1,60 @@
+"""Laws that each run has for itself, as friction under its load."""
+
+import numpy as np
+import pytest
+
+import sysid_trib as st
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.library import parse_library
+from sysid_trib.printing.laws import laws_blocks, laws_csv
+from sysid_trib.smooth_laws.laws import OWN_LAWS
+
+W, NOISE = 9.0, 3e-4
+LAW = parse_library(
+    {"force": [{"symbol": "friction", "formula": "3e-4*sign(v) + 0.004*v + 0.03*v*abs(v)/(1 + abs(v)/0.1)"}]},
+    "",
+)
+LOADS = (1.0, 2.0)
+
+
+def run_of(load, seed):
+    library = parse_library({"force": [*({"symbol": f.symbol, "formula": f.formula.text} for f in LAW)]}, "")
+    motion = st.simulate(st.Model(library, {"friction": load}, W), np.arange(0.0, 15.0, 0.02), angle=0.2)
+    motion["angle"] += NOISE * np.random.default_rng(seed).standard_normal(motion.sizes["time"])
+    return st.free_decay(motion[["angle"]].assign_attrs(source=f"run_{seed}.csv"))
+
+
+@pytest.fixture(scope="module")
+def tree():
+    return st.laws([run_of(load, seed) for seed, load in enumerate(LOADS)], own=["friction"])
+
+
+def test_each_run_has_its_friction_law(tree):
+    own = tree[OWN_LAWS].to_dataset()
+    for at, load in enumerate(LOADS):
+        part = own.isel(run=at)
+        part = part.isel(speed=np.flatnonzero(part.speed_visited.values))
+        truth = load * W**2 * LAW["friction"].value(0.0 * part.speed.values, part.speed.values / W)
+        assert np.mean((part.friction_low <= truth) & (truth <= part.friction_high)) > 0.95
+        assert np.median(np.abs(part.friction / truth - 1.0)) < 0.02
+    mean = tree["direct"].friction.values
+    np.testing.assert_allclose(own.friction.mean("run"), mean, rtol=1e-9)
+
+
+def test_own_laws_are_printed_written_and_kept(tree, tmp_path):
+    titles = [block.title for block in laws_blocks(tree)]
+    assert "Friction of each run" in titles
+    # The restoring force is shared.
+    assert "Restoring force of each run" not in titles
+    assert "direct, run 2" in laws_csv(tree)
+    st.save(tree, tmp_path / "own.nc")
+    assert st.load(tmp_path / "own.nc").identical(tree)
+
+
+@pytest.mark.parametrize(
+    ("runs", "own", "said"),
+    [(1, ["friction"], "takes several runs"), (2, ["mu"], "cannot be each run's own")],
+)
+def test_what_cannot_be_each_runs_own_is_refused(runs, own, said):
+    with pytest.raises(UsageError, match=said):
+        st.laws([run_of(1.0, 0)] * runs, own=own)
