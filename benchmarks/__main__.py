@@ -21,7 +21,7 @@ laws          bands and errors of friction and restoring force as curves, five k
 plan          discover, plan, run, discover again: whether what is stated comes true
 loops         runs until one right name, with planned releases and with drawn ones
 
-Measured and driven records: measured, answer, random_force_kinds, driven. Others on the same records: arena.
+Measured and driven records: measured, answer, random_force_kinds, driven, servo. On the same ones: arena.
 Time, memory, kills: simulator, timing, cost, campaign (--only a part of each).
 
 With --out each record is a line of JSON, and what the file has already is not done again.
@@ -54,6 +54,7 @@ NAMES = {
     "answer": ("measured", None),
     "random_force_kinds": ("random_force_kinds", None),
     "driven": ("driven", None),
+    "servo": ("servo", None),
     "arena": ("arena", 10),
     "simulator": ("timing", None),
     "timing": ("timing", None),

@@ -63,7 +63,7 @@ def to_nonlinear_system(
     """
     import control
 
-    given = model if isinstance(model, Model) else schema.model_of(model)
+    given = (model if isinstance(model, Model) else schema.model_of(model)).bound
     _refuse_memory(given)
     gain = _gain(inertia)
 
@@ -108,7 +108,7 @@ def linearise(
     """
     import control
 
-    given = model if isinstance(model, Model) else schema.model_of(model)
+    given = (model if isinstance(model, Model) else schema.model_of(model)).bound
     matrix, names = _at_rest(given) if amplitude is None else _about_a_cycle(given, amplitude)
     size = len(names)
     enters = np.zeros((size, 1))

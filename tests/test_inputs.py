@@ -490,7 +490,7 @@ STEPPED = np.repeat(np.random.default_rng(1).standard_normal(40), 30)
         ("tones", tones(TIME), "smooth"),
         ("coarse step of the sensor", np.round(tones(TIME), 2), "smooth"),
         ("pulse of a hammer", np.where(abs(TIME - 3.0) < 0.05, np.cos(31.4 * (TIME - 3.0)), 0.0), "smooth"),
-        ("one step", np.where(TIME > 2.0, 1.0, 0.0), "smooth"),
+        ("switch thrown once", np.where(TIME > 2.0, 1.0, 0.0), "held"),
         ("square wave", np.sign(np.sin(3.0 * TIME + 0.1)), "held"),
         ("converter", STEPPED, "held"),
     ],

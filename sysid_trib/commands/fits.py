@@ -27,6 +27,7 @@ from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods.scope import Method, with_random_force
+from sysid_trib.methods.trajectory import KINDS_OF_STARTS, StartsOption
 from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.physics.si_units import check_angle_unit, check_length_unit, check_measured, in_si_units
 from sysid_trib.printing import Block, comparison, discovery, driven, exported, identification, sureness
@@ -84,7 +85,9 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
             "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
         )
     own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
-    usual = usual_methods(decays, wanted.library, wanted.reference_frequency, wanted.shapes, own, warm_up)
+    starts = checked_starts(given.starts, driven=driven or given.test is not None)
+    asked = wanted.reference_frequency, wanted.shapes, own, warm_up, starts
+    usual = usual_methods(decays, wanted.library, *asked)
     with _fewer_forces_named(wanted.library):
         tree = identified(
             decays,
@@ -100,7 +103,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         of_test = given.but(records=[given.test], omega0=None, reference_frequency=None)
         others, _ = read_decays(of_test, as_it_is=True, driven=True)
         answer = tree[judged.preferred_of(tree)].to_dataset()
-        predicted = [predict(answer, other, warm_up=given.warm_up) for other in others]
+        predicted = [predict(answer, other, warm_up=given.warm_up, starts=starts) for other in others]
     _add_sureness(tree, decays, given.sensitivity, profiled, tell)
     if calibration[1]:
         tree = with_scale_error(tree, calibration[1] / calibration[0])
@@ -116,6 +119,15 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         texts[given.methods_text.with_suffix(".bib")] = lambda: exported.cited(exported.methods_text(tree))
     says = partial(_blocks, tree, sources, predicted), partial(_data, tree, predicted)
     return deliver(given, tell, says, tree, texts)
+
+
+def checked_starts(word: str, *, driven: bool) -> StartsOption:
+    """Return how runs begin; raise an error for another word, or for free decays."""
+    if word not in KINDS_OF_STARTS:
+        raise UsageError(f"--starts '{word}' must be {' or '.join(KINDS_OF_STARTS)}.")
+    if word != KINDS_OF_STARTS[0] and not driven:
+        raise UsageError("--starts is of driven records (--input); the start of a decay is fitted.")
+    return word  # type: ignore[return-value]
 
 
 @contextmanager
@@ -241,7 +253,11 @@ def difference(tell: Tell, given: DifferenceOptions) -> Callable[[], None]:
     sides = _sides(given.records)
     asked = asked_model(given)
     tell("reading")
-    (first, of_first), (second, of_second) = (read_decays(given.but(records=side)) for side in sides)
+    (first, of_first), (second, of_second) = (
+        read_decays(given.but(records=side), driven=True) for side in sides
+    )
+    if given.laws and is_driven([*first, *second]):
+        raise UsageError("--laws of a difference is of free decays; leave it out of driven records.")
     sums, others = ({run.attrs.get("record_checksum") for run in side} for side in (first, second))
     if sums & others - {None}:
         raise UsageError("A record is given in both samples; their differences would share its noise.")

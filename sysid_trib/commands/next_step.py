@@ -7,7 +7,7 @@ from typing import NamedTuple
 import xarray as xr
 
 from sysid_trib.commands.app import command_after
-from sysid_trib.commands.options import FileOptions, MeasuredOptions, RecordOptions
+from sysid_trib.commands.options import FileOptions, IdentifyOptions, MeasuredOptions, RecordOptions
 from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
@@ -250,6 +250,8 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
         taken["test"] = str(given.test)
     if isinstance(given, MeasuredOptions) and given.warm_up:
         taken["warm_up"] = f"{given.warm_up:g}"
+    if isinstance(given, IdentifyOptions) and given.changed(["starts"]):
+        taken["starts"] = given.starts
     return NextStep("identify", "keeps the result, for report and response", {**taken, "output": KEPT})
 
 

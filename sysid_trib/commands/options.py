@@ -56,6 +56,7 @@ class RecordOptions(ModeOptions):
     keep_outliers: bool = False
     system: str | None = None
     input_: str | None = None
+    constant: list[str] = field(default_factory=list)
     between: str | None = None
     scale: str = "1"
     length: float | None = None
@@ -166,6 +167,7 @@ class BackboneOptions(RecordOptions, ShownOptions, FileOptions):
 class IdentifyOptions(ModelOptions, MeasuredOptions, DestinationOptions):
     """Options of `identify`."""
 
+    starts: str = "fitted"
     profile: str | None = None
     sensitivity: bool = False
     methods_text: Path | None = None

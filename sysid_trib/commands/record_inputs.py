@@ -1,7 +1,7 @@
 """The records of a command: files, or the embedded example, the decays in them, and what is no record."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -9,7 +9,14 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from sysid_trib.commands.app import command_after, parse_number, parse_value_with_error, parse_window
+from sysid_trib.campaigns.conditions import read_conditions
+from sysid_trib.commands.app import (
+    command_after,
+    parse_number,
+    parse_value_with_error,
+    parse_window,
+    texts_by_name,
+)
 from sysid_trib.commands.asked import driving_of
 from sysid_trib.commands.options import ForcesOptions, ModelOptions, RecordOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
@@ -149,12 +156,18 @@ def read_decays(
 
 def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFile]:
     """The runs of each file as they are in it, uncut, and what they are."""
+    if given.constant and not driven:
+        raise UsageError(
+            "--constant is for records of identify, laws, discover, compare and difference; leave it out of "
+            "this command."
+        )
     if given.input_ is not None and not driven:
         raise UsageError(
             "--input is for driven records (identify, laws, discover, compare); this command takes free "
             "decays."
         )
-    return [_read(given, record) for record in given.records or (None,)]
+    constants = constants_of_records(given)
+    return [_read(given, record, of) for record, of in zip(given.records or (None,), constants, strict=True)]
 
 
 def decays_within(
@@ -178,12 +191,55 @@ def calibration_of(given: RecordOptions) -> tuple[float, float]:
     return parse_value_with_error(given.scale, "--scale") or (1.0, 0.0)
 
 
-def _read(given: RecordOptions, record: Path | None) -> RunsOfFile:
+def constants_of_records(given: RecordOptions) -> list[dict[str, str | float]]:
+    """Return the known constants of each record by their names.
+
+    `--constant` is `kp=100`, `kp=100,400`, `kp=COLUMN` or `kp=TABLE.csv:kp`.
+
+    Raises
+    ------
+    UsageError
+        A list has another length than the records, or a table has no row for one of them.
+    """
+    form = "of the form kp=100, kp=COLUMN or kp=TABLE.csv:COLUMN"
+    texts = texts_by_name(given.constant, "--constant", form)
+    records = [str(record) for record in given.records or ()]
+    of_each: list[dict[str, str | float]] = [{} for _ in records or (None,)]
+    for name, text in texts.items():
+        values = _constants(name, text, records)
+        if len(values) not in (1, len(records)):
+            raise UsageError(
+                f"--constant '{name}={text}' holds {len(values)} values for {len(records)} records; give "
+                "one, or one a record."
+            )
+        for at, of in enumerate(of_each):
+            of[name] = values[at if len(values) > 1 else 0]
+    return of_each
+
+
+def _constants(name: str, text: str, records: Sequence[str]) -> list[str | float]:
+    """Return the values of a constant, or the name of a column of each record."""
+    file, colon, column = text.rpartition(":")
+    if colon and file:
+        table = read_conditions(Path(file), records)
+        if column not in table:
+            raise UsageError(
+                f"{Path(file).name}: no column '{column}' for the constant {name}; there are "
+                f"{', '.join(map(str, table))}."
+            )
+        return [parse_number(str(value), f"--constant {name}") for value in table[column]]
+    parts = [part.strip() for part in text.split(",")]
+    with suppress(ValueError):
+        return [float(part) for part in parts]
+    return [text]
+
+
+def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str | float]) -> RunsOfFile:
     """The runs of a file, or the embedded example, and what they are."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
     if record is None:
-        if idle := given.changed([*READING, "input_", "mode", "band"]):
+        if idle := given.changed([*READING, "input_", "constant", "mode", "band"]):
             raise UsageError(f"{idle[0]} is for a RECORD, and none is given.")
         example = paper_twin()
         source = f"Embedded example: {example.attrs['source']}; {example.attrs['synthetic']}."
@@ -194,7 +250,9 @@ def _read(given: RecordOptions, record: Path | None) -> RunsOfFile:
         if band_or_mode(given):
             runs = [_mode_of(given, record)]
         else:
-            runs = read_records(record, Reading(**how, inputs=driving_of(given), between=given.between))
+            inputs = driving_of(given)
+            asked = Reading(**how, inputs=inputs, between=given.between, constants=constants)
+            runs = read_records(record, asked)
     except SysidTribError:
         if said := what_else(record):
             raise RecordError(said) from None
@@ -240,7 +298,7 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
 
 def _decays(given: RecordOptions, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
-    if given.input_ is not None:
+    if given.input_ is not None or given.constant:
         return driven_parts(record, limits, keep_outliers=given.keep_outliers)
     centre: float | str = given.equilibrium
     if centre != "auto":

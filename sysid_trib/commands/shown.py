@@ -33,7 +33,7 @@ from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, Usa
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import with_shipped
-from sysid_trib.printing import code, exported, looked
+from sysid_trib.printing import code, exported, looked, parameters
 from sysid_trib.printing.modes import modes_blocks, modes_json
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.modes import modes as mode_frequencies
@@ -189,10 +189,15 @@ def report(tell: Tell, given: ReportOptions) -> Callable[[], None]:
 
 
 def export(tell: Tell, given: ExportOptions) -> Callable[[], None]:
-    """The equation of a result as a program."""
+    """The equation of a result as a program, or its parameters with their covariance."""
     result, language, output = given.result, given.language, given.output
-    check_output(output, ".m" if language == "simulink" else ".py", reads=[result])
-    text = code.model_code(model_of_file(result, load(result)), language)
+    ending = {"simulink": ".m", "toml": ".toml", "json": ".json"}.get(language, ".py")
+    check_output(output, ending, reads=[result])
+    model = model_of_file(result, load(result))
+    if language in code.PARAMETER_LANGUAGES:
+        text = parameters.parameters_text(model, language)
+    else:
+        text = code.model_code(model, language)
     if output is None:
         return partial(print, text, end="")
     write_file(output, text.encode())

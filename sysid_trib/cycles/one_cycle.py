@@ -61,7 +61,9 @@ def cycle_averages(
         The force is not finite, too rough, or has no steady cycle.
     """
     if force.memoryless:
-        means = _integrals(force, a, partial(_at_phases, a, time, shape_values)) / (2 * np.pi)
+        # A coefficient of another force is zero where that force is not there.
+        numbers = {**dict.fromkeys(force.uses, 0.0), **shape_values}
+        means = _integrals(force, a, partial(_at_phases, a, time, numbers)) / (2 * np.pi)
     else:
         shapes = {f"{force.symbol}.{k}": float(value) for k, value in shape_values.items()}
         means = np.zeros((len(a), 3))

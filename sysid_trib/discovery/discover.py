@@ -33,6 +33,7 @@ from sysid_trib.forces.selection import (
     offered_forces,
     viscous_model,
 )
+from sysid_trib.methods.direct import Direct
 from sysid_trib.records import smoothing
 from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
@@ -140,8 +141,28 @@ def discover(
             "discover needs a restoring force, and this body has none; identify it with several sets of "
             "forces, and compare the residuals."
         )
+    if offered.used or model.used:
+        # A candidate has a coefficient and shapes of its own: those of the start model are numbers to it.
+        coefficients = _of_start_model(runs, model, reference_frequency, constraints)
+        model, offered = (
+            replace(library, forces=tuple(force.with_numbers(coefficients) for force in library))
+            for library in (model, offered)
+        )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
     return _discovery(runs, model, offered, constraints, unseen, how)
+
+
+def _of_start_model(
+    decay: Decays,
+    library: ForceLibrary,
+    reference_frequency: float | None,
+    constraints: ConstraintTable,
+) -> dict[str, float]:
+    """Return the coefficients of the start model by Direct, for formulas that hold them."""
+    held = {name: value for name, value in constraints.items() if name in library.symbols}
+    direct = Direct(reference_frequency, random_force="off", refine=False, constraints=held)
+    result = direct.identify(decay, library)
+    return dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
 
 
 # Part of the residual of the search's own start model below which that of the plain one stands for it.

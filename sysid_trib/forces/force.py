@@ -51,6 +51,9 @@ class Force:
         What its formulas hold of inputs.
     run : int, optional
         Of several runs, from 1, the only one in which it acts: its coefficient is that run's own.
+    uses : tuple of str
+        Symbols of other forces whose coefficients its formula holds, as friction holds the torque of a motor.
+        A coefficient that a model lacks is zero.
     curve : str
         Name of the smooth curve that it is a part of. The coefficients of a curve are penalised: they are
         random effects of one variance, which follows from the data. Empty for a force of its own.
@@ -71,6 +74,7 @@ class Force:
     coefficient: float | None = None
     channels: tuple[Channel, ...] = ()
     run: int | None = None
+    uses: tuple[str, ...] = ()
     curve: str = ""
 
     def __post_init__(self) -> None:
@@ -127,11 +131,26 @@ class Force:
         given = shapes or {}
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
+    def bound(self, coefficients: Mapping[str, float]) -> "Force":
+        """Return the force with numbers for the coefficients in its formula, as shape parameters."""
+        if not self.uses:
+            return self
+        values = ((symbol, float(coefficients.get(symbol, 0.0))) for symbol in self.uses)
+        held = {symbol: Shape(value, -np.inf, np.inf) for symbol, value in values}
+        return replace(self, shape={**self.shape, **held}, uses=())
+
     @cached_property
     def surfaces(self) -> tuple[Formula, ...]:
         """Switching surfaces of the motion: of the force and of its states."""
         formulas = (self.formula, *self.state.values())
         return tuple(dict.fromkeys(surface for f in formulas for surface in f.surfaces))
+
+    def with_numbers(self, coefficients: Mapping[str, float]) -> "Force":
+        """Return the force with numbers written in place of the coefficients in its formula."""
+        written = self
+        for symbol in self.uses:
+            written = written.with_instead(symbol, f"{coefficients.get(symbol, 0.0):.6g}")
+        return replace(written, uses=())
 
     def with_instead(self, name: str, text: str, over: float = 1.0) -> "Force":
         """Return the force with a name replaced by an expression; rates of states are divided by a number."""
@@ -173,13 +192,14 @@ class Force:
         shapes : mapping of str to float, optional
             Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
         hidden : mapping of str to array of float, optional
-            States, memory, and inputs as formulas name them; zero where left out.
+            States, memory, inputs and coefficients of other forces as formulas name them; zero where left
+            out.
 
         Returns
         -------
         array of float, rad
         """
-        absent = (*self.state, *self.memory, *(channel.name for channel in self.channels))
+        absent = (*self.state, *self.memory, *(channel.name for channel in self.channels), *self.uses)
         given = {"x": x, "v": v, "t": t, **dict.fromkeys(absent, 0.0), **(hidden or {})}
         arrays = {k: np.asarray(a, dtype=float) for k, a in given.items()}
         with np.errstate(all="ignore"):
@@ -291,6 +311,17 @@ class ForceLibrary:
         """Value of each shape parameter by name, `dahl.s`: from `shapes`, else the default."""
         return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
 
+    def bound(self, coefficients: Mapping[str, float]) -> "ForceLibrary":
+        """Return the library with numbers for the coefficients in formulas (see `Force.bound`)."""
+        if not self.used:
+            return self
+        return replace(self, forces=tuple(force.bound(coefficients) for force in self))
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Symbols of the coefficients in formulas of its forces, each once."""
+        return tuple(dict.fromkeys(symbol for force in self for symbol in force.uses))
+
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
         """The library of these forces alone, in the order given; UsageError for an unknown one."""
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
@@ -317,6 +348,12 @@ class ForceLibrary:
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
         """The library with a force of its own for each run in the place of each of these: `lambda_1`, ..."""
         own = {self[symbol].symbol for symbol in symbols}
+        if both := own & {*self.used}:
+            symbol = min(both)
+            raise UsageError(
+                f"The coefficient {symbol} cannot be each run's own (--own): the formula of another force "
+                "holds it; leave it out of --own."
+            )
 
         def copy(force: Force, run: int) -> Force:
             return replace(force, symbol=f"{force.symbol}_{run}", name=f"{force.name}, run {run}", run=run)

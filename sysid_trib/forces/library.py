@@ -3,9 +3,10 @@
 import os
 import re
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import lru_cache
+from graphlib import CycleError, TopologicalSorter
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -16,7 +17,7 @@ from sysid_trib import plugins
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, Shape
 from sysid_trib.forces.formulas import Formula
-from sysid_trib.forces.notation import LARGEST_CONSTANT, RESERVED_NAMES, parse, short
+from sysid_trib.forces.notation import LARGEST_CONSTANT, MAX_LENGTH, RESERVED_NAMES, parse, short
 from sysid_trib.forces.symmetry import INPUT_KINDS, ORDERS
 
 TEXT_KEYS = ("name", "family", "meaning", "source", "curve")
@@ -50,6 +51,10 @@ FORCE_KEYS: Checks = {
     "passive": (lambda v: isinstance(v, bool), "true or false"),
     "coefficient": (lambda v: is_number(v) and v, "a number other than 0"),
     "run": (lambda v: is_number(v) and isinstance(v, int) and v > 0, "the number of a run, from 1"),
+    "uses": (
+        lambda v: isinstance(v, list) and all(isinstance(k, str) and SHORT_WORD.fullmatch(k) for k in v),
+        "a list of symbols of forces whose coefficients the formula holds",
+    ),
     **dict.fromkeys(TABLE_KEYS, (lambda v: isinstance(v, dict), "a table such as { z = ... }")),
 }
 
@@ -79,6 +84,10 @@ def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) 
 # The input that a library need not name.
 USUAL_INPUT = "u"
 MAX_BYTES = 1_000_000
+# Names in a formula; not the exponent of a number such as 1e-3.
+NAMES_IN_FORMULAS = re.compile(r"(?<![\w.])[A-Za-z_]\w*", re.ASCII)
+# Libraries that include one another, one in the other.
+MOST_INCLUDED = 8
 
 
 def library_folder() -> Path:
@@ -169,11 +178,14 @@ def library_of_text(text: str, source: str) -> ForceLibrary:
 
 def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
     """Build a library from the mapping that TOML gives (see `load_library`)."""
+    data = _included(data, source)
     entries = data.get("force")
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
         raise LibraryError(f"{source}: no forces; write at least one [[force]] with symbol and formula.")
-    channels = _channels(data.get("inputs", []), source)
-    forces = tuple(_force(entry, channels, source) for entry in entries)
+    expressions = _expressions(data.get("expressions", {}), source)
+    channels = _channels(data.get("inputs", []), expressions, source)
+    offered = frozenset(str(entry.get("symbol")) for entry in entries)
+    forces = tuple(_force(_expanded(entry, expressions), channels, offered, source) for entry in entries)
     symbols = [force.symbol for force in forces]
     for symbol in symbols:
         if symbols.count(symbol) > 1:
@@ -183,15 +195,103 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
     return ForceLibrary(" ".join(title.split()), forces, source)
 
 
-def _channels(inputs: object, source: str) -> dict[str, Channel]:
-    """Return the input channels that formulas may use, by their names in formulas."""
+def _included(data: Mapping[str, Any], source: str, depth: int = 0) -> dict[str, Any]:
+    """Join a library with those that it includes.
+
+    Its own inputs, expressions and forces replace included ones of the same name.
+    """
+    names = data.get("include", [])
+    if not isinstance(names, list) or not all(isinstance(n, str) and SHORT_WORD.fullmatch(n) for n in names):
+        raise LibraryError(f'{source}: include is a list of libraries of the package, ["joints"].')
+    if depth > MOST_INCLUDED:
+        raise LibraryError(f"{source}: libraries include each other in a circle; leave one include out.")
+    joined: dict[str, Any] = {key: value for key, value in data.items() if key != "include"}
+    for name in names:
+        path = library_folder() / f"{name}.toml"
+        if not path.is_file():
+            raise LibraryError(f"{source}: there is no library '{name}' of the package to include.")
+        other = _included(tomllib.loads(path.read_text(encoding="utf-8")), path.name, depth + 1)
+        if isinstance(joined.get("inputs"), list):
+            joined["inputs"] = dict.fromkeys(joined["inputs"], "")
+        for table in ("inputs", "expressions"):
+            if isinstance(joined.setdefault(table, {}), dict):
+                joined[table] = {**other.get(table, {}), **joined[table]}
+        own = joined.setdefault("force", [])
+        if isinstance(own, list):
+            taken = [entry.get("symbol") for entry in own if isinstance(entry, dict)]
+            joined["force"] = [*own, *(e for e in other["force"] if e.get("symbol") not in taken)]
+    return joined
+
+
+def _expressions(table: object, source: str) -> dict[str, str]:
+    """Return the named expressions of a library, each without the names of others.
+
+    Raises
+    ------
+    LibraryError
+        The table holds something other than texts, a name that formulas have, or names go in a circle.
+    """
+    where = f"{source}, [expressions]"
+    if not isinstance(table, dict):
+        raise LibraryError(f'{where} must be a table of formulas, load = "u - sin(x)".')
+    for name, text in table.items():
+        if not SHORT_WORD.fullmatch(name) or name in RESERVED_NAMES:
+            raise LibraryError(f"{where}: '{short(name)}' cannot name an expression; rename it.")
+        if not isinstance(text, str) or not text.strip() or len(text) > MAX_LENGTH:
+            raise LibraryError(
+                f"{where}: '{name}' must be a formula in quotes of at most {MAX_LENGTH} characters."
+            )
+    needs = {name: {*NAMES_IN_FORMULAS.findall(text)} & table.keys() for name, text in table.items()}
+    whole: dict[str, str] = {}
+    try:
+        for name in TopologicalSorter(needs).static_order():
+            whole[name] = with_expressions(table[name], whole)
+            if len(whole[name]) > MAX_LENGTH:
+                raise LibraryError(f"{where}: '{name}' is longer than {MAX_LENGTH} characters as a whole.")
+    except CycleError as error:
+        circle = " and ".join(error.args[1][1:])
+        raise LibraryError(f"{where}: {circle} go in a circle; write one without the other.") from None
+    return whole
+
+
+def with_expressions(text: str, expressions: Mapping[str, str]) -> str:
+    """Return a formula in which each of these names is replaced by its expression."""
+
+    def written(word: re.Match[str]) -> str:
+        if word[0] not in expressions:
+            return word[0]
+        expression = expressions[word[0]]
+        return expression if expression.isidentifier() else f"({expression})"
+
+    return NAMES_IN_FORMULAS.sub(written, text)
+
+
+def _expanded(entry: Mapping[str, Any], expressions: Mapping[str, str]) -> dict[str, Any]:
+    """Return an entry in whose formulas the named expressions are written out."""
+
+    def expanded(value: Any) -> Any:
+        return with_expressions(value, expressions) if isinstance(value, str) else value
+
+    whole = dict(entry)
+    for key in ("formula", *(key for key in TABLE_KEYS if key != "shape")):
+        value = entry.get(key)
+        if isinstance(value, dict):
+            whole[key] = {name: expanded(text) for name, text in value.items()}
+        elif value is not None:
+            whole[key] = expanded(value)
+    return whole
+
+
+def _channels(inputs: object, expressions: Collection[str], source: str) -> dict[str, Channel]:
+    """Return the input channels that formulas may use, by their names; expressions replace them."""
     kinds = dict.fromkeys(inputs, "") if isinstance(inputs, list) else inputs
     if not isinstance(kinds, dict) or not all(isinstance(k, str) for pair in kinds.items() for k in pair):
         raise LibraryError(f'{source}: inputs are names, ["u", "b"], or a table {{ u = "acceleration" }}.')
     if strange := [kind for kind in kinds.values() if kind not in INPUT_KINDS]:
         known = ", ".join(kind for kind in INPUT_KINDS if kind)
         raise LibraryError(f"{source}: an input is {known}, or any other quantity, '', not '{strange[0]}'.")
-    every = [Channel(name, n, kind) for name, kind in ({USUAL_INPUT: ""} | kinds).items() for n in ORDERS]
+    kinds = {name: kind for name, kind in ({USUAL_INPUT: ""} | kinds).items() if name not in expressions}
+    every = [Channel(name, n, kind) for name, kind in kinds.items() for n in ORDERS]
     names = [channel.name for channel in every]
     for channel in every:
         fits = SHORT_WORD.fullmatch(channel.input) and channel.name not in RESERVED_NAMES
@@ -200,7 +300,9 @@ def _channels(inputs: object, source: str) -> dict[str, Channel]:
     return {channel.name: channel for channel in every}
 
 
-def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: str) -> Force:
+def _force(
+    entry: Mapping[str, Any], channels: Mapping[str, Channel], symbols: Collection[str], source: str
+) -> Force:
     symbol = entry.get("symbol")
     where = f"{source}, force {symbol!r}"
     check_keys(entry, FORCE_KEYS, ("symbol", "formula"), where)
@@ -214,12 +316,17 @@ def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: st
     def formulas(table: Mapping[str, object], names: frozenset[str]) -> dict[str, Formula]:
         return {k: parse(text, frozenset("xvt") | names, exponents, where) for k, text in table.items()}
 
+    # Coefficients that the formula holds: of forces of the library, or of those that it names.
+    own = internal | frozenset(channels) | RESERVED_NAMES | {str(symbol)}
+    usable = frozenset([*symbols, *entry.get("uses", [])]) - own
+    if entry.get("kind") == "sensor":
+        usable = frozenset()
     words = {k: " ".join(entry.get(k, "").split()) for k in TEXT_KEYS}
     plain = {k: entry[k] for k in ("symbol", "kind", "passive", "run") if k in entry}
     known = {"coefficient": float(entry["coefficient"])} if "coefficient" in entry else {}
     allowed = internal | frozenset(channels)
     force = Force(
-        formula=formulas({"h": entry["formula"]}, allowed)["h"],
+        formula=formulas({"h": entry["formula"]}, allowed | usable)["h"],
         state=formulas(tables["state"], allowed),
         memory=formulas(tables["memory"], allowed),
         start=formulas(tables["start"], exponents),
@@ -227,7 +334,11 @@ def _force(entry: Mapping[str, Any], channels: Mapping[str, Channel], source: st
         **(words | plain | known | {"name": words["name"] or symbol}),
     )
     held = {name for f in force.formulas for name in f.names} - internal
-    force = replace(force, channels=tuple(channel for name, channel in channels.items() if name in held))
+    force = replace(
+        force,
+        channels=tuple(channel for name, channel in channels.items() if name in held),
+        uses=tuple(sorted(force.formula.names & usable)),
+    )
     _check_finite(force, where)
     return force
 

@@ -155,7 +155,7 @@ def toml(force: "Force") -> str:
     }
     tables["shape"] = {name: vars(shape) for name, shape in force.shape.items()}
     values = {**words, **tables, "passive": force.passive, "coefficient": force.coefficient}
-    values["run"] = force.run
+    values |= {"run": force.run, "uses": list(force.uses)}
     return "".join(f"{k} = {toml_value(value)}\n" for k, value in values.items() if value)
 
 

@@ -105,7 +105,7 @@ def matches(force: "Force", formula: str) -> bool:
     formula : str
         A formula in x, v and t. Forces are known by what they do, not by their symbols.
     """
-    if not force.memoryless or force.kind != "force" or force.shape:
+    if not force.memoryless or force.kind != "force" or force.shape or force.uses:
         return False
     expected = parse(formula, frozenset("xvt"), frozenset(), formula).evaluate(force.test_points)
     return bool(np.allclose(_at(force, force.test_points), expected, rtol=1e-12, atol=1e-14))
@@ -143,7 +143,7 @@ def character(force: "Force") -> str:
 
 def degree(force: "Force") -> float | None:
     """Degree q of homogeneity in (x, v) together; None without one, of history, time and inputs."""
-    other = force.shape or force.holds_time or force.channels
+    other = force.shape or force.holds_time or force.channels or force.uses
     return None if not force.memoryless or other else _degree_in(force, {"x": 1.0, "v": 1.0})
 
 
@@ -193,6 +193,8 @@ def test_points(force: "Force") -> dict[str, Any]:
     points = dict(zip("xv", sides * sizes, strict=True))
     points |= {k: random.uniform(-0.5, 0.5, 64) for k in (*force.state, *force.memory)}
     points |= {"t": random.uniform(0.5, 20.0, 64)} | force.shape_values()
+    # Off one another: forces that hold a coefficient are no others at some value of it.
+    points |= {symbol: 0.7 + 0.3 * at for at, symbol in enumerate(force.uses)}
     return points | {
         c.name: random.choice((-1.0, 1.0), 64) * random.uniform(0.05, 1.2, 64) for c in force.channels
     }

@@ -95,6 +95,11 @@ class RunRegression:
         """Time since the first sample, (sample,), s."""
         return self.time - self.time[0]
 
+    @cached_property
+    def bound(self) -> ForceLibrary:
+        """Forces with the present coefficients of others as numbers in their formulas."""
+        return self.library.bound(dict(zip(self.library.symbols, self.acting.tolist(), strict=True)))
+
     @property
     def stiffness_scale(self) -> float:
         """(frequency/nominal)^2."""
@@ -148,7 +153,7 @@ class RunRegression:
         """
         k, time, acting = self.stiffness_scale, self.elapsed, self.acting.tolist()
         given = {name: values for force in self.library for name, values in self.given(force, time).items()}
-        terms = ((force, c, self.shapes) for force, c in zip(self.library, acting, strict=True))
+        terms = ((force, c, self.shapes) for force, c in zip(self.bound, acting, strict=True))
         stiffness, damping = derivatives_along(terms, (time, self.x, self.v), given)
         matrix = noise_operator(self.form, k * (1.0 + stiffness), np.sqrt(k) * damping)
         return (matrix @ sp.diags_array(1.0 / self.gain)).tocsr() if self.of_sensor.any() else matrix
@@ -180,7 +185,7 @@ class RunRegression:
         columns = np.zeros((len(x), len(self.library)))
         memoryless = np.array([force.memoryless for force in self.library])
         averaged, motion = np.flatnonzero(self.acts & memoryless), (self.elapsed, x, v)
-        forces = [self.library.forces[at] for at in averaged]
+        forces = [self.bound.forces[at] for at in averaged]
         columns[:, averaged] = cell_averages(
             forces, (*motion, acceleration), self.frequency, self.shapes, self.given, rate_error
         )

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 import xarray as xr
@@ -24,19 +24,23 @@ from sysid_trib.motion_fit.least_squares import (
     fitted,
     grown,
     missed,
+    nearby_best,
     stopped_by_bounds,
 )
+from sysid_trib.motion_fit.moving_samples import points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
 from sysid_trib.simulation.model import FREQUENCY, Model
 
+KINDS_OF_STARTS = ("fitted", "measured")
+StartsOption: TypeAlias = Literal["fitted", "measured"]
 # A motion that leaves more than this part of a record does not follow it.
 LARGEST_UNFOLLOWED = 0.7
 
@@ -68,6 +72,10 @@ class Trajectory(Constrained):
     warm_up : float, s
         Beginning of each run that does not count: until then the motion forgets with what its states and
         memory began. The free motion is fitted, whatever `random_force` is.
+    starts : {"fitted", "measured"}
+        Whether angle, rate and the sensor's zero of each run are fitted; `measured` takes the angle and the
+        rate of the smoothed record at its first sample, and no zero, as for a joint whose control loop sees
+        the sensor.
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: parameters that are held, lowest and highest
         value of coefficients and of shape parameters that are fitted, and parameters as formulas of others.
@@ -95,6 +103,7 @@ class Trajectory(Constrained):
     random_force: RandomForceOption = "auto"
     own: tuple[str, ...] = ()
     warm_up: float = 0.0
+    starts: StartsOption = "fitted"
 
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
@@ -102,6 +111,8 @@ class Trajectory(Constrained):
             raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
         if not self.warm_up >= 0.0:
             raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
+        if self.starts not in KINDS_OF_STARTS:
+            raise UsageError(f"starts='{self.starts}' is neither 'fitted' nor 'measured'.")
         if self.noise not in ("white", "coloured"):
             raise UsageError(f"noise='{self.noise}' is neither 'white' nor 'coloured'.")
 
@@ -138,8 +149,12 @@ class Trajectory(Constrained):
         # In its own quantity the record is fitted by the free motion alone.
         stochastic_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
         stochastic_too = stochastic_too and not self.warm_up
-        quick = _quick(self, problem, runs) if self.start is None or stochastic_too else None
-        first = _first_values(self, problem, quick)
+        begun = self
+        if self.start is None and not stochastic_too and problem.driven and library.used:
+            # Direct takes samples at rest as well, and the coefficients in formulas from round to round.
+            begun = replace(self, start=_regressed_start(problem))
+        quick = _quick(self, problem, runs) if begun.start is None or stochastic_too else None
+        first = _first_values(begun, problem, quick)
         if stochastic_too:
             return stochastic_identification(self, *_with_random_force(self, problem, first, quick))
         fit = self._fitted_freely(problem, first)
@@ -170,7 +185,9 @@ class Trajectory(Constrained):
             offered, self.reference_frequency, self.fit_shapes, self.shapes, len(runs), constraints
         )
         parameters = parameters.completed()
-        if is_free_to_move(offered, parameters.constraints.fixed):
+        if self.starts == "measured":
+            parameters = parameters.fix(measured_starts(runs))
+        elif is_free_to_move(offered, parameters.constraints.fixed):
             # No rate shows where a body is that may be anywhere.
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
             parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
@@ -184,10 +201,44 @@ class Trajectory(Constrained):
         rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
         if rounds and missed(problem, fit.values) > LARGEST_UNFOLLOWED:
             rounds = 0
+        # What a model of driven motions leaves besides noise is no measure of how well a run was measured: a
+        # run that hardly moves would decide alone.
+        if problem.driven and not _residual_is_white(fit):
+            rounds = 0
+            # One run of a record that is followed has one minimum.
+            if len(problem.records) > 1:
+                fit = nearby_best(fit)
         for _ in range(rounds):
             problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
             fit = fitted(problem, fit.values)
         return fit
+
+
+def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
+    """Return angle (rad) and rate (rad/s) of each run at its first sample, and a zero of 0, by their names.
+
+    Raises
+    ------
+    UsageError
+        A rate or an acceleration was measured: where the body is, is not known.
+    """
+    if any(MEASURED in run for run in runs):
+        raise UsageError("A start is measured where the angle itself is; leave starts='measured' out.")
+    w, held = nominal_frequency(first_frequency(runs)), dict[str, float]()
+    for at, run in enumerate(runs):
+        angle, rate = first_guess(run.time.values.astype(float), run.angle.values.astype(float), w)
+        held |= zip((f"{name} of run {at}" for name in PER_RUN), (angle, rate, 0.0), strict=True)
+    return held
+
+
+def _regressed_start(problem: FitProblem) -> Model:
+    """Return the model of a regression over the moving samples of driven runs."""
+    parameters = problem.parameters
+    library, held = parameters.library, parameters.constraints.fixed
+    regression = regressed(points_of(problem.runs, library), library, held)
+    coefficients = {symbol: regression.coefficients.get(symbol, 0.0) for symbol in library.symbols}
+    frequency = parameters.reference_frequency or regression.frequency
+    return Model(library, coefficients, frequency, dict(parameters.shapes))
 
 
 def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) -> xr.Dataset | None:
@@ -265,6 +316,12 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
     except DecayError:
         return fit
     return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
+
+
+def _residual_is_white(fit: Fit) -> bool:
+    """True if the residual of each run is white."""
+    residuals = fit.problem.residuals(fit.values)
+    return min(white_p_value(residual) for residual in residuals) >= WHITE_LEVEL
 
 
 def _residuals(fit: Fit) -> list[Array]:

@@ -190,6 +190,11 @@ class FitProblem:
     runs: Sequence[xr.Dataset]
     offered: ForceLibrary
 
+    @property
+    def driven(self) -> bool:
+        """True if inputs drive each motion."""
+        return all(record.inputs for record in self.records)
+
     def first(self, part: float) -> "FitProblem":
         """The problem of the first part of each record."""
         return replace(self, records=tuple(record.first(part) for record in self.records))

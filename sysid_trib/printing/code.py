@@ -18,6 +18,8 @@ IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
 # Names that the texts have for what is theirs.
 NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
+# Languages of `export` that hold the parameters, no program.
+PARAMETER_LANGUAGES = ("toml", "json")
 # By language, for which there is a template.
 FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
 
@@ -38,9 +40,10 @@ def model_code(result: xr.Dataset, language: str) -> str:
         Another language, or a force whose memory changes at reversals: it is no equation in x, v, states.
     """
     if language not in FUNCTION_NAMES:
-        raise UsageError(f"'{language}' is no language of export; choose {', '.join(FUNCTION_NAMES)}.")
+        offered = ", ".join((*FUNCTION_NAMES, *PARAMETER_LANGUAGES))
+        raise UsageError(f"'{language}' is no language of export; choose {offered}.")
     _check_is_equation(result)
-    model, functions = model_of(result), FUNCTION_NAMES[language]
+    model, functions = model_of(result).bound, FUNCTION_NAMES[language]
     terms, states, starts = list[str](), dict[str, str](), list[str]()
     for force in model.forces:
         shapes = {name: f"({value!r})" for name, value in force.shape_values(model.shapes).items()}

@@ -11,6 +11,7 @@ from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
+from sysid_trib.records.inputs import constants_of
 from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
@@ -68,7 +69,9 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     table = layout.coefficient_table(results, z, [what | sizes])
     return [
         Block([first, f"Preferred method: {answer} ({why}).", *_negative_damping(results[answer])], ALWAYS),
+        Block(_not_separated(tree), ALWAYS),
         Block(record),
+        _constants_block(tree),
         Block(title="At a glance"),
         Block([ERRORS], Layer.EXPLAIN, "Forces", table),
         Block(table=table, layers=Layer.QUIET | Layer.DEFAULT),
@@ -93,6 +96,28 @@ def _negative_damping(result: xr.Dataset) -> Iterator[str]:
                 f"{said}, as if the motion gained energy. Check whether the input is delayed (offer "
                 f"gain_delay) or friction is missing, or exclude it: --bound {symbol}=0:."
             )
+
+
+def _not_separated(tree: xr.DataTree) -> list[str]:
+    """Name the parameters that the motions cannot separate."""
+    if "identifiability" not in tree.children:
+        return []
+    return str(tree["identifiability"].attrs["sentences"]).splitlines()
+
+
+def _constants_block(tree: xr.DataTree) -> Block:
+    """Return a table of the known constants, one row per run; empty without any."""
+    groups = record_groups(tree)
+    rows = {name: constants_of(tree[name].to_dataset()) for name in groups}
+    if not any(rows.values()):
+        return Block()
+    names = list(dict.fromkeys(name for row in rows.values() for name in row))
+    cells = [
+        {"run": str(tree[group].attrs.get("source", group))}
+        | {name: f"{row[name]:g}" for name in names if name in row}
+        for group, row in rows.items()
+    ]
+    return Block(table=layout.text_table(cells, ["run"]), caption="Known constants of the runs:")
 
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
@@ -134,9 +159,10 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
     sentences = []
     for record in predicted:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
-        start = f"to its first {warm_up:g} s, which do not count" if warm_up else "to all of it"
+        start = f"fitted to its first {warm_up:g} s, which do not count" if warm_up else "fitted to all of it"
+        start = "as measured" if record.attrs.get("starts") == "measured" else start
         sentences.append(
-            f"Prediction of {record.attrs.get('source', 'record')}, its start fitted {start}: residual "
+            f"Prediction of {record.attrs.get('source', 'record')}, its start {start}: residual "
             f"{record.residual_rms.item():.3g} {unit} (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )

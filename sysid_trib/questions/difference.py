@@ -16,7 +16,8 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods import method_of, scope
-from sysid_trib.records.runs import RecordsLike, as_runs
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.runs import RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.effects import at_bound
 from sysid_trib.results.judged import error_parts, main_result
@@ -319,7 +320,8 @@ def held_against(
     Parameters
     ----------
     first, second : sequence of Dataset
-        Decays, the runs of each sample.
+        Decays, the runs of each sample. Driven runs of a sample are identified together: one alone does not
+        separate what the joint, the load and the motor do.
     library : ForceLibrary
     method : Method
     constraints : mapping
@@ -336,18 +338,21 @@ def held_against(
         the identifications, `backbone_first`, ... frequency and damping of each record without a model, where
         it has enough half periods; `record_1`, ... the records of both.
     """
+    driven = any(inputs_of(run) for run in (*first, *second))
     results: dict[str, list[xr.Dataset]] = {name: [] for name in SIDES}
     groups: dict[str, xr.Dataset] = {}
     for name, runs in zip(SIDES, (first, second), strict=True):
-        for label, run in zip(group_names(name, len(runs)), runs, strict=True):
+        together = [list(runs)] if driven else [[run] for run in runs]
+        for label, some in zip(group_names(name, len(together)), together, strict=True):
             tell(f"the {label.replace('_', ' ')} record")
-            result = identify(run, library, method, constraints=constraints)
+            result = identify(one_or_all(some), library, method, constraints=constraints)
             results[name].append(result)
             groups[f"sample_{label}"] = result
-            # A record of few half periods has none.
-            with suppress(DecayError):
-                groups[f"backbone_{label}"] = backbone(run)
-    groups["/"] = _held_apart([*results.values()], (first, second), library, level)
+            # A record of few half periods has none, and a driven one neither.
+            with suppress(DecayError, UsageError):
+                groups[f"backbone_{label}"] = backbone(some[0])
+    one_a_result = (first[:1], second[:1]) if driven else (first, second)
+    groups["/"] = _held_apart([*results.values()], one_a_result, library, level)
     runs = [*first, *second]
     groups |= dict(zip(group_names("record", len(runs)), runs, strict=True))
     return xr.DataTree.from_dict(groups)

@@ -102,7 +102,7 @@ def forced_response(
 
 @signal_scale.in_units_of_the_motion
 def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed: int) -> xr.Dataset:
-    model, w, size = schema.model_of(result), given.frequency.values, given.drive.values
+    model, w, size = schema.model_of(result).bound, given.frequency.values, given.drive.values
     model = replace(model, library=model.library.select(force.symbol for force in model.forces))
     c = np.array([model.coefficients[force.symbol] for force in model.forces])
     ratio = w / model.reference_frequency

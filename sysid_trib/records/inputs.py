@@ -26,6 +26,8 @@ PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
 SHIPPED = "inputs"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
+# attrs[CONSTANT] of an input that does not vary within a run.
+CONSTANT = "constant"
 # Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
 BETWEEN_SAMPLES = {"linear": 1, "held": 0, "cubic": 3, "smooth": 7}
 
@@ -158,6 +160,12 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
     return {name: _input(record, name) for name in names}
 
 
+def constants_of(record: xr.Dataset) -> dict[str, float]:
+    """Return the known constants of a run by their names."""
+    marked = ((str(name), values) for name, values in record.data_vars.items() if CONSTANT in values.attrs)
+    return {name: float(values.values[0]) for name, values in marked}
+
+
 def _input(record: xr.Dataset, name: str) -> KnownInput:
     given, unit = record[name], unit_of_signal(record)
     if given.dims == ("time",):
@@ -193,6 +201,9 @@ def usual_between(values: Array) -> str:
     """
     moves = np.diff(values)
     changes = np.flatnonzero(moves)
+    if len(changes) == 1 and np.unique(values).size == 2:
+        # A switch that is thrown once.
+        return "held"
     if len(changes) < 2 or 2 * len(changes) > len(moves):
         return "smooth"
     isolated = np.diff(changes, prepend=-2) > 1

@@ -22,6 +22,7 @@ from sysid_trib.records import (
     units as lab,
 )
 from sysid_trib.records.columns import ChosenColumns, choose_columns
+from sysid_trib.records.constants import with_constants
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
 
@@ -41,6 +42,7 @@ def read_record(
     length: float | None = None,
     input: str | Sequence[str] | Mapping[str, str | int] | None = None,
     between: str | None = None,
+    constants: Mapping[str, str | float] | None = None,
 ) -> xr.Dataset:
     """Read an oscillation from a file.
 
@@ -73,6 +75,9 @@ def read_record(
     between : {"smooth", "linear", "held", "cubic"}, optional
         What inputs are between their samples: smooth, as of a signal that was measured without aliasing;
         held, as a converter puts it out. Without it they are smooth, or held where they move in steps.
+    constants : mapping of str to (str or float), optional
+        What is known of the run and does not vary in it, such as a gain, a load or a temperature, by the name
+        that formulas hold: a number, the name of a column, or that of a number which the file states once.
 
     Returns
     -------
@@ -94,7 +99,9 @@ def read_record(
             "read_record reads a file; what is in memory is a record as it is: st.free_decay((t, angle))."
         )
     given = time, angle, signal, units, sampling_rate, time_units, length
-    how = reading.Reading(*given, inputs=inputs.named_inputs(input), between=between)
+    how = reading.Reading(
+        *given, inputs=inputs.named_inputs(input), between=between, constants=constants or {}
+    )
     records = read_records(path, how)
     if len(records) > 1:
         names = ", ".join(str(record.attrs["angle_column"]) for record in records)
@@ -131,7 +138,9 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     table = tables.read_table(path)
     if reading.is_expression(table, how.angle):
         table = reading.with_expression(table, str(how.angle), how.units)
-    chosen = choose_columns(table, how, input_columns(how.inputs, table))
+    of_columns = (value for value in how.constants.values() if isinstance(value, str))
+    named = [column for value in of_columns if (column := table.match(value)) is not None]
+    chosen = choose_columns(table, how, [*input_columns(how.inputs, table), *named])
     records = [_read(table, columns, how) for columns in chosen]
     # A run that hardly swings does not show that it is in degrees; another one of the file does.
     if {record.attrs["angle_unit_in_file"] for record in records} == {"rad", "deg"} and how.units is None:
@@ -184,7 +193,8 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
     if not how.inputs and (acting := drives.drives_among(table.columns, column)):
         attrs["drives"] = [drive.name for drive in acting]
     record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how, times.origin)
-    return inputs.with_own_quantity(record) if how.inputs else record
+    record = with_constants(record, table, rows, how.constants)
+    return inputs.with_own_quantity(record) if how.inputs or how.constants else record
 
 
 def _as_record(

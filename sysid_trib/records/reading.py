@@ -56,6 +56,9 @@ class Reading:
         Columns of inputs by the names that forces hold, `{"u": "V1"}`; of another file `base.mat:y`.
     between : {"smooth", "linear", "held", "cubic"}, optional
         What inputs are between their samples (see `KnownInput`); without it see `usual_between`.
+    constants : mapping of str to (str or float)
+        Known constants of the run by the names that forces hold, `{"kp": 100.0, "load": "load"}`: a number,
+        or a column that does not vary.
     """
 
     time: str | int | None = None
@@ -70,12 +73,15 @@ class Reading:
     gravity: bool = True
     inputs: Mapping[str, str | int] = field(default_factory=dict)
     between: str | None = None
+    constants: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, offered in (("signal", lab.SIGNALS), ("between", BETWEEN_SAMPLES)):
             if (given := getattr(self, name)) is not None and given not in offered:
                 raise UsageError(f"{name} {given!r} is unknown: give {', '.join(offered)}.")
-        for name in self.inputs:
+        if both := self.inputs.keys() & self.constants.keys():
+            raise UsageError(f"{min(both)} is given as an input and as a constant; choose one.")
+        for name in (*self.inputs, *self.constants):
             if not name.isidentifier() or name in TAKEN_NAMES:
                 raise UsageError(f"{name!r} cannot name an input; write u=COLUMN, as forces hold it.")
         if self.time_units is not None and self.time_units not in lab.TIME_UNITS:

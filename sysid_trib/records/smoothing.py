@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
@@ -211,27 +212,35 @@ def first_frequency(runs: Sequence[xr.Dataset]) -> float:
     """Frequency from which fits of runs begin, by the median of theirs, rad/s.
 
     A driven body, as on a belt, may swing away from zero: its own middle is used then. A driven run that does
-    not swing, as one that is lifted slowly, has no frequency beside others that do.
+    not swing, as one that is lifted slowly, has no frequency beside others that do. If none swings, the
+    frequency is one below which their rates have nearly all of their power.
 
     Raises
     ------
     DecayError
-        A free run has no whole half period, or none of the driven ones has.
+        A free run has no whole half period.
     """
-    frequencies, refusals = list[float](), list[DecayError]()
+    frequencies = list[float]()
     for run in runs:
         try:
             frequencies.append(swing_frequency(run))
         except DecayError:
             if not inputs.inputs_of(run):
                 raise
-            try:
+            with suppress(DecayError):
                 frequencies.append(swing_frequency(run, equilibrium=None))
-            except DecayError as refusal:
-                refusals.append(refusal)
-    if not frequencies:
-        raise refusals[0]
-    return float(np.median(frequencies))
+    return float(np.median(frequencies)) if frequencies else max(clock_of(run) for run in runs)
+
+
+def clock_of(record: xr.Dataset) -> float:
+    """Return a frequency (rad/s) below which the rate has nearly all of its power, to two digits."""
+    time = record.time.values.astype(float)
+    step = float(np.median(np.diff(time)))
+    rate = np.diff(np.interp(np.arange(time[0], time[-1], step), time, record.angle.values))
+    power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
+    # Part of the power of the rate.
+    at = np.searchsorted(power, 0.95 * power[-1])
+    return nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 
 def nominal_frequency(frequency: float) -> float:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sysid_trib._version import __version__
 from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.inputs import CONSTANT, inputs_of
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.models import library_of as library_of, shape_values_of as shape_values_of
 from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, refuse_whole_result, variable
@@ -109,7 +109,9 @@ def identification(
     symbols = list(library.symbols)
     coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
     recorded = as_runs(decay, driven=True)[0].variables.items()
-    coords |= force_labels(library.forces, {str(k): str(v.attrs.get("units", "")) for k, v in recorded})
+    # A constant, such as the gain of a loop, is a number of the formula, and no unit of a coefficient.
+    of_inputs = {str(k): str(v.attrs.get("units", "")) for k, v in recorded if CONSTANT not in v.attrs}
+    coords |= force_labels(library.forces, of_inputs)
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
 

@@ -83,6 +83,11 @@ class Model:
         forcing = (FORCING_CHANNEL,) if INPUT in self.inputs else ()
         return (*forcing, *channels_of(self.forces))
 
+    @property
+    def bound(self) -> "Model":
+        """Model with numbers in place of the coefficients in formulas."""
+        return replace(self, library=self.library.bound(self.coefficients))
+
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
         """The model with other coefficients."""
         return replace(self, coefficients=dict(coefficients))
@@ -224,7 +229,8 @@ class Motion:
         def names(force: Force) -> dict[str, Any]:
             """All that the formulas of a force hold."""
             its = (*force.state, *force.shape, *force.memory)
-            return common | {k: named[f"{force.symbol}.{k}"] for k in its}
+            used = {symbol: named.get(symbol, 0.0) for symbol in force.uses}
+            return common | used | {k: named[f"{force.symbol}.{k}"] for k in its}
 
         def value(force: Force, formula: Formula) -> Any:
             """Value of a formula of a force on the branch of the signs."""
@@ -258,5 +264,5 @@ def motion_of(forces: tuple[Force, ...], *, forced: bool, paced: bool) -> Motion
 
 def surface_key(force: Force, surface: Formula) -> str:
     """Name of a force's surface: forces share those of x, v and t, and keep those of their own states."""
-    common = {"x", "v", "t", *(channel.name for channel in force.channels)}
+    common = {"x", "v", "t", *(channel.name for channel in force.channels), *force.uses}
     return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"

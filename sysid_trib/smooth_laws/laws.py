@@ -19,7 +19,7 @@ from sysid_trib.methods import Averaging, Direct
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs
-from sysid_trib.records.smoothing import swing_frequency
+from sysid_trib.records.smoothing import clock_of, swing_frequency
 from sysid_trib.results import signal_scale
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
@@ -31,7 +31,7 @@ from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why
 from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.predictions import with_predictions
 from sysid_trib.validation import cross_check, judge, model_error
-from sysid_trib.validation.driven import clock_of, is_driven
+from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.refits import between
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 

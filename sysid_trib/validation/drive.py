@@ -13,8 +13,9 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.methods.direct import Direct
 from sysid_trib.records import drives, inputs
+from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.validation.driven import clock_of, residual_over_motion
+from sysid_trib.validation.driven import residual_over_motion
 
 # Formulas of the forces of an oscillator, from the fewest on.
 OSCILLATORS = (

@@ -1,7 +1,8 @@
 """Driven records: identified by the direct method and the trajectory, and predicted."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
@@ -17,12 +18,13 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods.direct import Direct
-from sysid_trib.methods.trajectory import Trajectory
-from sysid_trib.records import inputs, smoothing
+from sysid_trib.methods.trajectory import StartsOption, Trajectory, measured_starts
+from sysid_trib.records import inputs
 from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.runs import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
+from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.judged import best
 from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.references import comparison_values, stated_covariance
@@ -39,6 +41,7 @@ from sysid_trib.simulation.initial_conditions import (
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.validation import judge, verdict
+from sysid_trib.validation.collinearity import identifiability
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
@@ -96,9 +99,12 @@ def identified_driven(
         clock = max(clock_of(run) for run in runs)
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
+    tell("identifiability")
+    separated = identifiability(runs, library, constraints=direct.constraints)
     tell("direct")
     together = dict(enumerate(runs))
-    best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
+    with _saying(separated):
+        best = FollowedRuns(together, verdict.with_noise(direct, "off").identify(decay, library))
     random_explains, stochastic = False, None
     # In an integrated record a random force cannot be separated from noise.
     own_quantity = any(MEASURED in run for run in runs)
@@ -139,7 +145,18 @@ def identified_driven(
             "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
             "of it (--window)."
         )
-    return _tree(kept, "direct" in kept and random_explains)
+    return _tree(kept, "direct" in kept and random_explains, separated)
+
+
+@contextmanager
+def _saying(separated: xr.Dataset) -> Iterator[None]:
+    """Add to a refusal of equal forces the motion that separates them."""
+    try:
+        yield
+    except DecayError as error:
+        if "are the same force" not in str(error) or not separated.attrs["sentences"]:
+            raise
+        raise DecayError(f"{error} {' '.join(separated.attrs['sentences'].splitlines())}") from None
 
 
 def _without_bias(run: xr.Dataset) -> xr.Dataset:
@@ -190,17 +207,6 @@ def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> floa
     return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
 
 
-def clock_of(record: xr.Dataset) -> float:
-    """A frequency (rad/s) below which the rate of a motion has nearly all of its power, to two digits."""
-    time = record.time.values.astype(float)
-    step = float(np.median(np.diff(time)))
-    rate = np.diff(np.interp(np.arange(time[0], time[-1], step), time, record.angle.values))
-    power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
-    # Part of the power of the rate.
-    at = np.searchsorted(power, 0.95 * power[-1])
-    return smoothing.nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
-
-
 SIZES = ("tested_rms", "tested_over_noise", "residual_over_motion", "p_value")
 
 
@@ -248,7 +254,7 @@ def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
     return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 
 
-def _tree(models: Mapping[str, FollowedRuns], random_explains: bool) -> xr.DataTree:
+def _tree(models: Mapping[str, FollowedRuns], random_explains: bool, separated: xr.Dataset) -> xr.DataTree:
     names, results = list(models), [followed.result for followed in models.values()]
     records = with_motions(models)
     of_names = dict(zip(names, results, strict=True))
@@ -271,7 +277,7 @@ def _tree(models: Mapping[str, FollowedRuns], random_explains: bool) -> xr.DataT
     }
     table = judge.with_verdicts(table, evidence, preferred, "driven")
     groups = dict(zip(group_names("record", len(records)), records, strict=True))
-    groups |= of_names | {"judged": table}
+    groups |= of_names | {"judged": table, "identifiability": separated}
     if len(names) == 2:
         groups["agreement"] = _difference(*results)
     return xr.DataTree.from_dict(groups)
@@ -323,7 +329,12 @@ FEWEST_FITTED = 20
 
 
 def predict(
-    result: xr.Dataset | xr.DataTree, record: RecordLike, *, warm_up: float | None = None, run: int = 0
+    result: xr.Dataset | xr.DataTree,
+    record: RecordLike,
+    *,
+    warm_up: float | None = None,
+    run: int = 0,
+    starts: StartsOption = "fitted",
 ) -> xr.Dataset:
     """Predict a record by an identified model: its free run under the record's inputs.
 
@@ -338,6 +349,9 @@ def predict(
         record where left out, and all of it counts.
     run : int
         Of the result's runs, from 0, the one whose own coefficients are taken.
+    starts : {"fitted", "measured"}
+        `measured` takes angle and rate of the smoothed record at its first sample, and no zero of the sensor:
+        nothing is fitted to the record.
 
     Returns
     -------
@@ -361,7 +375,9 @@ def predict(
     given, identified = records.one_record(record, "predict"), best(result)
     checked_signal(given)
     (whole,) = driven_parts(given, across_gaps=True)
-    return _predict(identified, _in_units_of(identified, whole), warm_up=warm_up, run=run)
+    if starts == "measured" and warm_up is not None:
+        raise UsageError("A start that is measured needs no warm-up to be fitted to; leave one of both out.")
+    return _predict(identified, _in_units_of(identified, whole), warm_up=warm_up, run=run, starts=starts)
 
 
 def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
@@ -403,7 +419,9 @@ def _factor(what: str, unit: str, wanted: str) -> float:
 
 
 @in_units_of_the_motion
-def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int) -> xr.Dataset:
+def _predict(
+    result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int, starts: StartsOption
+) -> xr.Dataset:
     """Predict a record in the units of the result (see `predict`)."""
     library = library_of(result).in_run(run + 1)
     model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
@@ -418,6 +436,8 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
+    if starts == "measured":
+        return _from_measured_start(record, model)
     model, record = with_own_sensor(result, model, record, fitted)
     # A spline knows nothing of what is in a gap.
     gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
@@ -436,6 +456,21 @@ def _predict(result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, r
     values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
     values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
     return _with_prediction(record, values, warm_up)
+
+
+def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
+    """Predict a record from its measured start; nothing is fitted to it."""
+    held = [*measured_starts([record]).values()]
+    time, angle = record.time.values.astype(float), record.angle.values.astype(float)
+    try:
+        shown = trajectory(model, time, held[0], held[1]).angle
+    except SimulationError as error:
+        raise DecayError(f"The model has no motion on this record: {error}") from None
+    residual = angle - shown
+    rms = root_mean_square(residual)
+    values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
+    values |= {"residual_over_motion": rms / float(np.std(angle))}
+    return _with_prediction(record, values, None).assign_attrs(starts="measured")
 
 
 def _with_prediction(

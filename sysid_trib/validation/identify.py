@@ -16,6 +16,7 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.methods import Averaging, Direct, Trajectory, as_method, method_of
 from sysid_trib.methods.scope import Method, constrained, with_stated
+from sysid_trib.methods.trajectory import StartsOption
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.judged import last_of
@@ -122,6 +123,7 @@ def usual_methods(
     shapes: dict[str, float] | None = None,
     own: tuple[str, ...] = (),
     warm_up: float = 0.0,
+    starts: StartsOption = "fitted",
 ) -> list[Method]:
     """Return the two methods of the cross-check.
 
@@ -139,6 +141,8 @@ def usual_methods(
         Forces whose coefficient is each run's own, of driven records.
     warm_up : float, s
         Beginning of each driven record that does not count in the fit of its motion.
+    starts : {"fitted", "measured"}
+        Whether the start and the sensor's zero of each driven record are fitted (see `Trajectory`).
 
     Raises
     ------
@@ -149,7 +153,8 @@ def usual_methods(
     averaging, direct, trajectory = (kind(**asked) for kind in (Averaging, Direct, Trajectory))  # type: ignore
     runs = as_runs(decay, driven=True)
     if driven.is_driven(runs):
-        return [Direct(**asked, own=own), Trajectory(**asked, own=own, warm_up=warm_up)]  # type: ignore
+        motion = Trajectory(**asked, own=own, warm_up=warm_up, starts=starts)  # type: ignore
+        return [Direct(**asked, own=own), motion]  # type: ignore
     if own:
         raise UsageError(
             "Individual coefficients of runs need driven records (--input); identify free decays one by one."

@@ -201,7 +201,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
     is simulated: a model that slips in phase has its surface too.
     """
     time, angle, _ = equilibrium.with_half_periods(decay)
-    model = schema.model_of(result)
+    model = schema.model_of(result).bound
     tau = model.reference_frequency * (time - time[0])
     every = max(1, min(-(-len(time) // MOST_DRAWN), len(time) // (DRAWN_PER_KNOT * knot_intervals(tau))))
     zero = float(np.ravel(result.offset)[run]) if "offset" in result else 0.0

@@ -1,0 +1,187 @@
+"""A pendulum on a servo: which friction law, how well it predicts runs that were not fitted, and how fast.
+
+python -m benchmarks servo [--only chosen|laws|prediction|halves|free]
+
+The runs are read from ../shared/data/servo_pendulum beside the project, or from the folder in
+SYSID_TRIB_DATA. Those of a gain are predicted from the start that was measured, with the goal position, the
+gain and the switch of the torque alone; nothing is fitted to them. Runs of the gain 200, which are not there,
+may be added to the folder.
+"""
+
+import time
+from argparse import Namespace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+import sysid_trib as st
+from benchmarks import DATA
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.records.free_decay import free_decays
+
+FOLDER = DATA / "servo_pendulum"
+MOTIONS = ("lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
+COLUMNS = {"goal": "goal position", "on": "torque on"}
+# The servo's law of control: duty ratio by gain and error of position (SOURCE.md of the data).
+LIBRARY = """
+title = "A pendulum on a servo"
+include = ["joints"]
+inputs = { goal = "displacement", kp = "", on = "" }
+
+[expressions]
+powered = "on"
+torque = "max(-1, min(1, 0.00287746*kp*(goal - x)))"
+"""
+BASE = ("gravity", "tilt", "motor", "back_emf", "lambda", "zeta")
+# Friction laws that are held against each other, by the further forces of each.
+LAWS: dict[str, tuple[str, ...]] = {
+    "Coulomb and viscous": (),
+    "with Stribeck": ("stribeck",),
+    "with the load": ("load_friction",),
+    "with the load squared": ("load_squared",),
+    "with the load squared, Stribeck": ("load_squared", "stribeck"),
+    "with the load squared, and the load at low speed": ("load_squared", "load_stribeck"),
+}
+CHOSEN = "with the load squared, and the load at low speed"
+NOT_NEGATIVE = dict.fromkeys(("lambda", "zeta", "back_emf"), (0.0, None))
+
+
+def library() -> ForceLibrary:
+    """The forces of a joint under this law of control."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "servo.toml"
+        file.write_text(LIBRARY, encoding="utf-8")
+        return st.load_library(file)
+
+
+def gains() -> list[int]:
+    """The gains of which there are runs."""
+    return sorted({int(file.name.split("_")[0][2:]) for file in FOLDER.glob("kp*_sin_sin.csv")})
+
+
+def run_of(gain: int, motion: str) -> xr.Dataset:
+    """One run, with its gain as a known constant."""
+    record = st.read_record(FOLDER / f"kp{gain}_{motion}.csv", input=COLUMNS, constants={"kp": "kp"})
+    # Goals were interpolated from one reading to the next.
+    record["goal"].attrs["between"] = "linear"
+    return record
+
+
+def fitted(runs: list[xr.Dataset], law: str) -> tuple[xr.Dataset, float]:
+    """The fit of a law to runs, and the processor's time (s)."""
+    forces = library().select((*BASE, *LAWS[law]))
+    constraints: dict[str, Any] = {s: of for s, of in NOT_NEGATIVE.items() if s in forces.symbols}
+    shapes = tuple(forces.shape_values())
+    begun = time.process_time()
+    method = st.methods.Trajectory(
+        random_force="off",
+        starts="measured",
+        fit_shapes=shapes,
+        constraints={"gravity": 1.0} | constraints,
+    )
+    return st.identify(runs, forces, method), time.process_time() - begun
+
+
+def absolute_error(result: xr.Dataset, runs: list[xr.Dataset]) -> list[float]:
+    """Mean absolute error of the open-loop prediction of each run (mrad), its start as measured."""
+    predicted = (st.predict(result, run, starts="measured") for run in runs)
+    return [1e3 * float(np.abs(record.residual).mean()) for record in predicted]
+
+
+def servo(asked: Namespace) -> None:
+    """Print what is asked for."""
+    if not FOLDER.is_dir():
+        print(f"No runs in {FOLDER}.")
+        return
+    for title, part in (
+        ("chosen", chosen),
+        ("laws", laws),
+        ("prediction", prediction),
+        ("halves", halves),
+        ("free", free),
+    ):
+        if asked.only in title:
+            part()
+
+
+def runs_of(which: list[int]) -> list[xr.Dataset]:
+    """All runs of some gains."""
+    return [run_of(gain, motion) for gain in which for motion in MOTIONS]
+
+
+def laws() -> None:
+    """Each law fitted to all runs: what it leaves, and how long it takes."""
+    runs = runs_of(gains())
+    print(f"{'law, fitted to ' + str(len(runs)) + ' runs':52s} {'MAE (mrad)':>10s} {'processor (s)':>14s}")
+    for law in LAWS:
+        print_law(law, runs)
+
+
+def chosen() -> None:
+    """The law that predicts best, fitted to all runs."""
+    print_law(CHOSEN, runs_of(gains()))
+
+
+def print_law(law: str, runs: list[xr.Dataset]) -> None:
+    """A law fitted to runs, in a line, and its coefficients."""
+    result, seconds = fitted(runs, law)
+    print(f"{law:52s} {np.mean(absolute_error(result, runs)):10.1f} {seconds:14.0f}", flush=True)
+    print_coefficients(result)
+
+
+def print_coefficients(result: xr.Dataset) -> None:
+    """Coefficients with their standard errors, a line each."""
+    for symbol in result.force.values.tolist():
+        row = result.sel(force=symbol)
+        print(f"    {symbol:16s} {row.coefficient.item():9.4f} ± {row.standard_error.item():.4f}")
+    print(f"    w (rad/s)        {result.reference_frequency.item():9.4f}")
+
+
+def prediction(
+    laws_tried: tuple[str, ...] = ("Coulomb and viscous", "with the load squared", CHOSEN),
+) -> None:
+    """Each gain predicted by the runs of the others, by three laws."""
+    print("mean absolute error (mrad) of the four runs of a gain that is kept back")
+    for law in ("Coulomb and viscous", "with the load squared", CHOSEN):
+        for gain in gains():
+            result, _ = fitted(runs_of([other for other in gains() if other != gain]), law)
+            error = np.mean(absolute_error(result, runs_of([gain])))
+            print(f"{law:52s} {gain:5d} {error:10.1f}", flush=True)
+
+
+def halves() -> None:
+    """Fits of disjoint halves of the runs: difference of each parameter over its error."""
+    runs = [run_of(gain, motion) for motion in MOTIONS for gain in gains()]
+    both = [fitted(runs[at::2], CHOSEN)[0] for at in (0, 1)]
+    values, errors = (
+        np.array([of[name].values for of in both]) for name in ("coefficient", "standard_error")
+    )
+    known = (errors > 0.0).all(axis=0)
+    z = (values[0] - values[1])[known] / np.hypot(*errors)[known]
+    names = both[0].force.values[known].tolist()
+    print(
+        "halves of the runs, difference over its error: "
+        + ", ".join(f"{name} {value:+.1f}" for name, value in zip(names, z, strict=True))
+    )
+    print(f"    RMS {np.sqrt(np.mean(z**2)):.2f}", flush=True)
+
+
+def free() -> None:
+    """Each swing with the torque off predicted by the others; its start alone is fitted to it."""
+    files = sorted(FOLDER.glob("free_swing_kp*.csv"))
+    records = [st.read_record(file, angle="position (rad)") for file in files]
+    # One of them has two half periods.
+    swings = [free_decays(record, as_it_is=True)[0] for record in records]
+    joint = st.load_library("joints")
+    method = st.methods.Trajectory(random_force="off", constraints={"gravity": 1.0})
+    for law in (("lambda", "zeta"), ("lambda", "zeta", "weight_friction")):
+        errors = []
+        for at, swing in enumerate(swings):
+            others = [other for place, other in enumerate(swings) if place != at]
+            result = st.identify(others, joint.select(("gravity", *law)), method)
+            errors.append(1e3 * float(np.abs(st.predict(result, swing).residual).mean()))
+        each = ", ".join(f"{error:.1f}" for error in errors)
+        print(f"free swings, {', '.join(law):40s} MAE (mrad) {each}; mean {np.mean(errors):.1f}", flush=True)

@@ -1,0 +1,273 @@
+"""A joint with a control loop: expressions, coefficients in formulas, known constants, a friction law."""
+
+import json
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from command_line import run
+
+import sysid_trib as st
+from benchmarks import servo
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.forces.library import library_of_text
+from sysid_trib.questions.difference import held_against
+from sysid_trib.records.inputs import KnownInput, constants_of, inputs_of
+from sysid_trib.simulation.simulate import trajectory
+
+LIBRARY = """
+title = "A servo"
+include = ["joints"]
+inputs = { goal = "displacement", kp = "", on = "" }
+[expressions]
+powered = "on"
+torque = "max(-1, min(1, 0.003*kp*(goal - x)))"
+"""
+FORCES = ("gravity", "motor", "back_emf", "lambda", "zeta", "load_friction")
+TRUTH = {"gravity": 1.0, "motor": 1.5, "back_emf": 0.6, "lambda": 0.02, "zeta": 0.06, "load_friction": 0.25}
+W, NOISE = 8.4, 5e-4
+TIME = np.arange(0.0, 6.0, 0.02)
+GOALS = {"sweep": np.sin(TIME**2 / 1.5), "lift": 1.2 * np.clip(TIME / 2.0, 0.0, 1.0)}
+COLUMNS = {"goal": "goal position", "on": "torque on"}
+HELD = {"gravity": 1.0}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("servo")
+    (place / "servo.toml").write_text(LIBRARY, encoding="utf-8")
+    forces = st.load_library(place / "servo.toml").select(FORCES)
+    for kp, motion in ((kp, motion) for kp in (100, 400) for motion in GOALS):
+        moved = stored(forces, kp, motion, {})
+        position, on = moved.angle.values, moved["on"].values
+        columns = np.column_stack([TIME, position, GOALS[motion], np.full_like(TIME, kp), on])
+        header = "time (s),position (rad),goal position (rad),kp,torque on"
+        file = place / f"kp{kp}_{motion}.csv"
+        np.savetxt(file, columns, delimiter=",", header=header, comments="", fmt="%.6f")
+    return place
+
+
+@pytest.fixture(scope="module")
+def joint(folder):
+    return st.load_library(folder / "servo.toml")
+
+
+def record_of(folder: Path, name: str, **how) -> xr.Dataset:
+    given = {"input": COLUMNS, "constants": {"kp": "kp"}} | how
+    record = st.read_record(folder / f"{name}.csv", angle="position (rad)", **given)
+    record["goal"].attrs["between"] = "linear"
+    return record
+
+
+@pytest.fixture(scope="module")
+def runs(folder):
+    return [record_of(folder, f"kp{kp}_{motion}") for kp in (100, 400) for motion in GOALS]
+
+
+def test_a_library_with_expressions_reads_back_as_it_was_written(joint):
+    assert joint["load_friction"].uses == ("back_emf", "motor", "tilt")
+    assert joint["load_friction"].inputs == ("goal", "kp", "on")
+    again = library_of_text(joint.to_toml(), "again")
+    assert again.forces == joint.forces
+    # Without the force whose coefficient it holds, too.
+    alone = joint.select(["load_friction"])
+    assert library_of_text(alone.to_toml(), "alone").forces == alone.forces
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ('[expressions]\na = "b"\nb = "a"\n[[force]]\nsymbol = "f"\nformula = "a"', "go in a circle"),
+        ('[expressions]\nsin = "x"\n[[force]]\nsymbol = "f"\nformula = "x"', "cannot name an expression"),
+        ('[expressions]\na = 1\n[[force]]\nsymbol = "f"\nformula = "a"', "must be a formula in quotes"),
+        ('include = ["no_such"]\n[[force]]\nsymbol = "f"\nformula = "x"', "no library 'no_such'"),
+        ('[expressions]\na = "import"\n[[force]]\nsymbol = "f"\nformula = "a"', "is not a formula"),
+    ],
+)
+def test_a_bad_expression_is_refused(text, reason):
+    with pytest.raises(LibraryError, match=reason):
+        library_of_text(text, "bad")
+
+
+def test_derivatives_by_a_coefficient_that_another_formula_holds_are_those_of_differences(joint, runs):
+    forces = joint.select(FORCES)
+    known = inputs_of(runs[2])
+
+    def angle(**changed: float) -> np.ndarray:
+        model = st.Model(forces, TRUTH | changed, W, inputs=known)
+        return trajectory(model, TIME, 0.01, 0.0).angle
+
+    step = 1e-6
+    by = ("motor", "back_emf", "load_friction")
+    exact = trajectory(st.Model(forces, TRUTH, W, inputs=known), TIME, 0.01, 0.0, by=by).derivatives["angle"]
+    for at, symbol in enumerate(by):
+        ends = [angle(**{symbol: TRUTH[symbol] + side * step}) for side in (-1.0, 1.0)]
+        difference = (ends[1] - ends[0]) / (2.0 * step)
+        assert np.median(np.abs(exact[:, at] - difference)) < 1e-6 * np.abs(difference).max()
+
+
+def test_both_methods_find_the_friction_law_of_the_joint(joint, runs):
+    forces, w = joint.select(FORCES), []
+    direct = st.methods.Direct(random_force="off", constraints=HELD)
+    motion = st.methods.Trajectory(random_force="off", constraints=HELD, starts="measured")
+    for method in (direct, motion):
+        result = st.identify(runs, forces, method)
+        for symbol in FORCES[1:]:
+            assert result.coefficient.sel(force=symbol).item() == pytest.approx(TRUTH[symbol], rel=0.05)
+        w.append(result.reference_frequency.item())
+    assert w == pytest.approx([W, W], rel=2e-3)
+
+
+def test_a_run_without_a_half_period_is_no_obstacle_where_the_motion_is_driven(joint, runs):
+    slow = runs[3].isel(time=slice(0, 150))
+    result = st.identify(
+        [slow],
+        joint.select(("gravity", "motor", "lambda")),
+        st.methods.Direct(random_force="off", constraints=HELD),
+    )
+    assert np.isfinite(result.coefficient.values).all()
+
+
+def test_runs_with_the_torque_always_on_do_not_separate_back_emf_from_viscous_friction(joint, runs):
+    forces = joint.select(FORCES)
+    told = st.validation.identifiability([runs[0], runs[2]], forces, constraints=HELD)
+    assert told.attrs["sentences"] == (
+        "These runs do not separate back_emf and zeta; a run in which on is 0 does."
+    )
+    assert told.inflation.sel(parameter="motor").item() < 5.0
+    assert st.validation.identifiability(runs, forces, constraints=HELD).attrs["sentences"] == ""
+
+
+def test_the_command_says_what_motion_separates_forces_that_are_the_same(folder):
+    ending = command(folder, ["kp100_sweep.csv"], FORCES)
+    assert ending.status == 1
+    assert "the same force" in ending.err
+    assert "a run in which on is 0 does" in ending.err
+
+
+def command(folder, names, forces, *further, constant="kp=kp", inputs="goal=goal position,on=torque on"):
+    files = [str(folder / name) for name in names]
+    how = ["--angle", "position (rad)", "--input", inputs, "--between", "linear", "--constant", constant]
+    how += ["--library", str(folder / "servo.toml"), "--forces", ",".join(forces), "--fix", "gravity=1"]
+    return run("identify", *files, *how, *further)
+
+
+def test_known_constants_stand_with_the_runs_and_leave_with_the_parameters(folder, tmp_path):
+    names = [f"kp{kp}_{motion}.csv" for kp in (100, 400) for motion in GOALS]
+    ending = command(folder, names, FORCES, "--starts", "measured", "-o", str(tmp_path / "joint.nc"))
+    assert ending.status == 0, ending.err
+    assert "Known constants of the runs:" in ending.out
+    rows = [line.split() for line in ending.out.splitlines() if line.startswith("kp") and ".csv" in line]
+    assert rows == [[name, name[2:5]] for name in names]
+    data = {}
+    for language, read in (("toml", tomllib.loads), ("json", json.loads)):
+        out = tmp_path / f"joint.{language}"
+        assert run("export", str(tmp_path / "joint.nc"), "--as", language, "-o", str(out)).status == 0
+        data[language] = read(out.read_text(encoding="utf-8"))
+    assert data["toml"] == data["json"]
+    forces = {force["symbol"]: force for force in data["toml"]["forces"]}
+    assert forces["load_friction"]["value"] == pytest.approx(0.25, rel=0.02)
+    assert forces["load_friction"]["uses"] == ["back_emf", "motor", "tilt"]
+    variances = np.diag(data["toml"]["covariance"]["values"])
+    errors = [force["standard_error"] for force in data["toml"]["forces"]]
+    np.testing.assert_allclose(np.sqrt(variances[:-1]), errors, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "inputs", "said"),
+    [
+        ("kp=torque on", "goal=goal position,on=torque on", "the constant kp changes within the run"),
+        ("kp=gain", "goal=goal position,on=torque on", "the constant kp is not known"),
+        ("kp=1,2,3", "goal=goal position,on=torque on", "holds 3 values for 1 records"),
+        ("kp=kp", "on=torque on", "holds the input goal, which this record lacks"),
+        ("kp=kp", "kp=kp,goal=goal position", "given as an input and as a constant"),
+    ],
+)
+def test_a_constant_that_is_none_is_refused_in_a_sentence(folder, given, inputs, said):
+    ending = command(folder, ["kp100_lift.csv"], FORCES, constant=given, inputs=inputs)
+    assert ending.status in (1, 2)
+    assert said in ending.err
+    assert ending.err.count("\n") == 1
+
+
+def test_constants_of_a_table_go_to_their_records(folder, tmp_path):
+    table = tmp_path / "runs.csv"
+    table.write_text("record,kp\nkp400_lift.csv,400\nkp100_lift.csv,100\n", encoding="utf-8")
+    ending = command(
+        folder,
+        ["kp100_lift.csv", "kp400_lift.csv"],
+        ("gravity", "motor", "lambda"),
+        constant=f"kp={table}:kp",
+    )
+    rows = [line.split() for line in ending.out.splitlines() if line.startswith("kp") and ".csv" in line]
+    assert rows == [["kp100_lift.csv", "100"], ["kp400_lift.csv", "400"]]
+    table.write_text("record,kp\nkp400_lift.csv,400\n", encoding="utf-8")
+    ending = command(folder, ["kp100_lift.csv"], FORCES, constant=f"kp={table}:kp")
+    assert "has no row for record 'kp100_lift.csv'" in ending.err
+
+
+def test_a_constant_may_stand_in_the_head_of_a_file(folder, tmp_path):
+    file = tmp_path / "noted.csv"
+    text = (folder / "kp400_lift.csv").read_text(encoding="utf-8")
+    file.write_text(f"# load = 2.5\n{text}", encoding="utf-8")
+    record = st.read_record(
+        file, angle="position (rad)", input=COLUMNS, constants={"load": "load", "m": 0.49}
+    )
+    assert constants_of(record) == {"load": 2.5, "m": 0.49}
+
+
+def test_a_switch_that_is_thrown_once_is_held_between_its_samples(folder):
+    record = record_of(folder, "kp100_lift")
+    assert record["on"].attrs["between"] == "held"
+
+
+def test_a_start_as_measured_fits_nothing_to_the_record(joint, runs):
+    forces = joint.select(FORCES)
+    method = st.methods.Trajectory(random_force="off", constraints=HELD, starts="measured")
+    result = st.identify(runs[:3], forces, method)
+    predicted = st.predict(result, runs[3], starts="measured")
+    assert predicted.residual_rms.item() < 3.0 * NOISE
+    with pytest.raises(UsageError, match="no warm-up"):
+        st.predict(result, runs[3], starts="measured", warm_up=1.0)
+
+
+def test_two_motors_are_told_apart_by_all_of_their_runs(joint):
+    forces = joint.select(FORCES)
+    other = [stored(forces, kp, motion, {"load_friction": 0.4}) for kp in (100, 400) for motion in GOALS]
+    first = [stored(forces, kp, motion, {}) for kp in (100, 400) for motion in GOALS]
+    method = st.methods.Trajectory(random_force="off", starts="measured")
+    tree = held_against(first, other, forces, method, constraints=HELD)
+    differs = dict(zip(tree.force.values.tolist(), tree.differs.values.tolist(), strict=True))
+    assert differs.pop("load_friction")
+    assert not any(differs.values())
+    assert tree.difference.sel(force="load_friction").item() == pytest.approx(-0.15, abs=0.01)
+
+
+def stored(forces, kp, motion, changed) -> xr.Dataset:
+    """A run of a motor in memory."""
+    on = np.where((motion == "lift") & (TIME > 3.5), 0.0, 1.0)
+    known = {
+        "goal": KnownInput(TIME, GOALS[motion], "linear"),
+        "kp": KnownInput(TIME, np.full_like(TIME, kp), "held"),
+        "on": KnownInput(TIME, on, "held"),
+    }
+    moved = st.simulate(st.Model(forces, TRUTH | changed, W), TIME, 0.0, inputs=known)
+    noise = np.random.default_rng([kp, len(motion), len(changed)]).standard_normal(len(TIME))
+    return moved.assign(angle=moved.angle + NOISE * noise)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not servo.FOLDER.is_dir(), reason="no measured servo")
+def test_load_dependent_friction_predicts_a_gain_that_was_kept_back():
+    training = servo.runs_of([100, 800])
+    others = servo.runs_of([400])
+    errors = {}
+    for law in ("Coulomb and viscous", servo.CHOSEN):
+        result, _ = servo.fitted(training, law)
+        errors[law] = float(np.mean(servo.absolute_error(result, others)))
+    first, second = errors.values()
+    assert second < 0.75 * first
+    assert all(first >= second for first, second in pairwise(errors.values()))
