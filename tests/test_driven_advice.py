@@ -150,7 +150,7 @@ def test_look_recognises_a_drive_and_suggests_what_fits(tmp_path) -> None:
     assert ending.status == 0, ending.err
     assert "Free decay" not in ending.out
     assert "rate in mm/s from column velocity" in ending.out
-    assert "Driven: input u goes from -2 to 2" in ending.out
+    assert "Driven: input u ranges from -2 to 2" in ending.out
     command = ending.out.splitlines()[-1]
     assert "--input u --between held --system axis" in command
     assert run("look", path, "--input", "u").status == 0

@@ -16,6 +16,7 @@ from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.questions.difference import held_against
 from sysid_trib.records.inputs import KnownInput, constants_of, inputs_of
+from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
 
 LIBRARY = """
@@ -155,13 +156,19 @@ def command(folder, names, forces, *further, constant="kp=kp", inputs="goal=goal
     return run("identify", *files, *how, *further)
 
 
-def test_known_constants_stand_with_the_runs_and_leave_with_the_parameters(folder, tmp_path):
+@pytest.mark.slow
+def test_known_constants_stand_with_the_runs(folder):
     names = [f"kp{kp}_{motion}.csv" for kp in (100, 400) for motion in GOALS]
-    ending = command(folder, names, FORCES, "--starts", "measured", "-o", str(tmp_path / "joint.nc"))
+    ending = command(folder, names, FORCES, "--starts", "measured")
     assert ending.status == 0, ending.err
     assert "Known constants of the runs:" in ending.out
     rows = [line.split() for line in ending.out.splitlines() if line.startswith("kp") and ".csv" in line]
     assert rows == [[name, name[2:5]] for name in names]
+
+
+def test_parameters_leave_with_their_covariance_as_toml_and_json(joint, runs, tmp_path):
+    result = st.identify(runs, joint.select(FORCES), st.methods.Direct(random_force="off", constraints=HELD))
+    save(result, tmp_path / "joint.nc")
     data = {}
     for language, read in (("toml", tomllib.loads), ("json", json.loads)):
         out = tmp_path / f"joint.{language}"
@@ -169,7 +176,7 @@ def test_known_constants_stand_with_the_runs_and_leave_with_the_parameters(folde
         data[language] = read(out.read_text(encoding="utf-8"))
     assert data["toml"] == data["json"]
     forces = {force["symbol"]: force for force in data["toml"]["forces"]}
-    assert forces["load_friction"]["value"] == pytest.approx(0.25, rel=0.02)
+    assert forces["load_friction"]["value"] == pytest.approx(0.25, rel=0.05)
     assert forces["load_friction"]["uses"] == ["back_emf", "motor", "tilt"]
     variances = np.diag(data["toml"]["covariance"]["values"])
     errors = [force["standard_error"] for force in data["toml"]["forces"]]
