@@ -78,7 +78,7 @@ def test_a_campaign_keeps_friction_and_its_coefficient_at_speeds(tmp_path):
 
 
 def test_laws_of_a_campaign_want_speeds():
-    with pytest.raises(UsageError, match="wants at least one"):
+    with pytest.raises(UsageError, match="needs at least one"):
         Task("laws", st.load_library())
     with pytest.raises(UsageError, match="numbers above 0"):
         Task("laws", st.load_library(), speeds=(-1.0,))
