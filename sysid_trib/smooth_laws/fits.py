@@ -165,7 +165,7 @@ def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
     """Return the fit with more forces, or errors of each run's sensor; None where they are not needed."""
     runs = list(fit.followed.runs.values())
     added = load_library(EFFECTS).select(symbols)
-    model, method = fit.model, fit.method_from_here(REFINEMENTS_OF_EXTENSION)
+    model, method = fit.model, fit.method
     if not isinstance(method, Direct):
         return None
     if model.is_free_to_move:
