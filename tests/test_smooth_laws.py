@@ -1,6 +1,7 @@
 """Laws as curves: recovered within their bands, formulas within the band, and what a curve cannot be."""
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -226,3 +227,14 @@ def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds
     assert np.all(errors[:6] > 5.0 * noise[:6])
     np.testing.assert_allclose(errors[6:], errors[0], rtol=1e-6)
     assert np.all(bands.standard_errors(_movement(whole, parts, 1.0))[6:] == 0.0)
+
+
+def test_a_bound_that_is_passed_only_with_the_penalty_is_held():
+    time = np.arange(0.0, 20.0, 0.05)
+    model = st.Model(st.load_library("contact_forces"), {"lambda": 1e-3, "zeta": 0.01}, 9.0)
+    angle = st.simulate(model, time, 0.3).angle.values
+    noisy = angle + 1e-4 * np.random.default_rng(2).standard_normal(time.size)
+    (held,) = (method for label, method in st.physics.law_methods().items() if label == "laws")
+    bounded = replace(held, constraints={"zeta": (0.02, None)})
+    found = bounded.identify(st.free_decay((time, noisy)), st.library({"lambda": "sign(v)", "zeta": "2*v"}))
+    assert found.coefficient.sel(force="zeta").item() == pytest.approx(0.02)

@@ -195,6 +195,9 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
         low, high = np.full((2, len(solved)), [[-np.inf], [np.inf]])
         low[:count], high[:count] = constraints.low, constraints.high
         side = lsq_linear(columns, white_target, (low, high), method="bvls").active_mask[:count]
+        if not np.any(side):
+            # Without the penalty of curves no bound is passed: hold those that are passed with it.
+            side = np.sign(free - np.clip(free, constraints.low, constraints.high))
         limits = np.where(side < 0, constraints.low, constraints.high)[side != 0]
         return solve(rows, constraints.hold(side != 0, limits))
     coefficients = constraints.matrix @ free + constraints.constant
