@@ -547,15 +547,27 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """The preferred laws, a row each place."""
-    result, answer = _preferred(tree), judged.preferred_of(tree)
-    for law in shown.laws_in(result):
-        variable, curve = shown.LAW_PLACES[law], shown.curve_of(result, law)
+    """The preferred laws, and those of each run that has its own, a row each place."""
+    result, preferred = _preferred(tree), judged.preferred_of(tree)
+    yield from _rows_of_curves(tree, result, preferred)
+    if OWN_LAWS in tree.children:
+        own = tree[OWN_LAWS].to_dataset()
+        for run in own.run.values.tolist():
+            yield from _rows_of_curves(tree, own.sel(run=run), f"{preferred}, run {run}")
+    if LAWS_SI in tree.children:
+        yield from si_rows(tree[LAWS_SI].to_dataset())
+
+
+def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Iterator[dict[str, Any]]:
+    """The laws of a dataset by the name of their method, a row each place."""
+    for law in shown.laws_in(_preferred(tree)):
+        variable = shown.LAW_PLACES[law]
+        curve = shown.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values
         _, unit_at, unit = _words(tree, law)
         for at, place in enumerate(curve.places.tolist()):
             yield {
-                "method": answer,
+                "method": method,
                 "law": law,
                 "variable": variable,
                 "at": place,
@@ -568,36 +580,6 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
                 "unit": unit,
                 "visited": bool(curve.visited[at]),
             }
-    yield from _own_rows(tree)
-    if LAWS_SI in tree.children:
-        yield from si_rows(tree[LAWS_SI].to_dataset())
-
-
-def _own_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """The laws of each run that has its own, a row each place."""
-    if OWN_LAWS not in tree.children:
-        return
-    own, answer = tree[OWN_LAWS].to_dataset(), judged.preferred_of(tree)
-    for run in own.run.values.tolist():
-        of_run = own.sel(run=run)
-        for law in shown.laws_in(_preferred(tree)):
-            variable, curve = shown.LAW_PLACES[law], shown.curve_of(of_run, law)
-            _, unit_at, unit = _words(tree, law)
-            for at, place in enumerate(curve.places.tolist()):
-                yield {
-                    "method": f"{answer}, run {run}",
-                    "law": law,
-                    "variable": variable,
-                    "at": place,
-                    "unit_at": unit_at,
-                    "value": curve.values[at],
-                    "standard_error": curve.errors[at],
-                    "low": curve.low[at],
-                    "high": curve.high[at],
-                    "error_of_model": of_run[f"{law}_error_of_model"].values[at],
-                    "unit": unit,
-                    "visited": bool(curve.visited[at]),
-                }
 
 
 def laws_csv(tree: xr.DataTree) -> str:
