@@ -47,7 +47,7 @@ from .validation.identify import identify as identify
 
 __version__: str
 
-# What a newcomer needs; the other names above are public too.
+# The names for newcomers; the other names above are public, too.
 __all__ = [
     "Model",
     "backbone",

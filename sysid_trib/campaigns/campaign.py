@@ -54,7 +54,7 @@ def campaign(
         Files, or decays in memory, `(t, angle)` too. What else names a record is a text that `Task.read`
         makes decays of.
     task : Task or str
-        What is done with each: `identify`, `compare`, `discover` with what is usual, or a `Task`.
+        The task for each record: `identify`, `compare` or `discover` with its defaults, or a `Task`.
     output : path-like
         The store. One that is there is gone on with: what is done in it is not done again, unless a record's
         file has changed since; more records may come to it.

@@ -26,7 +26,8 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Of a record's time: enough to see how it decays, whether it stops, and what does not belong to it.
 OUTLINE_PARTS = 60
-TIED, EFFECT_P_VALUE = "tied", "effect_p_value"
+TIED = "tied"
+EFFECT_P_VALUE = "effect_p_value"
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
 # What may become of a record, by the number that the store has of it.
 STATUS = ("waiting", "done", "refused", "failed", "lost")

@@ -32,7 +32,7 @@ class NextStep(NamedTuple):
     ----------
     command : str
     reason : str
-        What it is for, in a few words.
+        Purpose of the command, in a few words.
     options : mapping of str to str or None
         Options that replace those of the command that has run: a switch has an empty value, an option that
         is left out None; `records` is one more.

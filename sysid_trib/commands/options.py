@@ -7,13 +7,13 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
-# What the embedded example starts from: a search then has two elastic forces to find.
+# Start model of the embedded example: a search then has two elastic forces to find.
 EXAMPLE_FORCES = "lambda,zeta,delta"
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
 LEAST, MOST = 1e-9, 1e9
 POSITIVE = (LEAST, MOST, "")
 
-# OptionRows of the table by the names of options, with what the table leaves out.
+# Rows of the table by the names of options, completed by their defaults.
 OptionRows = Mapping[str, Mapping[str, Any]]
 
 
@@ -319,7 +319,7 @@ COMMANDS: dict[str, Any] = TABLE.pop("commands")
 
 
 def _whole(name: str, title: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the row of an option with what the table leaves out."""
+    """Return the row of an option, completed by its defaults."""
     whole: dict[str, Any] = {"title": title, "flag": f"--{name.replace('_', '-')}", **row}
     if whole.get("within") == "positive":
         whole["within"] = POSITIVE
