@@ -15,6 +15,7 @@ from sysid_trib.records.mode_search import (
     are_close,
     central_frequency,
     find_ringing,
+    not_separated,
 )
 from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component, common_shape
@@ -65,7 +66,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         Over ``mode`` (1, 2, ... by rising frequency): ``frequency`` (Hz) and ``damping_ratio``, both at small
         amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of the
         signals, ``duration`` (s) in which the mode stands out of the noise; ``noise(sensor)``. attrs `lines`
-        (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that one sensor does not separate
+        (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that the sensors do not separate
         reliably, `influences` on modes that act on each other.
 
     Raises
@@ -120,14 +121,13 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 
 def _close_modes(ringing: Ringing) -> Iterator[str]:
-    """Warn of neighbouring modes that one sensor does not separate reliably."""
-    frequencies = [central_frequency(component, ringing.interval) for component in ringing.modes]
-    for number, (low, high) in enumerate(pairwise(frequencies), 1):
+    """Warn of neighbouring modes that the sensors do not separate reliably."""
+    for number, (low, high) in enumerate(pairwise(ringing.modes), 1):
         if are_close(low, high, ringing):
-            apart = f"{100 * (high / low - 1.0):.2g} %"
+            ratio = central_frequency(high, ringing.interval) / central_frequency(low, ringing.interval)
             yield (
-                f"the frequencies of modes {number} and {number + 1} differ by {apart}: one sensor does not "
-                "separate such close modes reliably; measure at several places"
+                f"the frequencies of modes {number} and {number + 1} differ by {100 * (ratio - 1.0):.2g} %: "
+                f"{not_separated(ringing)}; measure at several places where the two modes move differently"
             )
 
 

@@ -8,7 +8,15 @@ from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from sysid_trib.arrays import Array
-from sysid_trib.records.ringing import Component, carrier, fit_envelopes, with_common_part
+from sysid_trib.records.ringing import (
+    MOST_CANCELLING,
+    Component,
+    carrier,
+    component_shape,
+    fit_envelopes,
+    noise_of_cancelling,
+    with_common_part,
+)
 
 # A blow is where the signals reach this part of their largest value first; the ringing is free so many
 # samples, or such a part of the record, later.
@@ -38,7 +46,7 @@ LEAST_AMPLITUDE = 0.003
 MULTIPLE_TOLERANCE, LARGEST_HARMONIC, MOST_MULTIPLE = 4e-3, 0.1, 9
 # A line is steady if it keeps more than this part of its amplitude from the first third to the last.
 STEADY = 0.7
-# One sensor does not separate modes reliably whose frequencies differ by a smaller part.
+# Frequencies alone do not separate modes reliably that differ by a smaller part.
 CLOSE_FREQUENCIES = 0.07
 # Noise of a signal, beside its range, below which modes are not separated.
 LEAST_NOISE = 1e-7
@@ -275,9 +283,20 @@ def is_multiple(ratio: float) -> bool:
     return 2 <= whole <= MOST_MULTIPLE and abs(ratio / whole - 1.0) < MULTIPLE_TOLERANCE
 
 
-def are_close(frequency: float, other: float, ringing: Ringing) -> bool:
-    """Return whether modes of two frequencies are too close to be separated reliably with one sensor."""
-    return ringing.signals.shape[0] == 1 and abs(other / frequency - 1.0) < CLOSE_FREQUENCIES
+def are_close(component: Component, other: Component, ringing: Ringing) -> bool:
+    """Return whether two modes are too close to be separated reliably, in frequency and in shape."""
+    frequency, second = (central_frequency(part, ringing.interval) for part in (component, other))
+    if abs(second / frequency - 1.0) > CLOSE_FREQUENCIES:
+        return False
+    own, shape = (component_shape(part, ringing.noise).real for part in (component, other))
+    return noise_of_cancelling(own, [shape], ringing.noise) > MOST_CANCELLING
+
+
+def not_separated(ringing: Ringing) -> str:
+    """Describe why the sensors do not separate two close modes."""
+    if ringing.noise.size == 1:
+        return "one sensor does not separate such close modes reliably"
+    return "their shapes at these sensors are too similar to separate such close modes reliably"
 
 
 def _kinds(components: Sequence[Component], interval: float) -> list[str]:
