@@ -199,6 +199,27 @@ def test_close_modes_at_one_sensor_are_a_warning():
     assert st.modes(two_modes().isel(sensor=[1])).attrs["close_modes"] == []
 
 
+@pytest.mark.parametrize("apart", [1.03, 1.05])
+def test_shapes_separate_close_modes(apart):
+    source = close_modes(3, apart)
+    for number, law in source.laws.items():
+        mode = st.one_mode(source.record(0), number)
+        assert "reliably" not in mode.attrs["separation"]
+        curves = st.backbone(st.free_decay(mode))
+        assert holds(curves, law, source.blow) == {"frequency": True, "damping_ratio": True}
+
+
+def test_close_modes_of_similar_shapes_are_a_warning():
+    similar = two_modes(second=(84.0, 0.002, 40.0), shapes=np.array([[0.5, 0.45], [1.0, 0.9], [-0.8, -0.7]]))
+    assert "shapes at these sensors are too similar" in st.modes(similar).attrs["close_modes"][0]
+    assert "shapes at these sensors are too similar" in st.one_mode(similar, 1).attrs["separation"]
+
+
+def test_a_mode_that_beats_with_an_unresolved_one_is_a_warning():
+    close = close_modes(1, 1.01).record(0)
+    assert "its amplitude rises again from" in st.one_mode(close, 1).attrs["separation"]
+
+
 def test_a_record_with_one_signal_is_that_of_one_sensor(record):
     acceleration = record.signal.sel(sensor="acc2", drop=True)
     one = xr.Dataset({"angle": acceleration.assign_attrs(units="m")}, attrs={"source": "test"})

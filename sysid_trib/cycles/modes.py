@@ -1,7 +1,6 @@
 """The modes in a decay: frequency, damping, amplitudes at the sensors, and whether one acts on another."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +8,14 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Variables, variable
 from sysid_trib.errors import DecayError
+from sysid_trib.records.mode_history import (
+    FEWEST_POINTS,
+    POINTS_A_SPLINE,
+    RISE_MEANS,
+    History,
+    history_of,
+    rise_of,
+)
 from sysid_trib.records.mode_search import (
     Ringing,
     amplitude_at,
@@ -18,38 +25,16 @@ from sysid_trib.records.mode_search import (
     not_separated,
 )
 from sysid_trib.records.one_mode import nothing_decays
-from sysid_trib.records.ringing import Component, common_shape
+from sysid_trib.records.ringing import Component
 from sysid_trib.records.sensors import as_sensors
 
 # Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
-LAST_FALL, FEWEST_POINTS = 3.0, 8
-# Points of a history within each spline of its envelope, between which integrals are trapezia.
-POINTS_A_SPLINE = 8
+LAST_FALL = 3.0
 # Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of
 # another mode has to beat.
 OWN_POWERS, OTHER_POWERS = (0, 1, 2, 3), (0.5, 4)
 # An influence counts if it lowers chi-square by so much, and to such a part.
 LEAST_LOWERED, LARGEST_PART = 40.0, 0.4
-# An amplitude rises again if it does so by this part, and by so many standard errors.
-RISE, RISE_ERRORS = 0.05, 8.0
-
-
-@dataclass(frozen=True)
-class History:
-    """History of a mode along its decay.
-
-    Attributes
-    ----------
-    time, phase, amplitude : (point,) array of float
-        s, rad, and in the unit of the sensor where it is largest.
-    error : (point,) array of float
-        Standard error of the phase, and of the amplitude as a part of it, as if points were independent.
-    """
-
-    time: Array
-    phase: Array
-    amplitude: Array
-    error: Array
 
 
 def modes(sensors: xr.Dataset) -> xr.Dataset:
@@ -81,7 +66,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         raise DecayError(nothing_decays(ringing, str(source)))
     units = str(sensors.signal.attrs["units"])
     names = [str(name) for name in sensors.sensor.values]
-    histories = [_history(component, ringing) for component in ringing.modes]
+    histories = [history_of(component, ringing) for component in ringing.modes]
     limits = [_at_small_amplitude(history) for history in histories]
     ends = [amplitude_at(component, np.array([0.0, component.stop - 1.0])) for component in ringing.modes]
     data: Variables = {
@@ -131,28 +116,6 @@ def _close_modes(ringing: Ringing) -> Iterator[str]:
             )
 
 
-def _history(component: Component, ringing: Ringing) -> History:
-    """Return the history of a mode, from all sensors together."""
-    count = POINTS_A_SPLINE * max(FEWEST_POINTS, component.splines)
-    points = np.linspace(0.0, component.stop - 1.0, count)
-    envelope = component.envelope_at(points)
-    shape = common_shape(envelope / ringing.noise)
-    common = envelope / ringing.noise @ shape.conj()
-    level, phase = (
-        np.interp(points, np.arange(component.phase.size), part)
-        for part in (component.level, component.phase)
-    )
-    size = np.abs(common) * np.exp(level)
-    largest = float(np.max(np.abs(shape) * ringing.noise))
-    return History(
-        time=points * ringing.interval,
-        phase=phase + np.unwrap(np.angle(common)),
-        amplitude=size * largest,
-        # Points within one spline are no further knowledge.
-        error=np.sqrt(POINTS_A_SPLINE) * component.error_at(points) / np.abs(common),
-    )
-
-
 def _at_small_amplitude(history: History) -> tuple[float, float]:
     """Return the frequency (rad/s) and damping ratio at small amplitude, where both are linear in it."""
     level = np.log(history.amplitude)
@@ -181,31 +144,10 @@ def _integrated(time: Array, values: Array) -> Array:
 def _influences(histories: Sequence[History], modes: Sequence[Component], units: str) -> Iterator[str]:
     """Describe modes whose amplitude rises again, and frequencies that follow another mode."""
     for number, history in enumerate(histories, 1):
-        if (rise := _rise(history)) is not None:
-            low, high, at = rise
-            others = _fallen_most(histories, number, at)
-            yield (
-                f"the amplitude of mode {number} rises again from {low:.3g} to {high:.3g} {units} until "
-                f"{at:.3g} s after the blow{others}: modes exchange energy, or another mode is too near "
-                "to be separated"
-            )
+        if (rise := rise_of(history)) is not None:
+            others = _fallen_most(histories, number, rise.time)
+            yield f"the amplitude of mode {number} {rise.said(units)}{others}: {RISE_MEANS}"
         yield from _frequency_follows(histories, number)
-
-
-def _rise(history: History) -> tuple[float, float, float] | None:
-    """Return the amplitudes between which a mode rises again, and the time; None if it does not."""
-    level = np.log(history.amplitude)
-    lowest = np.minimum.accumulate(level)
-    rise = level - lowest
-    error = np.hypot(
-        history.error, history.error[[int(np.argmin(level[: at + 1])) for at in range(level.size)]]
-    )
-    # The ends of splines are uncertain.
-    rise[: 2 * POINTS_A_SPLINE] = rise[-2 * POINTS_A_SPLINE :] = 0.0
-    top = int(np.argmax(rise / (RISE + RISE_ERRORS * error)))
-    if not rise[top] > RISE + RISE_ERRORS * error[top]:
-        return None
-    return float(np.exp(lowest[top])), float(history.amplitude[top]), float(history.time[top])
 
 
 def _fallen_most(histories: Sequence[History], number: int, at: float) -> str:

@@ -10,6 +10,7 @@ from scipy.signal import fftconvolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.mode_history import RISE_MEANS, history_of, rise_of
 from sysid_trib.records.mode_search import (
     Ringing,
     are_close,
@@ -245,9 +246,7 @@ def separated(ringing: Ringing, place: int) -> SeparateMode:
     return _combined(rest, near, noise, first, every)
 
 
-def _combined(
-    rest: Array, near: Sequence[Component], noise: Array, first: int, every: int
-) -> SeparateMode:
+def _combined(rest: Array, near: Sequence[Component], noise: Array, first: int, every: int) -> SeparateMode:
     """Combine sensors by the shape of a mode, the first of those near, by least squares with their noises."""
     own = near[0]
     points = np.linspace(0.0, own.stop - 1.0, 200)
@@ -438,6 +437,9 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
     if separate.neighbours:
         said[-1] += f", {separate.neighbours} of them fitted together with it"
     said += _close_modes(ringing, place)
+    if (rise := rise_of(history_of(own, ringing))) is not None:
+        units = str(sensors.signal.attrs["units"])
+        said.append(f"its amplitude {rise.said(units)}: {RISE_MEANS}; the curves are not those of one mode")
     if separate.every > 1:
         a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
         left_out = 1e3 * separate.first * interval
@@ -510,5 +512,6 @@ def _change_of_shape(ringing: Ringing, place: int, separate: SeparateMode, names
     low, high = known[0], known[-1]
     return [
         f"the shape changes with the amplitude: {names[sensor]} from {shape[low, sensor]:.3f} to "
-        f"{shape[high, sensor]:.3f} of {names[reference]}"
+        f"{shape[high, sensor]:.3f} of {names[reference]}, as of a joint, or of two modes closer than the "
+        "record resolves"
     ]

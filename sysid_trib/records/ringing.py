@@ -212,7 +212,10 @@ def cancelling_weights(own: Array, others: Sequence[Array], noise: Array) -> Arr
 
 
 def noise_of_cancelling(own: Array, others: Sequence[Array], noise: Array) -> float:
-    """Return how much larger the noise of a combination becomes if it cancels other shapes; inf if it cannot."""
+    """Return the noise of a combination that cancels other shapes over that of one that does not.
+
+    It is infinite if the sensors cannot cancel them.
+    """
     if len(others) >= noise.size:
         return np.inf
     kept, free = cancelling_weights(own, others, noise), cancelling_weights(own, (), noise)
