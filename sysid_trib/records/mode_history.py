@@ -51,7 +51,8 @@ class Rise:
 
     def said(self, units: str) -> str:
         """Describe the rise."""
-        return f"rises again from {self.low:.3g} to {self.high:.3g} {units} until {self.time:.3g} s after the blow"
+        rise = f"from {self.low:.3g} to {self.high:.3g} {units}"
+        return f"rises again {rise} until {self.time:.3g} s after the blow"
 
 
 def history_of(component: Component, ringing: Ringing) -> History:

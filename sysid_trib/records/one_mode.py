@@ -203,10 +203,11 @@ def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, sourc
     unexplained = float(ringing.residual[reference]) / max(size, 1e-300)
     above = float(ringing.residual[reference]) > UNEXPLAINED_NOISE * float(ringing.noise[reference])
     if separate.residual > MOST_OUT_OF_SHAPE or (above and unexplained > MOST_UNEXPLAINED):
+        duration = ringing.signals.shape[1] * ringing.interval
         raise DecayError(
-            f"{source}: about {central_frequency(own, ringing.interval):.4g} Hz more than one mode rings, "
-            "too near to each other for this record: it does not separate them; record longer, or strike, or "
-            "measure, where one of them does not move."
+            f"{source}: its free ringing of {duration:.3g} s does not separate the modes near "
+            f"{central_frequency(own, ringing.interval):.4g} Hz; record longer, or strike, or measure, where "
+            "one of them does not move."
         )
 
 
