@@ -37,6 +37,7 @@ from sysid_trib.printing import code, exported, looked, parameters
 from sysid_trib.printing.modes import modes_blocks, modes_json
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.modes import modes as mode_frequencies
+from sysid_trib.records.sensors import ClippedError
 from sysid_trib.results.files import load, save, write_file
 from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import group_names
@@ -96,6 +97,10 @@ def _listed_modes(given: LookOptions) -> xr.Dataset | None:
         if all(len(mode_frequencies(time, signal)) < 2 for signal in sensors.signal.values):
             return None
         return modes_of(sensors)
+    except ClippedError as error:
+        if error.quantity == "acceleration":
+            raise
+        return None
     except SysidTribError:
         # The usual reading reports what is wrong with the file.
         return None

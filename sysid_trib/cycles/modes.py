@@ -23,6 +23,8 @@ from sysid_trib.records.mode_search import (
     central_frequency,
     find_ringing,
     not_separated,
+    second_blow_at,
+    unresolved,
 )
 from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component
@@ -82,6 +84,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
         "residual": variable("sensor", ringing.residual, "RMS of what all modes leave", units),
     }
+    second = ringing.second_blow
     start = float(sensors.time.values[0] + ringing.start * ringing.interval)
     attrs = dict(sensors.attrs) | {
         "start": start,
@@ -89,14 +92,9 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "harmonics": _listed(ringing, "harmonic"),
         "close_modes": list(_close_modes(ringing)),
         "influences": list(_influences(histories, ringing.modes, units)),
-        "second_blow": "" if ringing.second_blow is None else _second_blow(sensors, ringing),
+        "second_blow": "" if second is None else second_blow_at(float(sensors.time.values[second])),
     }
     return xr.Dataset(data, {"mode": np.arange(1, len(histories) + 1), "sensor": names}, attrs)
-
-
-def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
-    at = sensors.time.values[ringing.second_blow]
-    return f"the signals jump at {at:.4g} s, as by a second blow: what comes after it is left out"
 
 
 def _listed(ringing: Ringing, kind: str) -> str:
@@ -106,7 +104,15 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 
 def _close_modes(ringing: Ringing) -> Iterator[str]:
-    """Warn of neighbouring modes that the sensors do not separate reliably."""
+    """Warn of neighbouring modes that the record, or its sensors, do not separate reliably."""
+    for number, own in enumerate(ringing.modes, 1):
+        for other in unresolved(own, ringing):
+            frequency = central_frequency(other, ringing.interval)
+            yield (
+                f"{ringing.duration:.3g} s of free ringing do not separate mode {number} from what rings at "
+                f"{frequency:.5g} Hz, so that its row is not reliable: record longer, or strike, or measure, "
+                "where one of them does not move"
+            )
     for number, (low, high) in enumerate(pairwise(ringing.modes), 1):
         if are_close(low, high, ringing):
             ratio = central_frequency(high, ringing.interval) / central_frequency(low, ringing.interval)

@@ -48,6 +48,8 @@ MULTIPLE_TOLERANCE, LARGEST_HARMONIC, MOST_MULTIPLE = 4e-3, 0.1, 9
 STEADY = 0.7
 # Frequencies alone do not separate modes reliably that differ by a smaller part.
 CLOSE_FREQUENCIES = 0.07
+# Two oscillations are resolved if they beat so often.
+FEWEST_BEATS = 3.0
 # Noise of a signal, beside its range, below which modes are not separated.
 LEAST_NOISE = 1e-7
 
@@ -84,6 +86,11 @@ class Ringing:
     kinds: tuple[str, ...]
     residual: Array
     second_blow: int | None
+
+    @property
+    def duration(self) -> float:
+        """Duration of the free ringing, s."""
+        return self.signals.shape[1] * self.interval
 
     @property
     def modes(self) -> list[Component]:
@@ -290,6 +297,25 @@ def are_close(component: Component, other: Component, ringing: Ringing) -> bool:
         return False
     own, shape = (component_shape(part, ringing.noise).real for part in (component, other))
     return noise_of_cancelling(own, [shape], ringing.noise) > MOST_CANCELLING
+
+
+def unresolved(component: Component, ringing: Ringing) -> list[Component]:
+    """Return the modes and lines that beat too seldom with a component for the record to separate them."""
+    frequency = central_frequency(component, ringing.interval)
+    return [
+        other
+        for other in (*ringing.modes, *ringing.of_kind("line"))
+        if other is not component
+        and abs(central_frequency(other, ringing.interval) - frequency)
+        * min(other.stop, component.stop)
+        * ringing.interval
+        < FEWEST_BEATS
+    ]
+
+
+def second_blow_at(time: float) -> str:
+    """Describe a jump of the signals at a time (s)."""
+    return f"the signals jump at {time:.4g} s, as by a second blow: what comes after it is left out"
 
 
 def not_separated(ringing: Ringing) -> str:

@@ -12,12 +12,15 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records.mode_history import RISE_MEANS, history_of, rise_of
 from sysid_trib.records.mode_search import (
+    FEWEST_BEATS,
     Ringing,
     are_close,
     central_frequency,
     find_ringing,
     is_multiple,
     not_separated,
+    second_blow_at,
+    unresolved,
 )
 from sysid_trib.records.ringing import (
     MOST_CANCELLING,
@@ -38,8 +41,8 @@ NEIGHBOURING_MODES = 1.6
 # Times at which the shape is compared with its mean: its change counts from so many standard errors, and if
 # it is more than this part.
 SHAPE_TIMES, SHAPE_ERRORS, LEAST_CHANGE = 9, 6.0, 0.01
-# A mode that is seen in fewer periods is none, and two modes are resolved if they beat so often.
-FEWEST_PERIODS, FEWEST_BEATS = 10.0, 3.0
+# A mode that is seen in fewer periods is none.
+FEWEST_PERIODS = 10.0
 # Parts of a mode that its shape, and all modes together, may leave; the second only beyond so many times the
 # noise.
 MOST_OUT_OF_SHAPE, MOST_UNEXPLAINED, UNEXPLAINED_NOISE = 0.25, 0.3, 5.0
@@ -185,15 +188,14 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
             f"{duration * frequency:.2g} periods, fewer than {FEWEST_PERIODS:g}; strike harder, or where it "
             "moves more."
         )
-    for other, kind in zip(ringing.components, ringing.kinds, strict=True):
-        apart = abs(central_frequency(other, interval) - frequency)
+    for other in unresolved(own, ringing):
         both = min(other.stop, own.stop) * interval
-        if other is not own and kind == "mode" and apart * both < FEWEST_BEATS:
-            raise DecayError(
-                f"{source}: modes of {frequency:.5g} and {central_frequency(other, interval):.5g} Hz ring "
-                f"together for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the "
-                "record does not separate them; strike, or measure, where one of them does not move."
-            )
+        raise DecayError(
+            f"{source}: modes of {frequency:.5g} and {central_frequency(other, interval):.5g} Hz ring "
+            f"together for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the "
+            "record does not separate them; record longer, or strike, or measure, where one of them does not "
+            "move."
+        )
 
 
 def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, source: str) -> None:
@@ -203,9 +205,8 @@ def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, sourc
     unexplained = float(ringing.residual[reference]) / max(size, 1e-300)
     above = float(ringing.residual[reference]) > UNEXPLAINED_NOISE * float(ringing.noise[reference])
     if separate.residual > MOST_OUT_OF_SHAPE or (above and unexplained > MOST_UNEXPLAINED):
-        duration = ringing.signals.shape[1] * ringing.interval
         raise DecayError(
-            f"{source}: its free ringing of {duration:.3g} s does not separate the modes near "
+            f"{source}: its free ringing of {ringing.duration:.3g} s does not separate the modes near "
             f"{central_frequency(own, ringing.interval):.4g} Hz; record longer, or strike, or measure, where "
             "one of them does not move."
         )
@@ -433,6 +434,8 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         ringing.kinds[place] in ("mode", "line")
     )
     said = []
+    if ringing.second_blow is not None:
+        said.append(second_blow_at(float(sensors.time.values[ringing.second_blow])))
     if others:
         said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
     if separate.neighbours:
