@@ -1,11 +1,12 @@
 """Several modes in one decay: a jointed beam after a hammer blow, whose truth is known.
 
-python -m benchmarks modes [--seeds N] [--only look|beam|close|kinds]
+python -m benchmarks modes [--seeds N] [--only look|beam|close|kinds|coupling]
 
 look   the modes of a record of 65,536 samples and three sensors: errors of the frequencies, processor time
 beam   how often the simultaneous 95 % bands of mode 1 hold the truth from 0.1 s after the blow on
 close  the same of two modes whose frequencies are 10 % or 5 % apart, of three sensors and of one
 kinds  the same of the first mode of other beams: frequencies, shapes, a trigger, an offset, mains hum
+coupling   how often it is said that the frequency of a mode follows the amplitude of another one
 
 The modes are made by averaged equations: a' = -zeta(a) w(a) a and phase' = w(a), with the laws of the beam of
 `../shared/data/hammer_beam`: w^2 = w0^2 (1 - c a + 3/4 e a^2), and the damping ratio of its decay.
@@ -21,6 +22,7 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 import sysid_trib as st
+from benchmarks.coupled_modes import random_decay
 from benchmarks.study.common import over_seeds, shown, timed
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import half_width
@@ -221,7 +223,35 @@ def modes(asked: Namespace) -> None:
     if asked.only in "kinds":
         for name, options in KINDS.items():
             add(name, beam(**options), 3)
-    shown("", heads, table, 140)
+    if table:
+        shown("", heads, table, 140)
+    if asked.only in "coupling":
+        coupled(asked)
+
+
+# Relative changes of the frequency of mode 1 by the first amplitude of mode 2.
+COUPLINGS = (0.0, 5e-4, 1.5e-3, 5e-3)
+
+
+def coupled(asked: Namespace) -> None:
+    """Statements on the frequency of a mode that follows another one, in random decays."""
+    rows = []
+    for coupling in COUPLINGS:
+
+        def one(seed: int, coupling: float = coupling) -> dict:
+            said = st.modes(sensors(*random_decay(seed, coupling))).attrs["influences"]
+            follows = [sentence for sentence in said if "depends on the amplitude" in sentence]
+            right = "the frequency of mode 1 depends on the amplitude of mode 2"
+            return {
+                "right": bool(coupling) and any(right in sentence for sentence in follows),
+                "wrong": any(not coupling or right not in sentence for sentence in follows),
+            }
+
+        made = over_seeds(asked, one, case=f"coupling {coupling:g}")
+        shares = [f"{100 * np.mean([row[name] for row in made]):.1f}" for name in ("right", "wrong")]
+        rows.append([f"{100 * coupling:g} %", str(len(made)), *shares])
+    heads = ("change of the frequency", "records", "right statement %", "wrong statement %")
+    shown("the frequency of mode 1 follows the amplitude of mode 2", heads, rows, 100)
 
 
 def look() -> None:

@@ -5,6 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import BSpline
 
 from sysid_trib.arrays import Array, Variables, variable
 from sysid_trib.errors import DecayError
@@ -32,11 +33,12 @@ from sysid_trib.records.sensors import as_sensors
 
 # Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
 LAST_FALL = 3.0
-# Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of
-# another mode has to beat.
-OWN_POWERS, OTHER_POWERS = (0, 1, 2, 3), (0.5, 4)
-# An influence counts if it lowers chi-square by so much, and to such a part.
-LEAST_LOWERED, LARGEST_PART = 40.0, 0.4
+# Powers of the amplitude that the frequency of a mode may have, and further laws that any influence of
+# another mode has to beat: powers, and a spline of the log amplitude of so many intervals.
+OWN_POWERS, OTHER_POWERS, OWN_INTERVALS, OWN_DEGREE = (0, 1, 2, 3), (0.5, 4), 4, 3
+# An influence counts if it lowers chi-square by so much, to such a part, and to so much a point of the
+# history: noise alone leaves less. A law of the own amplitude that is none of these powers leaves more.
+LEAST_LOWERED, LARGEST_PART, LARGEST_A_POINT = 10.0, 0.4, 0.1
 
 
 def modes(sensors: xr.Dataset) -> xr.Dataset:
@@ -174,8 +176,9 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
     history = histories[number - 1]
     base = [_integrated(history.time, history.amplitude**power) for power in OWN_POWERS]
     base.append(np.ones_like(history.time))
-    rivals = [_integrated(history.time, history.amplitude**power) for power in OTHER_POWERS]
-    beaten = min([_fit(base, history)[1], *(_fit([*base, column], history)[1] for column in rivals)])
+    rivals = [[_integrated(history.time, history.amplitude**power)] for power in OTHER_POWERS]
+    rivals.append(_splines_of_amplitude(history))
+    beaten = min(_fit([*base, *columns], history)[1] for columns in ([], *rivals))
     fits = [
         (*_influence(base, history, of_other), other)
         for other, of_other in enumerate(histories, 1)
@@ -184,11 +187,22 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
     if not fits:
         return
     least, change, other = min(fits)
-    if least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
+    fits_to_noise = least < LARGEST_A_POINT * history.time.size
+    if fits_to_noise and least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
         yield (
             f"the frequency of mode {number} depends on the amplitude of mode {other}: by {change:+.2g} Hz "
             "at the largest, beyond what it does by its own amplitude"
         )
+
+
+def _splines_of_amplitude(history: History) -> list[Array]:
+    """Return integrals over time of B-splines of the log amplitude."""
+    level = np.log(history.amplitude)
+    part = (level - level.min()) / max(float(np.ptp(level)), 1e-300)
+    inner = np.linspace(0.0, 1.0, OWN_INTERVALS + 1)
+    knots = np.concatenate([np.zeros(OWN_DEGREE), inner, np.ones(OWN_DEGREE)])
+    splines = BSpline.design_matrix(np.clip(part, 0.0, 1.0), knots, OWN_DEGREE).toarray()
+    return [_integrated(history.time, column) for column in splines.T]
 
 
 def _influence(base: Sequence[Array], history: History, of_other: History) -> tuple[float, float]:

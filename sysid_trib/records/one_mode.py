@@ -191,10 +191,10 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
     for other in unresolved(own, ringing):
         both = min(other.stop, own.stop) * interval
         raise DecayError(
-            f"{source}: modes of {frequency:.5g} and {central_frequency(other, interval):.5g} Hz ring "
-            f"together for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the "
-            "record does not separate them; record longer, or strike, or measure, where one of them does not "
-            "move."
+            f"{source}: near {frequency:.5g} Hz a second oscillation fits at "
+            f"{central_frequency(other, interval):.5g} Hz, and in the {both:.3g} s that they ring they beat "
+            f"fewer than {FEWEST_BEATS:g} times: the record does not separate them; record longer, or "
+            "strike, or measure, where one of them does not move."
         )
 
 

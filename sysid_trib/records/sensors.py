@@ -166,7 +166,7 @@ def _dataset(time: Array, values: Array, names: list[str], unit: lab.SignalUnit)
 
 
 def _columns(table: tables.FileTable, how: reading.Reading) -> tuple[list[Column], list[str]]:
-    """Return the columns of the sensors, as named or those of one quantity, and what is said of the others."""
+    """Return the columns of the sensors, and sentences on others that are left out."""
     if how.angle is not None:
         names = str(how.angle).split(",")
         if len(names) > 1 and table.match(how.angle) is None:
@@ -237,7 +237,8 @@ def _without_clipped(sensors: xr.Dataset) -> xr.Dataset:
     if len(clipped) == sensors.sizes["sensor"]:
         after = max(until for _, until in ends)
         raise ClippedError(
-            f"{source}: {said}; use what comes after it (--window {after:.4g}:), or record with a lower gain.",
+            f"{source}: {said}; use what comes after it (--window {after:.4g}:), or record with a lower "
+            "gain.",
             str(sensors.attrs["quantity"]),
         )
     kept = sensors.drop_sel(sensor=clipped)
