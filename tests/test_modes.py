@@ -8,6 +8,7 @@ import xarray as xr
 from command_line import run, write_table
 
 import sysid_trib as st
+from benchmarks.coupled_modes import random_decay
 from benchmarks.modes import LINEAR, Law, beam, close_modes, holds, linear, ringing, sensors
 from sysid_trib.cycles.backbone import half_width
 from sysid_trib.errors import DecayError, UsageError
@@ -239,6 +240,37 @@ def test_the_commands_take_one_mode(tmp_path, record):
     assert "is for a RECORD" in run("backbone", "--mode", 1).complaint
     steady = json.loads(run("response", path, "--mode", 1, "--drive", 0.2, "--json").out)
     assert steady["drive_units"] == "m/s^2"
+
+
+def test_a_record_of_modes_names_the_option(tmp_path, record):
+    path = written(tmp_path, record)
+    asked = run("response", path, "--drive", 0.2)
+    assert asked.status == 2
+    assert "this is a record, no result; give the mode whose response is wanted (1: 80 Hz" in asked.complaint
+    weak = written(tmp_path, two_modes(second=(211.0, 0.004, 5.0)), "weak.csv")
+    assert "--mode takes one of them" in run("backbone", weak, "--angle", "acc2").out
+
+
+def test_sensors_that_are_left_out_are_named(tmp_path, record):
+    signals = record.signal.values.copy()
+    signals[0] = 0.0
+    heads = "time (s),acc1 (m/s^2),acc2 (m/s^2),speed (m/s)"
+    path = write_table(tmp_path / "mixed.csv", heads, record.time.values, *signals)
+    said = run("look", path).out.splitlines()[0]
+    assert "speed (m/s) left out, a rate and no acceleration" in said
+    assert "acc1 (m/s^2) left out, it does not move" in said
+
+
+def test_clipped_sensors_are_refused_by_look(tmp_path, record):
+    clipped = record.copy(data={"signal": np.clip(record.signal.values, -15.0, 15.0)})
+    refused = run("look", written(tmp_path, clipped))
+    assert refused.status == 1
+    assert "sensor acc1 is clipped at 15 m/s^2 until" in refused.complaint
+
+
+def test_a_random_own_law_is_no_coupling():
+    for seed in range(3):
+        assert st.modes(sensors(*random_decay(seed, 0.0))).attrs["influences"] == []
 
 
 @pytest.mark.slow
