@@ -79,6 +79,42 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     return figure
 
 
+@shows("laws", block="Friction of each run", groups=("own_laws",))
+def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
+    """Laws of each run that has its own, with the simultaneous 95 % band of each in its visited range.
+
+    Laws are over the inertia.
+
+    Parameters
+    ----------
+    data : Dataset
+        The group `own_laws` of a result of `laws`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
+    """
+    own = [law for law in shown.LAW_PLACES if np.ptp(data[law].values, axis=0).any()]
+    figure, panels = style.grid(len(own), 2, width, LAW_HEIGHT)
+    for ax, law in zip(panels, own, strict=True):
+        places = data[shown.LAW_PLACES[law]]
+        for at, run in enumerate(data.run.values.tolist()):
+            series = style.SERIES[at % len(style.SERIES)]
+            label = f"run {run}"
+            for side in _sides(shown.curve_of(data.sel(run=run), law)):
+                seen = side.visited
+                band = {"color": series["color"], "alpha": BAND_OPACITY, "linewidth": 0}
+                ax.fill_between(side.places, side.low, side.high, where=seen, **band)
+                ax.plot(side.places, np.where(seen, side.values, np.nan), label=label, **style.line(series))
+                label = ""
+        ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
+        word = "friction" if law == "friction" else "restoring force"
+        ax.set(xlabel=f"{places.name} ({places.attrs['units']})")
+        ax.set(ylabel=f"{word} / inertia ({style.unit_label(data[law].attrs['units'])})")
+    panels[0].legend(**LEGEND, ncols=3)
+    if len(panels) > 1:
+        style.letter(panels)
+    return figure
+
+
 def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
     """The curves of each method with their bands, those in `odd` mirrored, and where the record ends."""
     ends: list[float] = []
