@@ -34,7 +34,7 @@ POLE = {
 def to_nonlinear_system(
     model: Model | xr.Dataset, inertia: float | None = None
 ) -> "control.NonlinearIOSystem":
-    """The model as a nonlinear system of python-control.
+    """Return the model as a nonlinear system of python-control.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def to_nonlinear_system(
 def linearise(
     model: Model | xr.Dataset, amplitude: float | None = None, inertia: float | None = None
 ) -> "control.StateSpace":
-    """The model as a linear system about rest, or about a cycle.
+    """Return the model as a linear system about rest, or about a cycle.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def linearise(
 
 
 def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Dataset:
-    """Natural frequency and damping ratio of the linearised model, by python-control.
+    """Return the natural frequency and damping ratio of the linearised model, by python-control.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _states(forces: Iterable[Force]) -> list[str]:
 
 
 def _labels(states: list[str]) -> dict[str, Any]:
-    """Names in python-control of a system all of whose states come out."""
+    """Return the names in python-control of a system whose states are all outputs."""
     return {"states": states, "outputs": states, "inputs": ["torque"], "name": "oscillator"}
 
 
@@ -183,7 +183,7 @@ def _refuse_memory(model: Model) -> None:
 
 
 def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:
-    """Rates of theta, theta_dot and the internal states (per s), without the input."""
+    """Return the rates of theta, theta_dot and the internal states (per s), without the input."""
     w = model.reference_frequency
     x, rate, *inner = np.asarray(state, dtype=float).tolist()
     rates = [rate, -(w**2) * x]
@@ -197,7 +197,7 @@ def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: fl
 
 
 def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
-    """System matrix with every force's describing function, and the names of its states."""
+    """Return the system matrix with every force's describing function, and the names of its states."""
     check_quantity("amplitude", amplitude)
     w = model.reference_frequency
     sums = np.zeros(2)
@@ -230,7 +230,7 @@ def _at_rest(model: Model) -> tuple[Array, list[str]]:
 
 
 def _slopes(force: Force, model: Model) -> Array | None:
-    """Slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
+    """Return the slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
     names = ("x", "v", *force.state)
 
     def names_at(z: Array) -> dict[str, Any]:

@@ -53,7 +53,7 @@ def readable(name: str) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """` Did you mean ...?` of the known name that is nearest to one that does not exist, or nothing.
+    """Return ` Did you mean ...?` with the known name nearest to an unknown one, or an empty text.
 
     Parameters
     ----------
@@ -83,4 +83,4 @@ class Tell(Protocol):
 
 
 def silent(activity: str, done: float | None = None) -> None:
-    """Say nothing."""
+    """Report no progress."""

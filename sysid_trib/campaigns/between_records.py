@@ -246,5 +246,5 @@ def _quantity(
 
 
 def _with_interval(name: str, interval: Array) -> dict[str, float]:
-    """A value and the ends of its interval of 95 %."""
+    """Return a value and the ends of its interval of 95 %."""
     return {f"{name}{end}": value for end, value in zip(("", "_lower", "_upper"), interval, strict=True)}

@@ -46,7 +46,7 @@ def campaign(
     memory: str = "auto",
     tell: Tell = silent,
 ) -> xr.Dataset:
-    """Do one task with many records, on several processes or machines, into one Zarr store.
+    """Run one task on many records, on several processes or machines, and write a Zarr store.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def campaign(
 
 
 def check_extra() -> None:
-    """Refuse a campaign where dask or zarr is not there.
+    """Raise an error if dask or zarr is not installed.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def _without_current_folder() -> Iterator[None]:
 
 @contextmanager
 def _looked_after(cluster: Any, workers: int) -> Iterator[None]:
-    """Start workers, and others in places that dask gave up, as it does where one dies while it starts."""
+    """Start workers, and replace those that dask gave up because they died while starting."""
     ended = Event()
     cluster.scale(workers)
 

@@ -1,4 +1,4 @@
-"""The Zarr store of a campaign: made once, then filled a block of records at a time.
+"""The Zarr store of a campaign: created once, then filled a block of records at a time.
 
 A chunk holds one block of records. A block is written by one process, its status last, and each chunk is
 renamed into its place when it is whole: at any moment the store can be read, and what is done is known.
@@ -36,7 +36,7 @@ LARGEST_LABELS = 2**24
 
 
 class Store:
-    """A store that is there, its arrays such as a campaign makes.
+    """An existing store with the arrays of a campaign.
 
     Parameters
     ----------
@@ -71,13 +71,13 @@ class Store:
         self._rows, self._labels = stored.row_arrays(self.arrays), stored.labels_checksum(self.arrays)
 
     def _block(self, number: int) -> tuple[list[str], dict[str, Array]]:
-        """Names and rows of the records of a block."""
+        """Return the names and rows of the records of a block."""
         names = self.names[number * self.block : (number + 1) * self.block]
         rows = self._rows.items()
         return names, {k: stored.read_chunk(self.path / k, array, number)[: len(names)] for k, array in rows}
 
     def check(self) -> None:
-        """Refuse a store in which a record is not as it was written, with the first such record."""
+        """Raise an error that names the first record whose row is not as it was written."""
         for number in range(-(-len(self.names) // self.block)):
             names, columns = self._block(number)
             status, known = columns["status"], columns[CHECKSUM]
@@ -180,7 +180,7 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
-    """The store of a campaign as a Dataset, read when it is used.
+    """Return the store of a campaign as a Dataset, read when it is used.
 
     Parameters
     ----------
@@ -203,7 +203,7 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def as_dataset(path: Path) -> xr.Dataset:
-    """A store that has been checked as a Dataset."""
+    """Return a checked store as a Dataset."""
     store = xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
     # A directory lists its arrays in any order; the order of dims in what is printed is not to depend on it.
     store = store[sorted(name for name in map(str, store.data_vars) if name != CHECKSUM)]
@@ -221,7 +221,7 @@ def _damaged(path: Path, reason: object) -> RecordError:
 
 
 def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any = None) -> None:
-    """Make a store near its place and put it there: empty, or with the rows of an old one that it replaces.
+    """Create a store next to its final place and rename it: empty, or with the rows of a replaced one.
 
     A kill between the two steps of that is mended by `_recover`.
     """
@@ -242,7 +242,7 @@ def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any
 
 
 def _recover(path: Path) -> None:
-    """Put a store back that was taken away and not replaced; remove what a kill has left next to it."""
+    """Restore a store that was moved but not replaced; remove what a killed process left next to it."""
     shutil.rmtree(_near(path, "partial"), ignore_errors=True)
     taken_away = _near(path, "replaced")
     if taken_away.exists() and not path.exists():
@@ -256,7 +256,7 @@ def _near(path: Path, ending: str) -> Path:
 
 
 def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
-    """Make the arrays of a store."""
+    """Create the arrays of a store."""
     labels = task.axes
     units, degrees = zip(*task.quantities.values(), strict=True)
     coordinates: dict[str, tuple[str, Sequence[Any]]] = {
@@ -284,7 +284,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Say of a store that cannot be read that it is damaged, or none."""
+    """Raise an error that says that a store is damaged or missing, if it cannot be read."""
     try:
         yield
     except (SysidTribError, MemoryError):

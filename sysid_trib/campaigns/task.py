@@ -148,14 +148,14 @@ class Task:
 
     @property
     def labels(self) -> list[str]:
-        """The labels of the identifications that come of a record."""
+        """Labels of the identifications of a record."""
         if self.name == "laws":
             return list(LAW_LABELS)
         return list(MODELS) if self.name == "discover" else list(self.methods)
 
     @property
     def forces(self) -> ForceLibrary:
-        """All forces that may come of a record."""
+        """All forces that a result of the task may contain."""
         of = {force.symbol: force for library in (self.library, self.candidates or ()) for force in library}
         return ForceLibrary("all", tuple(of.values()))
 
@@ -221,7 +221,7 @@ def empty_row(task: Task) -> stored.Row:
 
 
 def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
-    """The rows of some records, one after the other; a bad record has its reason in the place of numbers.
+    """Compute the rows of some records in turn; a record that fails has its reason instead of numbers.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
 
 
 def _outline(decay: xr.Dataset) -> np.ndarray:
-    """Lowest and highest value in each part of a decay's time: (edge, part), in its unit.
+    """Return the lowest and highest value in each part of a decay's time: (edge, part), in its unit.
 
     A part without a sample is nan.
     """
@@ -260,7 +260,7 @@ def _outline(decay: xr.Dataset) -> np.ndarray:
 
 
 def checksum_of(record: Any) -> str:
-    """SHA-256 of a record's file; empty of one that cannot be read, or is none."""
+    """Return the SHA-256 of a record's file; empty if the file cannot be read."""
     # A pipe would be waited for.
     if not isinstance(record, str) or not os.path.isfile(record):
         return ""
@@ -272,7 +272,7 @@ def checksum_of(record: Any) -> str:
 
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
-    """The numbers of a result in the places of the store."""
+    """Put the numbers of a result into the places of the store."""
     row = {name: of for name, of in empty_row(task).items() if "model" in stored.VARIABLES[name][0]}
     axes = task.axes
     for at, label in enumerate(task.labels):
@@ -315,7 +315,7 @@ def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
-    """The effects that a discovery named, each with its p-value and what it cannot be separated from."""
+    """Return the effects that a discovery named, each with its p-value and its competing effects."""
     steps = effects.steps_taken(tree)
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
     # Competing effects that a store has by name, the most probable of each effect.

@@ -32,7 +32,7 @@ OF_LAWS = ["speeds", "inertia", "mass", "load", "radius"]
 
 
 def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
-    """Do a task with each record, and write what varies between them on a page."""
+    """Run a task on each record, and write the variation between the records on a page."""
     check_extra()
     records = _records(given.records, given.conditions)
     if given.output is None:
@@ -73,12 +73,12 @@ def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
 
 
 def decays_of(given: ModelOptions, path: str) -> Sequence[xr.Dataset]:
-    """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
+    """Read the decays of a file as the options say; raise an error for a frequency that cannot be theirs."""
     return read_decays(given.but(records=[Path(path)]))[0]
 
 
 def _task(given: CampaignOptions) -> task.Task:
-    """The task that the options ask for; an option that it does not have is refused."""
+    """Return the task that the options ask for; raise an error for an option that it does not have."""
     name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
@@ -166,7 +166,7 @@ def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
 
 
 def _conditions(given: CampaignOptions, names: list[str]) -> Any:
-    """The table of conditions, if there is one."""
+    """Return the table of conditions, if there is one."""
     if given.conditions is None:
         if given.laboratories is not None:
             raise UsageError("--laboratories is a column of --conditions: give both.")

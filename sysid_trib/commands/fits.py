@@ -51,7 +51,7 @@ OR_FEWER = "give a longer record or fewer."
 
 
 def names_in(text: str | None) -> list[str]:
-    """Names between commas, each once."""
+    """Return names between commas, each once."""
     return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
 
 
@@ -61,7 +61,7 @@ def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Ca
 
 
 def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
-    """The sentence on each record, and what was cut of it."""
+    """Return the sentence on each record, and what was cut of it."""
     pairs = zip(sentences, record_groups(tree), strict=True)
     return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
 
@@ -132,7 +132,7 @@ def checked_starts(word: str, *, driven: bool) -> StartsOption:
 
 @contextmanager
 def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
-    """Name the force that a short record decides, where one is refused that cannot decide all of them."""
+    """Name in the error the force that a record too short for all forces determines."""
     try:
         yield
     except DecayError as error:
@@ -156,7 +156,7 @@ def measured_given(given: SIOptions) -> dict[str, tuple[float, float]]:
 def _add_sureness(
     tree: xr.DataTree, decays: list[xr.Dataset], varied: bool, profiled: Sequence[str], tell: Tell
 ) -> None:
-    """Add what is asked of how sure the answer is, as groups of the result."""
+    """Add the requested measures of uncertainty as groups of the result."""
     if not (varied or profiled):
         return
     answer = tree[judged.preferred_of(tree)].to_dataset()
@@ -179,7 +179,7 @@ def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
 
 
 def discover(tell: Tell, given: DiscoverOptions) -> Callable[[], None]:
-    """Search what a model lacks."""
+    """Search the effects that a model lacks."""
     driving = driving_of(given)
     is_example = not given.records and given.forces is None
     asked = given.but(forces=EXAMPLE_FORCES) if is_example else given
@@ -249,7 +249,7 @@ AND = Path(":")
 
 
 def difference(tell: Tell, given: DifferenceOptions) -> Callable[[], None]:
-    """Hold two samples against each other."""
+    """Compare two samples."""
     sides = _sides(given.records)
     asked = asked_model(given)
     tell("reading")
@@ -293,7 +293,7 @@ def laws_of_samples(
 
 
 def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:
-    """The records of each sample."""
+    """Return the records of each sample."""
     marks = [at for at, record in enumerate(records) if record == AND]
     if not marks and len(records) == 2:
         return records[:1], records[1:]

@@ -68,7 +68,7 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
 
 
 def _predicted(tree: xr.DataTree, given: LawsOptions, tell: Tell) -> list[xr.Dataset]:
-    """The records of --test as the preferred laws predict them."""
+    """Predict the records of --test by the preferred laws."""
     if given.test is None:
         return []
     tell("prediction")

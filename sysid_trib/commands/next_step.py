@@ -81,7 +81,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
 
 
 def next_step(tree: xr.DataTree) -> NextStep | None:
-    """The command that follows from a result; None at an end."""
+    """Return the command that follows from a result; None at an end."""
     after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
     state, options = after.get(kind_of(tree), _after_identification)(tree)
     command, reason = NEXT_COMMANDS[state]
@@ -132,7 +132,7 @@ def _after_comparison(tree: xr.DataTree) -> StateOfResult:
 
 
 def _largest_library(tree: xr.DataTree) -> ForceLibrary:
-    """The forces of an identification. Methods for two forces hold no others."""
+    """Return the largest set of forces in a result: methods for two forces have only these."""
     return library_of(max(identifications_of(tree).values(), key=lambda result: result.sizes["force"]))
 
 
@@ -143,7 +143,7 @@ def _search_options(library: ForceLibrary) -> dict[str, str]:
 
 
 def _effects_named(library: ForceLibrary) -> bool:
-    """True if a model has effects that only a search, or its user, can have named."""
+    """Return true if a model has effects that only a search, or its user, can have named."""
     of_systems = (symbol for system in load_systems().values() for symbol in system.symbols)
     usual = {*load_library().symbols, *of_systems}
     return bool(set(library.symbols) & set(load_library(EFFECTS).symbols) - usual)
@@ -169,7 +169,7 @@ def _after_discovery(tree: xr.DataTree) -> StateOfResult:
 
 
 def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
-    """Further commands that may follow, each after the words that say when: none of them is needed."""
+    """Return further commands that may follow, each with its condition; none of them is needed."""
     made = list[tuple[str, str, Mapping[str, str | None]]]()
     if kind_of(tree) == "discover":
         if tied := _tied(tree):
@@ -207,7 +207,7 @@ def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
 
 
 def _tied(tree: xr.DataTree) -> list[str]:
-    """An effect and those that it cannot be separated from; nothing where every name is certain.
+    """Return an effect and its competing effects; nothing where every name is certain.
 
     Nothing for a record that is no file, beside which another could be given.
     """
@@ -234,7 +234,7 @@ KEPT = "result.nc"
 
 
 def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | None:
-    """The step after a driven identification, or the whole command; None where it is that of any other.
+    """Return the step after a driven identification, or the whole command; None if the general rule applies.
 
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
     searched for no further force.

@@ -26,7 +26,7 @@ from sysid_trib.validation.identify import identify
 
 
 def plan(tell: Tell, given: PlanOptions) -> Callable[[], None]:
-    """Say which run tells most, of a result or of records."""
+    """Rank the next runs by their information, for a result or for records."""
     limits = {
         "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
         "duration": parse_window(given.duration, "--duration"),

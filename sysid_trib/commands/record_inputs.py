@@ -1,4 +1,4 @@
-"""The records of a command: files, or the embedded example, the decays in them, and what is no record."""
+"""The records of a command: files or the embedded example, their decays, and files of other kinds."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ PROGRAM = "sysid-trib"
 
 
 class RunsOfFile(NamedTuple):
-    """The runs in a file, and a sentence on what they are; `file` is None for the embedded example."""
+    """The runs in a file, and a sentence that describes them; `file` is None for the embedded example."""
 
     file: Path | None
     runs: list[xr.Dataset]
@@ -79,7 +79,7 @@ def what_else(path: Path) -> str:
 
 
 def _is_printed(path: Path) -> bool:
-    """True if a file is the JSON that a command printed."""
+    """Return true if a file is the JSON that a command printed."""
     # Bytes; what a command prints with --json is far smaller.
     if path.stat().st_size > 2**24:
         return False
@@ -155,7 +155,7 @@ def read_decays(
 
 
 def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFile]:
-    """The runs of each file as they are in it, uncut, and what they are."""
+    """Read the runs of each file uncut, and describe them."""
     if given.constant and not driven:
         raise UsageError(
             "--constant is for records of identify, laws, discover, compare and difference; leave it out of "
@@ -173,7 +173,7 @@ def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFi
 def decays_within(
     given: RecordOptions, source: RunsOfFile, *, as_it_is: bool = False
 ) -> tuple[list[xr.Dataset], str]:
-    """The decays of a file, or the one that is asked for, and what they are."""
+    """Return the decays of a file, or the requested one, and their description."""
     record, runs, sentence = source
     those = [decay for run in runs for decay in _decays(given, run, as_it_is=as_it_is)]
     count = "1 decay" if len(those) == 1 else f"{len(those)} decays"
@@ -235,7 +235,7 @@ def _constants(name: str, text: str, records: Sequence[str]) -> list[str | float
 
 
 def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str | float]) -> RunsOfFile:
-    """The runs of a file, or the embedded example, and what they are."""
+    """Return the runs of a file or of the embedded example, and their description."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
     if record is None:
@@ -291,7 +291,7 @@ def _mode_of(given: RecordOptions, record: Path) -> xr.Dataset:
 
 
 def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
-    """A record with its signal multiplied."""
+    """Return a record with its signal multiplied."""
     names = [name for name in ("angle", MEASURED) if name in record and factor != 1.0]
     return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
@@ -332,7 +332,7 @@ def _as_it_is(
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> None:
-    """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
+    """Raise an error for a frequency that is the record's own in Hz, or more than a factor of five off."""
     given_ones = dict[str, float]()
     if isinstance(given, ForcesOptions) and given.reference_frequency is not None:
         given_ones[REFERENCE] = given.reference_frequency

@@ -100,7 +100,7 @@ def averaged_rates(model: Model) -> AveragedRates:
 def _decay(
     averaged: AveragedRates, time: Array, amplitude: float, *, steady: bool
 ) -> tuple[Array, Array, float]:
-    """Amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
+    """Return the amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
     end = max(float(time[-1]), 1e-9)
     # Below this part of the first amplitude the signatures are continued by a power of the amplitude.
     least = 1e-9 * amplitude
@@ -141,7 +141,7 @@ def _decay(
 
 
 def _tail(averaged: AveragedRates, a: float, time: float) -> float:
-    """Time from a very small amplitude to zero (s); NaN if it is never reached.
+    """Return the time from a very small amplitude to zero (s); NaN if it is infinite.
 
     da/dt falls with a power of a, and zero is reached only if this is smaller than one.
     """
@@ -153,7 +153,7 @@ def _tail(averaged: AveragedRates, a: float, time: float) -> float:
 
 
 def _remaining(averaged: AveragedRates, a: float, least: float) -> float:
-    """Time from amplitude `a` to the arrest (s), NaN if there is none or if it cannot be foreseen."""
+    """Return time from amplitude `a` to the arrest (s); NaN if there is none or it cannot be predicted."""
     tail = _tail(averaged, least, 0.0)
     if np.isnan(tail):
         return np.nan
@@ -182,7 +182,7 @@ DescribedAt: TypeAlias = Callable[..., Array]
 
 
 def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Array) -> DescribedAt:
-    """Describing functions of forces at ratios W/w of frequencies, (frequency,), increasing."""
+    """Return the describing functions of forces at ratios W/w of frequencies, (frequency,), increasing."""
     # Forces that act at some of the ratios, and their weights at each, (frequency, node).
     parts: list[tuple[list[Force], Array]] = []
     for force in forces:
@@ -232,7 +232,7 @@ def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, driv
 def balances(
     described: DescribedAt, coefficients: Array, ratio: Array, drive: Array, amplitude: Array
 ) -> tuple[Index, Array, Array, Mask, Array]:
-    """The steady motions, by coefficients (force,), a complex drive (frequency,) and a `balance_grid`.
+    """Return the steady motions, by coefficients (force,), a complex drive (frequency,) and a `balance_grid`.
 
     Returns
     -------

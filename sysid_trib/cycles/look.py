@@ -21,7 +21,7 @@ FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
 
 
 def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr.DataTree:
-    """Facts of records and of the decays in them, without a fit.
+    """Return the facts of records and of the decays in them, without a fit.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ FREQUENCY_PARTS = 100
 
 
 def _median_frequency(curve: xr.Dataset) -> float:
-    """Median of the frequency (rad/s) of some periods each."""
+    """Return the median of the frequency (rad/s) of some periods each."""
     time = curve.extremum_time.values
     halves = max(2, len(time) // FREQUENCY_PARTS)
     return float(np.median(halves * np.pi / (time[halves:] - time[:-halves])))
@@ -192,7 +192,7 @@ def _damping(time: Array, amplitude: Array, frequency: float) -> float:
 
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
-    """One-sided density, averaged to so many points on a logarithmic axis."""
+    """Return the one-sided density, averaged to so many points on a logarithmic axis."""
     sampling_rate = 1.0 / float(np.mean(np.diff(time)))
     line, power = (values[1:] for values in scipy.signal.periodogram(angle, sampling_rate, "hann"))
     if line.size > SPECTRUM_POINTS:

@@ -39,7 +39,7 @@ NamesAt: TypeAlias = Callable[[Index, Array], dict[str, Any]]
 def cycle_averages(
     force: Force, a: Array, time: Array, shape_values: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Averages over the steady cycle at each amplitude.
+    """Return averages over the steady cycle at each amplitude.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def cycle_averages(
 def _at_phases(
     a: Array, time: Array, shape_values: Mapping[str, float], row: Index, phi: Array
 ) -> dict[str, Any]:
-    """Variables of the formulas at the angles `phi` of half cycles (same shapes, or broadcast).
+    """Return the variables of the formulas at the angles `phi` of half cycles (same shapes, or broadcast).
 
     Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
     """
@@ -120,7 +120,7 @@ def _pieces(force: Force, count: int, names: NamesAt) -> tuple[Index, Array, Arr
 
 
 def _integrals(force: Force, a: Array, names: NamesAt) -> Array:
-    """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
+    """Return the integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
 
     Pieces are halved until they are exact.
     """
@@ -166,7 +166,7 @@ def _check_finite(force: Force, values: Array, amplitude: Array) -> None:
 
 @lru_cache(maxsize=1)
 def _nodes() -> tuple[Array, Array]:
-    """Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
+    """Return the Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
 
     The nodes crowd at both ends, where |v|^p, a sharp Stribeck peak or a logarithm is singular
     (Takahasi and Mori 1974).
@@ -275,7 +275,7 @@ def _newton_step(map_: Array, shift: Array) -> Array:
 
 
 def _product(force: Force, name: str | None = None, factor: float = 1.0) -> Formula:
-    """The force times x or v and a number, or squared."""
+    """Return the force times x or v and a number, or squared."""
     tree = force.formula.tree
     other = tree if name is None else ast.BinOp(ast.Constant(factor), ast.Mult(), ast.Name(name))
     return Formula(f"({force.formula.text}) times {name or 'itself'}", ast.BinOp(tree, ast.Mult(), other))

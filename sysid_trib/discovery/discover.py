@@ -57,7 +57,7 @@ def discover(
     settings: Settings = DEFAULTS,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Find, name and add what a model lacks to explain a decay, or runs of one experiment.
+    """Find, name and add the forces that a model lacks to explain a decay, or runs of one experiment.
 
     Parameters
     ----------
@@ -312,7 +312,7 @@ def _unless_laws_predict_better(
 
 
 def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
-    """The groups of a result; each record says between which times (s) its run was kept."""
+    """Return the groups of a result; each record says between which times (s) its run was kept."""
     for name, run in zip(variables.group_names("record", len(runs)), runs, strict=True):
         groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
     return groups
@@ -372,7 +372,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     start, last, outside = fits.start, done.models[-1], fits.start.settings.outside_of_set
 
     def with_colour(model: FittedModel) -> float:
-        """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
+        """Return minus twice the logarithm of the evidence of a model and of the colour of its noise."""
         return evidence(model) + start_model.colour_penalty(model)
 
     # Otherwise the residual is not noise yet.
@@ -395,7 +395,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
 
 
 def _refitted(model: FittedModel, runs: Sequence[xr.Dataset], learnt: Sequence[RecordPart]) -> FittedModel:
-    """A model fitted to the whole runs."""
+    """Return a model fitted to the whole runs."""
     nears = {part.run: rows.path for part, rows in zip(learnt, model.rows, strict=True)}
     places = ((run, nears[at]) for at, run in enumerate(runs))
     paths = [start_model.path_like(near, run, near.frequency, near.origin) for run, near in places]

@@ -117,7 +117,7 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
 def move_of(
     current: Screening, fits: Fits, gone: Sequence[str], at: Sequence[int], aim: float
 ) -> FittedModel | None:
-    """The model with trials in the place of effects; None where it is not fitted.
+    """Return the model with trials in the place of effects; None where it is not fitted.
 
     A fit whose evidence cannot come below `aim` is given up.
     """
@@ -128,7 +128,7 @@ def move_of(
 
 
 def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
-    """The most likely model without an effect or two, or with as many others or fewer in their place.
+    """Return the most likely model without an effect or two, or with as many others or fewer in their place.
 
     None if no such model is more likely than the present one.
     """

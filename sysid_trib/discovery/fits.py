@@ -20,7 +20,7 @@ from sysid_trib.forces.force import Force
 
 
 def evidence(model: FittedModel) -> float:
-    """Minus twice the logarithm of the evidence of a model, for the effects that were added.
+    """Return minus twice the logarithm of the evidence of a model, for the effects that were added.
 
     Notes
     -----
@@ -86,7 +86,7 @@ def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
 
 
 def probabilities(costs: Sequence[float]) -> Array:
-    """Probability of each model, (model,), if one of them is the truth and all were as likely before.
+    """Return the probability of each model, (model,), if one of them is true and all have equal priors.
 
     `costs` : (model,) minus twice the logarithm of the evidence of each, up to a common constant.
     """
@@ -153,7 +153,7 @@ class Fits:
     _p_values: dict[bytes, float] = field(default_factory=dict)
 
     def screened(self, model: FittedModel) -> Screening:
-        """The candidates that are not in a model, held against one of the same effects, once."""
+        """Return the screening of the candidates that are not in a model, once for each set of effects."""
         key = frozenset(model.effects)
         if key not in self.screenings:
             rest = [force for force in self.candidates if force.symbol not in key]
@@ -173,7 +173,7 @@ class Fits:
     def of(
         self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float = np.inf
     ) -> FittedModel | None:
-        """A model near another one, with forces dropped and added; None if there is no fit.
+        """Fit a model near another one, with forces dropped and added; return None if there is no fit.
 
         One that does not reach the deviance `worst` may be given up, and is tried from other starts; where
         forces are dropped alone from the shapes of the near model too: its optimum may be a better one.
@@ -196,7 +196,7 @@ class Fits:
     def _settled(
         self, near: FittedModel, stay: Sequence[TrialEffect], added: Sequence[TrialEffect], worst: float
     ) -> FittedModel | None:
-        """A fit from these shapes, once; None if it does not settle."""
+        """Fit from these shapes, once; return None if the fit does not converge."""
         trials, paths = [*stay, *added], [rows.path for rows in near.rows]
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
         if self.ended or self.tried.get(place, -np.inf) >= worst:
@@ -234,7 +234,7 @@ class Fits:
         return model.without_caches() if model is not None and settled else None
 
     def _is_local_optimum(self, model: FittedModel | None) -> bool:
-        """True if a fit has settled where it is less likely than a model that it contains."""
+        """Return true if a fit has converged where it is less likely than a model that it contains."""
         if model is None or not model.settled:
             return False
         effects, kept = {*model.effects}, self.kept.items()
@@ -269,19 +269,19 @@ class Fits:
         return self.plain is None or residual_of_motions(free_motions(model)) <= self.plain.residual
 
     def noise_p_value(self, model: FittedModel) -> float:
-        """`noise_p_value` of a model, once."""
+        """Return `noise_p_value` of a model, computed once."""
         key = model.coefficients.tobytes()
         if key not in self._p_values:
             self._p_values[key] = unseen.noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
         return self._p_values[key]
 
     def is_complete(self, model: FittedModel) -> bool:
-        """True if a model leaves nothing of any run but noise."""
+        """Return true if the residual of a model is noise in every run."""
         return self.noise_p_value(model) >= model.settings.level
 
 
 def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:
-    """The trials, then with each of the other starts of one of them."""
+    """Yield the trials, then with each of the other starts of one of them."""
     yield list(trials)
     for at, trial in enumerate(trials):
         for start in trial.starts:

@@ -88,7 +88,7 @@ class Screening:
 
     @property
     def z(self) -> Array:
-        """Root of what each trial gains, with the sign of its coefficient, (trial,)."""
+        """Root of the gain of each trial, with the sign of its coefficient, (trial,)."""
         return np.sqrt(self.gains) * np.sign(self.coefficients)
 
     @cached_property
@@ -152,12 +152,12 @@ class Screening:
         return settings.family_tolerance if near else settings.tolerance
 
     def allows(self, at: int, coefficient: ArrayLike) -> Mask:
-        """True if physics allows a trial this coefficient, or these."""
+        """Return true if physics allows this coefficient, or these coefficients, of a trial."""
         strongest = self.model.settings.strongest
         return single.is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
 
     def p_value_of(self, gain: float, force: Force, effective_rows: float) -> float:
-        """Probability of such a gain by chance in any of the tests.
+        """Return the probability of such a gain by chance in any of the tests.
 
         A frequency that is fitted has so many more as the largest of a spectrum between its lines has
         (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : that tell the error of its coefficient.
@@ -253,7 +253,7 @@ def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialE
 
 
 def _lines(model: FittedModel) -> list[float]:
-    """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows, and of its own.
+    """Return the frequencies (rad/s) of the strongest lines in the residual of the rows, and of the model.
 
     A force at the frequency of a model force leaves no line, but may replace it.
     """

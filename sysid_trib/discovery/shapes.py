@@ -81,7 +81,7 @@ STARTS = 3
 
 
 def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect]:
-    """Candidates of several shapes, each at the combination where its column gains most.
+    """Return the candidates of several shapes, each at the combination where its column gains most.
 
     A candidate of the family of some of the model's effects stands in the place of these.
 

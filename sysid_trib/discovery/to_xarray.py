@@ -71,18 +71,18 @@ def _group(
     coords: Mapping[str, Any] | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """A group, its variables as `variables.toml` has them."""
+    """Return a group whose variables are described as in `variables.toml`."""
     return xr.Dataset(variables.described(TABLES[name], values), coords, attrs)
 
 
 def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, Any]:
-    """Texts of forces by the names that results give them."""
+    """Return the texts of forces by the names that results give them."""
     paths = {"unit": "units", "formula": "formula.text"}
     return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
 
 
 def _labels(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[str, list[str]]]:
-    """Texts of candidates as coordinates."""
+    """Return the texts of candidates as coordinates."""
     return {name: ("candidate", texts) for name, texts in texts_of(forces, names).items()}
 
 
@@ -99,7 +99,7 @@ def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
 
 
 def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
-    """Score, p-value, coefficient and shapes of every candidate before each effect and at the end."""
+    """Return score, p-value, coefficient and shapes of every candidate before each effect and at the end."""
     symbols, level = list(offered.symbols), search.models[0].settings.level
     names = [f"{force.symbol}.{name}" for force in offered for name in force.shape]
     z, p_value, coefficient = np.full((3, len(search.screenings), len(symbols)), np.nan)
@@ -127,7 +127,7 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
 
 
 def _steps(search: Search, motions: Motions, error: Array | None, offered: ForceLibrary) -> xr.Dataset:
-    """The effects added, in order, with their final coefficients and what each explains."""
+    """Return the effects added, in order, with their final coefficients and what each explains."""
     if not search.effects:
         # netCDF has no empty axis: without a step there is but the count.
         return xr.Dataset(attrs={"count": 0})
@@ -224,7 +224,7 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
 
 
 def _pairs(search: Search) -> dict[str, Any]:
-    """Pairs of candidates that may be the truth in the place of each effect."""
+    """Return the pairs of candidates that may be the truth in the place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
     texts = [effects.PAIRS.join(effects.PAIR.join(names) for names in of_effect) for of_effect in pairs]
@@ -232,7 +232,7 @@ def _pairs(search: Search) -> dict[str, Any]:
 
 
 def _competing_shapes(search: Search) -> dict[str, Array]:
-    """Shape parameters (step,) of the candidates that were fitted in the place of each effect."""
+    """Return the shape parameters (step,) of the candidates that were fitted in the place of each effect."""
     competing: dict[str, Array] = {}
     for at, symbol in enumerate(search.effects):
         for name in search.rivals[symbol]:

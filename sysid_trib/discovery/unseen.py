@@ -117,7 +117,7 @@ def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
 
 
 def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
-    """The part of a run, or of one that is driven and long the beginning, the middle and the end of it."""
+    """Yield the part of a run, or the beginning, middle and end of it if the run is driven and long."""
     part = run.isel(time=within)
     if not inputs_of(run):
         yield part
@@ -184,7 +184,7 @@ def predicted(
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
-    """Mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
+    """Return mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
     ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
     # Rounds of the path of a part that is predicted.
     for _ in range(3):
@@ -211,7 +211,7 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
 
 
 def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> Array:
-    """Mean logarithm of the density of white rows in each period, with parameters that are not quite known.
+    """Return the mean log density of white rows in each period, with uncertain parameters.
 
     Parameters
     ----------

@@ -118,7 +118,7 @@ class Constraints:
         return (*self.fixed, *self.bounds, *self.ties)
 
     def marked(self, result: Any, at_bound: Iterable[str] = ()) -> Any:
-        """A result with how each coefficient is constrained, `constraint(force)`, where any is.
+        """Add `constraint(force)` to a result in which any coefficient is constrained.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Constraints:
         return result.assign_coords(constraint=("force", kinds))
 
     def check(self, library: ForceLibrary) -> None:
-        """Refuse what does not fit to the parameters of a library.
+        """Raise an error for a constraint that does not fit the parameters of a library.
 
         Raises
         ------
@@ -154,7 +154,7 @@ class Constraints:
         self.formulas(library)
 
     def formulas(self, library: ForceLibrary) -> dict[str, Formula]:
-        """The ties, each after those that its formula needs.
+        """Return the ties in an order in which each follows those that its formula needs.
 
         Raises
         ------
@@ -173,7 +173,7 @@ class Constraints:
     def linear_map(
         self, library: ForceLibrary, shapes: ShapeValues | None = None
     ) -> tuple[tuple[str, ...], Array, Array]:
-        """Coefficients as a linear map of the free ones; all shape parameters are held.
+        """Return coefficients as a linear map of the free ones; all shape parameters are held.
 
         Parameters
         ----------
@@ -219,7 +219,7 @@ class Constraints:
 
 
 def parameters_of(library: ForceLibrary) -> tuple[str, ...]:
-    """Names of the coefficients of a library, then of its shape parameters."""
+    """Return the names of the coefficients of a library, then of its shape parameters."""
     return (*library.symbols, *library.shape_values())
 
 
@@ -276,7 +276,7 @@ def tied_value(tie: Formula, values: Mapping[str, float]) -> float:
 
 
 def tied_slopes(tie: Formula, values: Mapping[str, float]) -> dict[str, float]:
-    """Derivative of a tied parameter by each parameter that its formula holds."""
+    """Return the derivative of a tied parameter by each parameter that its formula holds."""
     # NumPy's numbers: a division by zero gives one that is not finite, not an exception.
     held = {name: np.float64(values[name]) for name in sorted(tie.names)}
     with np.errstate(all="ignore"):

@@ -142,7 +142,7 @@ class Formula:
         return degree
 
     def evaluate(self, names: Names, functions: Functions = NUMPY, signs: Names | None = None) -> Any:
-        """Value of the formula.
+        """Return the value of the formula.
 
         Parameters
         ----------
@@ -170,7 +170,7 @@ class Formula:
         return self.with_derivative(names, name)[1]
 
     def with_derivative(self, names: Names, name: str) -> tuple[Any, Any]:
-        """Value of the formula and its derivative by one variable, on the branch of its value.
+        """Return the value of the formula and its derivative by one variable, on the branch of its value.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ def _order_in(tree: ast.AST, name: str) -> float:
 
 
 def _program_of(tree: ast.AST) -> Program:
-    """A checked tree as nested functions (see `Formula.evaluate`): it is not walked at each value."""
+    """Compile a checked tree into nested functions (see `Formula.evaluate`), for repeated evaluation."""
     match tree:
         case ast.Constant(value=value):
             return lambda names, functions, signs: value

@@ -99,7 +99,7 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
 
 
 def _kind(given: object) -> str:
-    """Name what was given in place of a library, in a few words."""
+    """Name the kind of object given in place of a library, in a few words."""
     return (
         f"the class {given.__name__}"
         if isinstance(given, type)

@@ -60,7 +60,7 @@ FORCE_KEYS: Checks = {
 
 
 def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) -> None:
-    """Refuse a table of a TOML file with other keys, or other values of them.
+    """Raise an error for a table of a TOML file with an unknown key or a wrong value.
 
     Raises
     ------
@@ -91,7 +91,7 @@ MOST_INCLUDED = 8
 
 
 def library_folder() -> Path:
-    """Folder of the libraries that come with the package (wheel, or source tree)."""
+    """Return the folder of the libraries that come with the package (wheel, or source tree)."""
     package = Path(__file__).resolve().parents[1]
     return next(p for p in (package / "libraries", package.parent / "libraries") if p.is_dir())
 
@@ -172,7 +172,7 @@ def _of_package(entry: EntryPoint) -> ForceLibrary:
 
 @lru_cache(maxsize=32)
 def library_of_text(text: str, source: str) -> ForceLibrary:
-    """The library of a TOML text, as a result keeps it, parsed once (see `load_library`)."""
+    """Return the library of a TOML text, as a result keeps it, parsed once (see `load_library`)."""
     return parse_library(tomllib.loads(text), source)
 
 
@@ -364,7 +364,7 @@ def _shape(table: Any, where: str) -> Shape:
 
 
 def _check_finite(force: Force, where: str) -> None:
-    """Refuse formulas that overflow or leave the real numbers where a pendulum swings (below 1.2 rad)."""
+    """Raise an error for formulas that overflow or are not real for a swing of a pendulum (below 1.2 rad)."""
     for formula in (*force.formulas, *force.start.values()):
         with np.errstate(all="ignore"):
             values = np.asarray(formula.evaluate(force.test_points))

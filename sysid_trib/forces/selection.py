@@ -43,7 +43,7 @@ SYSTEM_KEYS: Checks = {
 def forces_to_identify(
     library: ForceLibrary, reference_frequency: float | None, *, sensors: bool = False
 ) -> ForceLibrary:
-    """The forces to identify: without a given frequency the one of formula `x` is the frequency itself.
+    """Return forces to identify: without a given frequency the one of formula `x` is the frequency itself.
 
     Parameters
     ----------
@@ -97,7 +97,7 @@ def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
 
 
 def refuse_sensors(library: ForceLibrary) -> None:
-    """Refuse terms of the sensor, for a method that does not know them.
+    """Raise an error for sensor terms in a method that does not support them.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def refuse_sensors(library: ForceLibrary) -> None:
 
 
 def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
-    """The library's forces of these formulas, for a method by its label.
+    """Return the library's forces of these formulas, for a method by its label.
 
     Raises
     ------
@@ -126,7 +126,7 @@ def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -
 
 
 def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
-    """The model that a search starts from: viscous friction alone, and the first force of each input.
+    """Return the model that a search starts from: viscous friction alone, and the first force of each input.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
 def offered_forces(
     model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
 ) -> tuple[ForceLibrary, list[str]]:
-    """The candidates that the model does not have, of these inputs, and the symbols of the others."""
+    """Return the candidates that the model does not have, of these inputs, and the symbols of the others."""
     kept, left_out = list[Force](), list[str]()
     for force in candidates:
         same = any(_same(force, other) for other in model) or not set(force.inputs) <= set(inputs)
@@ -237,7 +237,7 @@ class System:
 
     @property
     def swings_under_gravity(self) -> bool:
-        """Return true if it is a pendulum, which gravity restores, or if nothing is said of it."""
+        """True if gravity is the restoring force, or if the system does not state it."""
         shipped = [force for name in SHIPPED_LIBRARIES for force in load_library(name)]
         held = [force for force in shipped if force.symbol in self.held]
         return not self.name or any(force.matches("sin(x) - x") for force in held)
@@ -255,7 +255,7 @@ class System:
 
 
 def _first_words(names: Iterable[str]) -> list[str]:
-    """First words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
+    """Return the first words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
     return [next(iter(NAME_WORDS.findall(name.lower())), "") for name in names]
 
 
@@ -264,7 +264,7 @@ ANY_SYSTEM = System("", signal="")
 
 
 def load_system(name_or_path: str | None) -> System:
-    """A system by its name, or the first of a TOML file.
+    """Return a system by its name, or the first of a TOML file.
 
     Parameters
     ----------
@@ -298,7 +298,7 @@ def load_system(name_or_path: str | None) -> System:
 
 
 class SystemModel(NamedTuple):
-    """The forces of a system, and what is known of their coefficients: `library, constraints = system(...)`.
+    """The forces of a system and their known coefficients: `library, constraints = system(...)`.
 
     Attributes
     ----------
@@ -320,7 +320,7 @@ class SystemModel(NamedTuple):
 def system(
     name_or_path: str | Path, forces: Iterable[str] | None = None, library: ForceLibrary | None = None
 ) -> SystemModel:
-    """Give the forces of a system with what is known of them, as `--system` does.
+    """Return the forces of a system and their known coefficients, as `--system` takes them.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def known_coefficients(library: ForceLibrary) -> dict[str, float]:
 
 
 def load_systems() -> dict[str, System]:
-    """The systems that come with the package, by their names."""
+    """Return the systems that come with the package, by their names."""
     return _systems(library_folder() / SYSTEMS_FILE)
 
 

@@ -31,7 +31,7 @@ def is_frequency(force: Force, name: str) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_resonance(force: Force, name: str) -> bool:
-    """True if a shape parameter is the natural frequency of a force's states (by their equations)."""
+    """Return true if a shape parameter is the natural frequency of a force's states (by their equations)."""
     states = tuple(force.state)
     for factor in (1.0, 1.7):
         value = factor * force.shape[name].default
@@ -53,7 +53,7 @@ def is_frequency_parameter(force: Force, name: str) -> bool:
 
 
 def has_frequency_parameter(force: Force) -> bool:
-    """True if a force has such a frequency."""
+    """Return true if a force has such a frequency."""
     return any(is_frequency_parameter(force, name) for name in force.shape)
 
 

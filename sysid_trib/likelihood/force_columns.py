@@ -25,7 +25,7 @@ def value_along(
     given: InputsAt,
     known: Mapping[str, Array] | None = None,
 ) -> Array:
-    """One force along a motion, (sample,), rad.
+    """Return one force along a motion, (sample,), rad.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def derivatives_along(
     given: Mapping[str, Array] | None = None,
     kind: str = "force",
 ) -> tuple[Array, Array]:
-    """Derivatives sum c dh/dx and sum c dh/dv along a motion, (sample,) each.
+    """Return derivatives sum c dh/dx and sum c dh/dv along a motion, (sample,) each.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""A random force in the motion: its size in every unit, and a regression over the sizes left open."""
+"""Random force in the motion: its size in every unit, and averages over its plausible sizes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ OPTIONS = ("auto", "estimated", "off")
 
 
 def check_random_force(option: RandomForceOption) -> None:
-    """Refuse what is neither a word of `OPTIONS`, nor a density.
+    """Raise an error for an option that is neither a word of `OPTIONS` nor a density.
 
     Raises
     ------
@@ -38,12 +38,12 @@ def check_random_force(option: RandomForceOption) -> None:
 
 
 def is_fitted(option: RandomForceOption) -> bool:
-    """True if a method itself has a random force besides the sensor's noise."""
+    """Return true if a method itself has a random force besides the sensor's noise."""
     return option not in ("auto", "off")
 
 
 def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: RandomForceOption) -> RandomForce:
-    """The random force in SI units, tau = `frequency` t; as it was given where `option` is a density."""
+    """Return random force in SI units, tau = `frequency` t; as it was given where `option` is a density."""
     if not isinstance(option, str):
         return RandomForce(float(option))
     density = RandomForce.density_of(ratio.ratio * ratio.variance, frequency)
@@ -54,7 +54,7 @@ def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: Random
 
 
 def random_force_variables(forces: Sequence[RandomForce], filters: Sequence[Array] = ()) -> Variables:
-    """The random force of each run as variables of a result: their mean, and each where there are several.
+    """Return random force of each run as variables of a result: their mean, and each where there are several.
 
     `filters` : that whiten the sensor's noise beside it in each run (see `colour_variables`).
     """

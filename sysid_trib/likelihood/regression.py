@@ -138,7 +138,7 @@ class RunRegression:
 
     @cached_property
     def gain(self) -> Array:
-        """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
+        """Derivative 1 + sum s dh/dx of the reading of the sensor by the angle, (sample,), along the path."""
         own = [force.run in (None, self.run) for force in self.library]
         pairs = zip(self.library, np.where(own, self.coefficients, 0.0).tolist(), strict=True)
         terms = ((force, c, self.shapes) for force, c in pairs)
@@ -201,7 +201,7 @@ class RunRegression:
         return columns
 
     def along_own_path(self) -> "RunRegression":
-        """The run with the columns of its path at its present frequency."""
+        """Return the run with the columns of its path at its present frequency."""
         columns = self.columns_along(self.x, self.v)
         return replace(self, columns=columns, exact=False, near=None, sensitivity=None)
 
@@ -217,7 +217,7 @@ def begin(
     reference_frequency: float | None,
     shapes: Mapping[str, float],
 ) -> Runs:
-    """Weak forms of the runs, with the smoothed records as first paths.
+    """Return the weak forms of the runs, with the smoothed records as first paths.
 
     Parameters
     ----------
@@ -281,16 +281,16 @@ def _as_forces(run: RunRegression) -> Array:
 
 
 def with_common_values(runs: Sequence[RunRegression], coefficients: Array, frequency: float) -> Runs:
-    """The runs with these coefficients (force,) and this reference frequency (rad/s)."""
+    """Return the runs with these coefficients (force,) and this reference frequency (rad/s)."""
     return tuple(replace(run, coefficients=coefficients, frequency=frequency) for run in runs)
 
 
 def common_values(runs: Runs) -> Array:
-    """Coefficients and reference frequency."""
+    """Return coefficients and reference frequency."""
     return np.append(runs[0].coefficients, runs[0].frequency)
 
 
 def shifted(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
-    """The runs with other coefficients and another reference frequency, by (force + 1,)."""
+    """Return the runs with other coefficients and another reference frequency, by (force + 1,)."""
     common = common_values(runs) + by
     return with_common_values(runs, constraints.impose(common[:-1]), float(common[-1]))

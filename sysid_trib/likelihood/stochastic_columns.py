@@ -136,7 +136,7 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
 
 
 def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
-    """A run whose path is about a free motion of its present model, where that follows the record."""
+    """Return a run whose path is about a free motion of its present model, where that follows the record."""
     try:
         free = motion_of_run(run, constraints, near=True)
     except SimulationError:
@@ -159,7 +159,7 @@ def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunReg
 
 
 def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution, at: int) -> RunRegression:
-    """A run along the next smoothed motion: the record, without the most likely noise of the sensor.
+    """Return a run along the next smoothed motion: the record, without the most likely noise of the sensor.
 
     `at` : number of the run, from 0.
     """
@@ -201,7 +201,7 @@ def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap
 
 
 def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
-    """Standard error of v = theta'/w of the smoothed motion, inside of a record.
+    """Return the standard error of v = theta'/w of the smoothed motion, inside of a record.
 
     Parameters
     ----------

@@ -90,13 +90,13 @@ class WeighedRun:
         return cholesky_factor(self._band, self.run.form.gram, ratio)
 
     def with_ratio(self, ratio: VarianceRatio | None) -> "WeighedRun":
-        """The run and its rows with a ratio of the two variances."""
+        """Return the run and its rows with a ratio of the two variances."""
         assert ratio is not None
         run, factor = replace(self.run, ratio=ratio), self.factor(ratio.ratio)
         return replace(self, run=run, rows=replace(self.rows, runs=(run,), factor=factor))
 
     def by_ratio(self, sensor: NoiseModel) -> Callable[[float], WhiteRows]:
-        """The white rows of a ratio of the two variances, with a sensor's noise of one colour."""
+        """Return the white rows of a ratio of the two variances, with a sensor's noise of one colour."""
         degrees = float(DEGREES_OF_PRIOR)
         further = degrees, degrees * sensor.innovation**2, 0.0
         if self.shared_level:
@@ -106,21 +106,21 @@ class WeighedRun:
         return rows_by_ratio(band, self.run.form.gram, self.table, further)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
-        """Ratio of most likelihood with a sensor's noise; near `start` if that is given."""
+        """Return the ratio of most likelihood with a sensor's noise; near `start` if that is given."""
         tau = self.run.form.tau
         return variance_ratio(
             self.by_ratio(sensor), float(np.ptp(tau)), float(np.median(np.diff(tau))), start
         )
 
     def without_force(self, sensor: NoiseModel) -> VarianceRatio:
-        """The sensor's noise alone."""
+        """Return the sensor's noise alone."""
         return held_ratio(self.by_ratio(sensor), 0.0, None)
 
 
 def with_noises(
     run: RunRegression, constraints: ConstraintMap, option: RandomForceOption, *, colour: bool
 ) -> WeighedRun:
-    """A run with its two noises.
+    """Return a run with its two noises.
 
     Parameters
     ----------

@@ -251,7 +251,7 @@ class Direct(Constrained):
 
 
 def _estimate(solution: Solution) -> Estimate:
-    """The estimate of the last regression as results take it; the noise is that with a random force."""
+    """Return estimate of the last regression as results take it; the noise is that with a random force."""
     runs = solution.runs
     noises = [replace(run.sensor, innovation=run.noise).standard_deviation for run in runs]
     if any(run.inputs for run in runs):

@@ -272,7 +272,7 @@ def _with_noise(
     measured: Sequence[xr.Dataset],
     parameters: Array,
 ) -> tuple[list[HalfPeriodEquations], list[sp.csr_matrix], list[Array]]:
-    """The equations at an estimate, how unit errors move them, and the factor of their covariance."""
+    """Return the equations at an estimate, how unit errors move them, and the factor of their covariance."""
     runs = [HalfPeriodEquations(a, y, slopes(parameters), first) for a, y, first, slopes in linear]
     noises = [run.noise(envelope) for run, envelope in zip(runs, measured, strict=True)]
     return runs, noises, [cholesky_factor(covariance_band(noise)) for noise in noises]
@@ -354,12 +354,12 @@ def _linear(
 
 
 def errors_of_half_periods(measured: xr.Dataset) -> Array:
-    """Standard errors of the extrema (rad), then of their times (s), never less than rounding."""
+    """Return the standard errors of the extrema (rad), then of their times (s), never less than rounding."""
     errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
     return np.asarray(errors.ravel())
 
 
 def _sizes(measured: xr.Dataset) -> Array:
-    """The extrema (rad), and a half period (s) for each, (2, half_period)."""
+    """Return the extrema (rad), and a half period (s) for each, (2, half_period)."""
     b, t = measured.extremum.values, measured.extremum_time.values
     return np.stack([b, np.full(len(b), np.mean(np.diff(t)))])

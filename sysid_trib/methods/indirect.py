@@ -74,7 +74,7 @@ class IndirectEstimate:
     random_forces: Sequence[RandomForce] = ()
 
     def mapped(self, function: Callable[[Array], Array]) -> "IndirectEstimate":
-        """The estimate of functions of these values, to first order."""
+        """Return the estimate of functions of these values, to first order."""
         slopes = jacobian(function, self.values, np.sqrt(np.diag(self.covariance)))
         values, covariance = function(self.values), slopes @ self.covariance @ slopes.T
         return replace(self, values=values, bias=slopes @ self.bias, covariance=covariance)
@@ -138,7 +138,7 @@ def indirect_estimate(
 def _estimate(
     auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], measured: Sequence[xr.Dataset], *, correct: bool
 ) -> tuple[IndirectEstimate, Groups]:
-    """The estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
+    """Return the estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
     first = auxiliary.fit(measured)
     values, last = auxiliary.values(first), first
     bias_removed, bias_reason = False, ""
@@ -220,7 +220,7 @@ def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) ->
 
 
 def as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
-    """The simulated envelope at the record's half periods and with its standard errors.
+    """Return the simulated envelope at the record's half periods and with its standard errors.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
 def as_identification(
     method: Method, decay: Decays, asked: ForceLibrary, indirect: IndirectEstimate, offered: ForceLibrary
 ) -> xr.Dataset:
-    """An indirect estimate as an identification, with its bias and what the method assumes."""
+    """Return an indirect estimate as an identification, with its bias and what the method assumes."""
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         f"{name}_birge_ratio": (value, "1", f"Birge ratio of the {name}'s equations alone")
         for name, value in indirect.birge_ratios.items()

@@ -164,7 +164,7 @@ class Trajectory(Constrained):
         return _identification(self, fit, fit.with_free(parameters))
 
     def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> Fit:
-        """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none.
+        """Return likelihood of the free motion about its best fit; a parameter at a bound is not held there.
 
         The fit starts from a result: a motion that stops may have a minimum for each number of swings.
         """
@@ -194,7 +194,7 @@ class Trajectory(Constrained):
         return FitProblem(parameters, records, runs, library)
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
-        """The fit of the free motion, in the noise of each run."""
+        """Return the fit of the free motion, in the noise of each run."""
         fit = fitted(problem, grown(problem, calmer(problem, first)))
         # Rounds in which noise and fit of several runs, or of coloured noise, follow each other. Where the
         # motion does not follow the record there is no noise, and each round would take all evaluations.
@@ -267,7 +267,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
 
 
 def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
-    """First guess of all parameters: from the start model, or from direct identification."""
+    """Return the first guess of all parameters: from the start model, or from direct identification."""
     parameters = problem.parameters
     start = method.start if quick is None else method.start or model_of(quick)
     assert start is not None
@@ -291,7 +291,7 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
 def _with_random_force(
     method: Trajectory, problem: FitProblem, values: Array, quick: xr.Dataset | None
 ) -> tuple[Fit, Array, Iterate]:
-    """The fit of the innovations; a parameter that a bound stops is held there."""
+    """Return the fit of the innovations; a parameter that a bound stops is held there."""
     if quick is not None:
         # Direct identification has the colours by frequencies above the motion's.
         filters = [sensor_noise_of(quick, at).filter_ for at in range(len(problem.records))]
@@ -319,7 +319,7 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
 
 
 def _residual_is_white(fit: Fit) -> bool:
-    """True if the residual of each run is white."""
+    """Return true if the residual of each run is white."""
     residuals = fit.problem.residuals(fit.values)
     return min(white_p_value(residual) for residual in residuals) >= WHITE_LEVEL
 
@@ -336,7 +336,7 @@ def _residuals(fit: Fit) -> list[Array]:
 
 
 def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
-    """A fit as an identification, with the errors of the one in which no bound holds a parameter."""
+    """Return a fit as an identification, with the errors of the one in which no bound holds a parameter."""
     problem, parameters = fit.problem, fit.parameters
     residuals, runs = _residuals(fit), problem.runs
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))

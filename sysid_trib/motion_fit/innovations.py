@@ -65,13 +65,13 @@ class TrackedRecord:
         return innovations[:, 0], self.noise * np.sqrt(variance)
 
     def linear_about(self, path: Array, zero: float, by: tuple[str, ...] = ()) -> LinearModel:
-        """The record linear about a path, with a zero of the sensor, and columns for parameters."""
+        """Return the record linear about a path, with a zero of the sensor, and columns for parameters."""
         per_run = np.array([path[0, 0], self.model.reference_frequency * path[0, 1], zero])
         linear = linearised_about(self.model, (self.time, self.angle), path, per_run, by)
         return replace(linear, sensor_filter=self.linear.sensor_filter)
 
     def with_density(self, density: float) -> "TrackedRecord":
-        """The record with another random force ((rad/s^2)^2/Hz), settled anew from where it is.
+        """Return the record with another random force ((rad/s^2)^2/Hz), refitted from the present path.
 
         Raises
         ------
@@ -194,7 +194,7 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
 
 
 def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
-    """`innovations` of a record that was followed before."""
+    """Return `innovations` of a record that was followed before."""
     innovation, deviation = tracked.innovations()
     most, spans = min(sensor_noise.MOST_LAGS, max(1, len(innovation) // 4)), _spans(tracked)
     correlation = sensor_noise.autocorrelation(innovation / deviation, most)
@@ -217,7 +217,7 @@ def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
 
 
 def _spans(tracked: TrackedRecord) -> Index:
-    """Number of the span in which each sample's next step lies, (sample,) array of int."""
+    """Return the number of the span in which each sample's next step lies, (sample,) array of int."""
     time, frequency = tracked.time, tracked.model.reference_frequency
     if tracked.ratio == 0.0:
         # There is no force to resolve; what is shown is zero.
@@ -254,7 +254,7 @@ def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, A
 
 
 def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
-    """The record's linear model with the impulse in each span as a state."""
+    """Return the record's linear model with the impulse in each span as a state."""
     steps, size = tracked.linear.steps, tracked.linear.path.shape[1]
     length = tracked.model.reference_frequency * np.diff(tracked.time)
     weights, rest = _impulse_of_step(length, steps.diffusion[:, :2, :2])

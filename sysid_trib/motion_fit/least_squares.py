@@ -69,7 +69,7 @@ class Fit:
         return self.problem.parameters
 
     def in_its_noise(self) -> "Fit":
-        """The fit in white noise, of each run of the variance that this one leaves of it.
+        """Return the fit in white noise with the residual variance of each run.
 
         The parameters take their part of the noise from what is left.
         """
@@ -81,7 +81,7 @@ class Fit:
         return fitted(replace(problem, records=tuple(records)), self.values)
 
     def with_free(self, parameters: Parameters) -> "Fit":
-        """The fit at the same values with the sensitivities of parameters of which more are free."""
+        """Return the fit at the same values with the sensitivities of parameters of which more are free."""
         if len(parameters.free) == len(self.parameters.free):
             return self
         problem = replace(self.problem, parameters=parameters)
@@ -95,7 +95,7 @@ class Fit:
         return np.asarray(jacobian @ self._inverse @ jacobian.T)
 
     def clustered_covariance(self, blocks: int) -> Array:
-        """Covariance of all parameters where the residual is correlated, but not from block to block.
+        """Return covariance of all parameters where the residual is correlated, but not from block to block.
 
         The sandwich of Liang and Zeger (1986), for so many blocks of samples (times blocks/(blocks - 1)).
         """
@@ -113,12 +113,12 @@ class Fit:
         return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
 
     def deviance(self, values: Array) -> float:
-        """Deviance of values: by how much twice the log likelihood is below that of this fit."""
+        """Return the deviance of values: by how much twice the log likelihood is below that of this fit."""
         residual = self.problem.white(self.problem.residuals(values))
         return float(residual @ residual - self.residual @ self.residual)
 
     def deviance_of(self, fit: "Fit") -> float:
-        """Deviance of another fit."""
+        """Return the deviance of another fit."""
         return float(fit.residual @ fit.residual - self.residual @ self.residual)
 
     def holding(self, held: Mapping[str, float], near: Array) -> "Fit":
@@ -185,7 +185,7 @@ def nearby_best(fit: Fit) -> Fit:
 
 
 def sum_of_squares(fit: Fit) -> float:
-    """Sum of squares of the whitened residual."""
+    """Return the sum of squares of the whitened residual."""
     return float(fit.residual @ fit.residual)
 
 
@@ -219,7 +219,7 @@ def fitted(
     ridge: float = 0.0,
     most_evaluations: int = MAX_EVALUATIONS,
 ) -> Fit:
-    """Parameters of least whitened residual.
+    """Find the parameters of least whitened residual.
 
     Parameters
     ----------
@@ -292,7 +292,7 @@ def stopped_by_bounds(fit: Fit) -> dict[str, float]:
 
 
 def covariance_root(covariance: Array) -> Array:
-    """R with R R' the covariance; its parameters differ by orders of magnitude."""
+    """Return R with R R' the covariance, of parameters that differ by orders of magnitude."""
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -309,7 +309,7 @@ def cramer_rao_bound(
     free: bool = False,
     random_force: float = 0.0,
 ) -> xr.Dataset:
-    """Smallest standard errors with which a decay in white noise determines its model.
+    """Return the smallest standard errors with which a decay in white noise determines its model.
 
     Parameters
     ----------
@@ -368,7 +368,7 @@ def cramer_rao_bound(
 
 
 def sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
-    """Derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
+    """Return derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
     names = [*model.coefficients, BY_ANGLE, BY_RATE, *([FREQUENCY] if free else [])]
     columns = trajectory(model, time, *start.tolist(), by=names).derivatives["angle"]
     for name, column in zip(names, columns.T, strict=True):

@@ -17,7 +17,7 @@ from sysid_trib.simulation.steps import expected_steps
 
 
 def spline_path(model: Model, time: Array, angle: Array) -> Array:
-    """States along the least-squares spline through a record, (sample, state): the first path of all.
+    """Return states along the least-squares spline through a record, (sample, state): the first path of all.
 
     Pieces between gaps have a spline each.
     """
@@ -33,7 +33,7 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
 
 
 def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
-    """Smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
+    """Return the smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
     steps = np.diff(tau)
     # A step so many times the usual one is a gap, over which no spline is laid.
     gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1
@@ -49,7 +49,7 @@ def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
 
 
 def linearised_along(model: Model, time: Array, motion: SimulatedMotion) -> LinearModel:
-    """A motion of a model about itself, with the columns of its start and of the sensor's zero."""
+    """Linearise a motion of a model about itself, with the columns of its start and of the sensor's zero."""
     path = np.stack(
         [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
     )
@@ -86,7 +86,7 @@ def linearised_about(
     by: tuple[str, ...] = (),
     rate_error: Array | float = 0.0,
 ) -> LinearModel:
-    """A record about a path, with columns for parameters, then for the start and the sensor's zero.
+    """Linearise a record about a path, with columns for parameters, then for the start and the sensor's zero.
 
     Parameters
     ----------
@@ -190,12 +190,12 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
 
 
 def _polar(states: Array) -> Array:
-    """Phase and amplitude of states, (2, state)."""
+    """Return the phase and amplitude of states, (2, state)."""
     return np.stack([np.arctan2(-states[:, 1], states[:, 0]), np.hypot(states[:, 0], states[:, 1])])
 
 
 def _series(polar: Array, size: Array, elapsed: Array) -> tuple[Array, list[str]]:
-    """The accelerations at some instants, (instant, column), and what each depends on.
+    """Return the accelerations at some instants, (instant, column), and what each depends on.
 
     `polar` holds phase and amplitude; `size` and `elapsed` are amplitude and time from -1 to 1.
     """
@@ -219,7 +219,7 @@ def _scaled(values: Array, limits: tuple[float, float]) -> Array:
 
 
 def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
-    """Draw what a random force adds to a record about its path, (sample, draw), rad.
+    """Draw the contribution of a random force to a record about its path, (sample, draw), rad.
 
     Parameters
     ----------

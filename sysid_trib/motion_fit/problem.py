@@ -79,12 +79,12 @@ class WhitenedRecord:
         return float(np.max(np.abs(self.angle))) if self.swing is None else self.swing
 
     def first(self, part: float) -> "WhitenedRecord":
-        """The first part of the samples that count, and those before."""
+        """Return the first part of the samples that count, and those before."""
         count = self.uncounted + max(20, round(part * (len(self.time) - self.uncounted)))
         return replace(self, time=self.time[:count], angle=self.angle[:count])
 
     def residual(self, model: Model, per_run: Array) -> Array:
-        """Motion minus record.
+        """Return motion minus record.
 
         Parameters
         ----------
@@ -158,7 +158,7 @@ class WhitenedRecord:
         return np.asarray(motion.shown(*self.sensor) + per_run[2] - self.angle[: len(motion.angle)])
 
     def white(self, values: Array) -> Array:
-        """Values that count, with noise of one level and no colour."""
+        """Return values that count, with noise of one level and no colour."""
         return self.weight * whitened(values, self.filter_)[self.uncounted :]
 
 
@@ -196,16 +196,16 @@ class FitProblem:
         return all(record.inputs for record in self.records)
 
     def first(self, part: float) -> "FitProblem":
-        """The problem of the first part of each record."""
+        """Return the problem of the first part of each record."""
         return replace(self, records=tuple(record.first(part) for record in self.records))
 
     def with_filters(self, filters: Sequence[Array]) -> "FitProblem":
-        """The problem with a filter for each run that whitens its noise."""
+        """Return the problem with a filter for each run that whitens its noise."""
         pairs = zip(self.records, filters, strict=True)
         return replace(self, records=tuple(replace(record, filter_=filter_) for record, filter_ in pairs))
 
     def weighted(self, values: Array, *, coloured: bool) -> "FitProblem":
-        """Each run with the weight of its residual, and with the colour of it where asked for."""
+        """Return each run with the weight of its residual, and with the colour of it where asked for."""
         records = []
         for record, residual in zip(self.records, self.residuals(values), strict=True):
             filter_ = autoregression(residual) if coloured else np.ones(1)
@@ -216,17 +216,17 @@ class FitProblem:
         return replace(self, records=tuple(replace(r, weight=common * r.weight) for r in records))
 
     def residuals(self, values: Array) -> list[Array]:
-        """Motion minus record of each run, (sample,) array of float each, rad."""
+        """Return the motion minus record of each run, (sample,) array of float each, rad."""
         parameters, per_run = self.parameters, self.parameters.per_run(values)
         pairs = enumerate(zip(self.records, per_run, strict=True))
         return [record.residual(parameters.model(values, run), start) for run, (record, start) in pairs]
 
     def white(self, values: Sequence[Array]) -> Array:
-        """Values of each run, (sample, ...), whitened, one after the other."""
+        """Return values of each run, (sample, ...), whitened, one after the other."""
         return np.concatenate([record.white(v) for record, v in zip(self.records, values, strict=True)])
 
     def white_sensitivity(self, values: Array, residuals: Sequence[Array]) -> Array:
-        """Derivative of the whitened residuals by the free parameters, (sample, free).
+        """Return the derivative of the whitened residuals by the free parameters, (sample, free).
 
         Parameters
         ----------
@@ -266,7 +266,7 @@ class FitProblem:
         noises: Sequence[float],
         extra: Mapping[str, tuple[ArrayLike, str, str]],
     ) -> xr.Dataset:
-        """A fit as the Dataset that every method returns.
+        """Return a fit as the Dataset that every method returns.
 
         Parameters
         ----------

@@ -156,7 +156,7 @@ def _no_data(ax: Axes, text: str) -> None:
 
 
 def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -> None:
-    """Share of each force with a band of one standard error, against amplitude."""
+    """Draw the share of each force with a band of one standard error, against amplitude."""
     if weighed is None or not np.isfinite(weighed[quantity].values).any():
         _no_data(ax, "no force acts here")
         return
@@ -169,7 +169,7 @@ def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -
 def _coefficients(
     ax: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, style.Style], units: str
 ) -> None:
-    """Each coefficient over its value by the main identification, with 95 % intervals, and in numbers."""
+    """Draw each coefficient over its value by the main identification, with 95 % intervals and numbers."""
     if not results:
         _no_data(ax, "all methods failed")
         return
@@ -202,7 +202,7 @@ def _coefficients(
 
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
-    """A value with its interval; an arrow where the interval leaves the range that is drawn."""
+    """Draw a value with its interval; an arrow where the interval leaves the range that is drawn."""
     low, high = COEFFICIENT_RANGE
     ends = np.array([value - error, value + error])
     style.interval(ax, row, value, np.abs(ends.clip(low, high) - value)[:, None], (low, high), color=color)
@@ -212,7 +212,7 @@ def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> N
 
 
 def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at: str) -> None:
-    """Mean force that is missing over angle and rate, and dots where it is beyond three standard errors."""
+    """Draw the mean missing force over angle and rate, with dots where it exceeds three standard errors."""
     units = signal_units(record)
     factor, unit = small_units(units)
     try:

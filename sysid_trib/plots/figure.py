@@ -140,7 +140,7 @@ class Declared:
         return self.captions.get(kind, " ".join(said.split()))
 
     def drawings(self, tree: xr.DataTree) -> Iterator[tuple[str, int, Callable[..., Figure]]]:
-        """Name of the file, run and what draws it, where the result has what is shown."""
+        """Yield the name of the file, the run and the drawing function, if the result has what is shown."""
         name = self.draw.__name__
         if self.groups:
             of_these = re.compile(rf"(?:{'|'.join(self.groups)})((?:_\d+)?)")
@@ -205,7 +205,7 @@ def shows(
 
 
 def figures_of(kind: str) -> list[Declared]:
-    """The figures of a kind of result."""
+    """Return the figures of a kind of result."""
     from sysid_trib import plots
 
     # A figure is known once its module is imported.
@@ -236,7 +236,7 @@ LEGEND: dict[str, Any] = {
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, its size in inches, that keeps labels apart."""
+    """Return an empty figure, its size in inches, that keeps labels apart."""
     return LiteralFigure(figsize=(width, min(height, TALLEST)), layout="constrained")
 
 
@@ -316,7 +316,7 @@ def _titles(ax: Axes) -> list[Text]:
 
 
 def _labels(ax: Axes) -> list[tuple[Axes, Text, str]]:
-    """Labels and titles of a panel, with the side that has room for each."""
+    """Return the labels and titles of a panel, with the side that has room for each."""
     across = [ax.xaxis.label, *_titles(ax)]
     return [(ax, ax.yaxis.label, "height"), *((ax, text, "width") for text in across)]
 

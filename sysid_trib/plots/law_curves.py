@@ -1,4 +1,4 @@
-"""The laws themselves: friction against speed, and what bends the restoring force, with bands."""
+"""The laws: friction against speed, and the nonlinear part of the restoring force, with bands."""
 
 from typing import Any
 
@@ -115,13 +115,13 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
 
 
 def _at_edge(seen: Mask) -> Mask:
-    """Visited places beside one that is not."""
+    """Return the visited places beside one that is not."""
     padded = np.concatenate([[True], seen, [True]])
     return np.asarray(seen & ~(padded[:-2] & padded[2:]))
 
 
 def _sides(curve: Curve) -> list[Curve]:
-    """The parts of a law at each sign: friction may leap in between."""
+    """Return the parts of a law at each sign: friction may jump in between."""
     signs = [curve.places < 0.0, curve.places > 0.0]
     return [
         Curve(

@@ -94,7 +94,7 @@ def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
 
 
 def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -> None:
-    """RMS residual of the start model and after each named effect, over the noise."""
+    """Draw the RMS residual of the start model and after each named effect, over the noise."""
     steps, units = steps_taken(tree), signal_units(tree)
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
     ratios = [residual / record_noise(tree) for residual in residuals]
@@ -118,7 +118,7 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
 
 
 def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
-    """Name of an effect, its symbol with its coefficient, and what it cannot be separated from."""
+    """Return the name of an effect, its symbol with its coefficient, and its competing effects."""
     symbol = step.symbol.item()
     pairs = replacing_pairs(step)
     # Their names would be wider than the figure.
@@ -130,7 +130,7 @@ def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
 
 
 def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
-    """Mean force over angle and rate that the start model lacks, and the final one, relative to I w^2.
+    """Draw the mean force over angle and rate that start and final model lack, relative to I w^2.
 
     In the same colours, which end by the start model's, and blank where samples are few.
     """
@@ -213,7 +213,7 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
-    """The candidates of the highest scores at a selection step; those named or competing always.
+    """Return the candidates of the highest scores at a selection step; those named or competing always.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
 
 
 def _profile(ax: Axes, row: xr.Dataset) -> None:
-    """Deviance of one parameter; dashed, the parabola of the standard error."""
+    """Draw the deviance of one parameter; dashed, the parabola of the standard error."""
     known = np.isfinite(row.value.values)
     values, deviance = row.value.values[known], row.deviance.values[known]
     unit, label = _power_of_ten(values, row.parameter.item())
@@ -145,7 +145,7 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _draw_samples(ax: Axes, tree: xr.DataTree, name: str) -> None:
-    """One curve of the backbone of every run, in the colour of its sample."""
+    """Draw one curve of the backbone of every run, in the colour of its sample."""
     limits = []
     for side, colour in SAMPLE_COLOURS.items():
         groups = [k for k in tree.children if k.startswith(f"backbone_{side}")]
@@ -159,7 +159,7 @@ def _draw_samples(ax: Axes, tree: xr.DataTree, name: str) -> None:
 
 
 def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
-    """A row each force: first minus second over the standard error, with the interval of the level."""
+    """Draw one row for each force: first minus second over the standard error, with its interval."""
     data = tree.to_dataset()
     symbols, z = data.force.values.tolist(), data.z.values
     half = float(scipy.stats.norm.isf(0.5 * float(data.attrs["level"]) / len(symbols)))

@@ -25,7 +25,7 @@ FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_
 
 
 def model_code(result: xr.Dataset, language: str) -> str:
-    """The equation of an identification as program text, with its numbers to all their digits.
+    """Return the equation of an identification as program text, with its numbers to all their digits.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
 
 
 def _check_is_equation(result: xr.Dataset) -> None:
-    """Refuse what no one equation in x, v and states has."""
+    """Raise an error for a model that is not one equation in x, v and states."""
     model = model_of(result)
     if runs := [force.symbol for force in library_of(result) if force.run is not None]:
         raise UsageError(
@@ -92,5 +92,5 @@ def _one_line(text: str) -> str:
 
 
 def _renamed(formula: Formula, known: Mapping[str, str]) -> str:
-    """A formula with the names of another language."""
+    """Return a formula with the names of another language."""
     return re.sub(r"\b[^\W\d]\w*", lambda word: known.get(word[0], word[0]), formula.text)

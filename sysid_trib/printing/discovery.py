@@ -127,7 +127,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
 
 
 def _grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
-    """Groups in which each is like each: a chain of neighbours may have ends that are far apart."""
+    """Return groups in which each is like each: a chain of neighbours may have ends that are far apart."""
     groups: list[list[Item]] = []
     for item in items:
         home = next((group for group in groups if all(alike(other, item) for other in group)), None)
@@ -139,12 +139,12 @@ def _grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list
 
 
 def _probability(value: float) -> str:
-    """A probability of two digits, which is never nought."""
+    """Format a probability with two digits; it is never written as zero."""
     return "< 0.01" if value < 0.01 else f"{value:.2f}"
 
 
 def remedy(tied: Sequence[Force]) -> str:
-    """The measurement that would separate forces, by how they differ."""
+    """Return the measurement that would separate forces, by how they differ."""
     if len({force.kind == "sensor" for force in tied}) > 1:
         what = "Another inertia, or a second sensor,"
         why = "the error of the sensor stays the same, but the coefficient of a force changes"
@@ -162,7 +162,7 @@ def remedy(tied: Sequence[Force]) -> str:
 
 
 def _detectability(tree: xr.DataTree) -> Iterator[str]:
-    """Candidates that look alike, cannot be tested, or were not offered."""
+    """Describe candidates that look alike, cannot be tested, or were not offered."""
     candidates = tree["detectability_after"].to_dataset()
     symbols = candidates.candidate.values.tolist()
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()
@@ -180,7 +180,7 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
 
 
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A result of `discover` as plain data."""
+    """Return a result of `discover` as plain data."""
     attrs, noise = tree.attrs, record_noise(tree)
     reasons = layout.per_label(tree["detectability_after"].to_dataset(), "candidate", "reason")
     computed = {
@@ -204,7 +204,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _spans(spans: xr.Dataset) -> dict[str, Any]:
-    """The residual by its spans."""
+    """Return the residual by its spans."""
     return layout.mapped(spans, "spans", {"parts": ", ".join(spans.attrs["parts"])})
 
 

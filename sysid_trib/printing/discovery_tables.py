@@ -46,7 +46,7 @@ NEARLY_AS_HIGH = 0.8
 
 
 def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
-    """The effects that were added, in order, with residuals before and after over the noise; None of none.
+    """Return the table of added effects, in order, with residuals over the noise; None if there are none.
 
     Parameters
     ----------
@@ -81,19 +81,19 @@ def _to(values: list[float], unit: float = 1.0) -> str:
 
 
 def _effect_name(step: xr.Dataset) -> str:
-    """Symbol of an effect; one that is less probable than another stands for that one."""
+    """Return the symbol of an effect, or the more probable effect that it stands for."""
     symbol, named = step.symbol.item(), effects.named_effect(step)
     return symbol if named == symbol else f"{named} (fitted by {symbol})"
 
 
 def effect_with_ties(step: xr.Dataset) -> str:
-    """An effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
+    """Return an effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
     others = [symbol for symbol in effects.alternatives_of(step) if symbol != step.symbol.item()]
     return f"{_effect_name(step)}{f' (or {effects.or_others(others, TIES_NAMED)})' if others else ''}"
 
 
 def formula_text(step: xr.Dataset) -> str:
-    """The formula of an effect with its shape parameters and their errors."""
+    """Return the formula of an effect with its shape parameters and their errors."""
     symbol = step.symbol.item()
     shapes, errors = (effects.shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
     texts = [step.formula.item()]
@@ -140,7 +140,7 @@ def residual_text(tree: xr.DataTree) -> str:
 
 
 def times_noise(ratio: float) -> str:
-    """A residual over the noise as text."""
+    """Return a residual over the noise as text."""
     return f"{ratio:.3g} times the noise"
 
 
@@ -194,7 +194,7 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
 
 
 def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
-    """The type of force that scores highest in the omnibus test, and what it means.
+    """Describe the type of force that scores highest in the omnibus test, and its meaning.
 
     Nothing if the test does not reject, or no part of the residual goes with the motion.
 
@@ -220,7 +220,7 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
 
 
 def _sort_of(name: str) -> str:
-    """Type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
+    """Return the type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
     _, *wave = name.split()
     if not wave:
         return EVEN

@@ -40,7 +40,7 @@ IMITATED = "the model may imitate a force that is not among the candidates"
 
 
 def verdict_sentences(tree: xr.DataTree) -> list[str]:
-    """The verdict of a result of `discover` in its first sentence, then what remains and the model."""
+    """Describe the verdict of a result of `discover`, the residual, and the model."""
     return [
         *(_unknown_effect(tree) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)),
         *_search(tree),
@@ -50,7 +50,7 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 
 
 def _closed(tree: xr.DataTree) -> Iterator[str]:
-    """Nothing more is significant in the residual; the first word is the judge's."""
+    """Say that nothing more in the residual is significant; the first word is the judge's."""
     effects = " and ".join(map(tables.effect_with_ties, steps_taken(tree)))
     after, residual, ratio = tree["after"].to_dataset(), tables.residual_text(tree), held_out_excess(tree)
     held = f"{tables.times_noise(ratio)} on the held-out part ({tree.attrs['held_out']})" if ratio else ""
@@ -141,17 +141,17 @@ def _not_explained(tree: xr.DataTree, residual: str) -> Iterator[str]:
 
 
 def _marked(tree: xr.DataTree, mark: str) -> list[str]:
-    """Symbols of the added effects of which a variable is true."""
+    """Return the symbols of the added effects of which a variable is true."""
     return [step.symbol.item() for step in steps_taken(tree) if step[mark].item()]
 
 
 def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
-    """The tests of a group after the last step."""
+    """Return the tests of a group after the last step."""
     return tree[group].to_dataset().isel(selection_step=-1)
 
 
 def _high_but_not_significant(last: xr.Dataset) -> Iterator[str]:
-    """Candidates above the threshold of one test each, of many rows, that are not significant."""
+    """Name the candidates whose score is high for a single test but not significant among all."""
     limit = last.threshold.item()
     high = last.isel(candidate=(abs(last.z.values) > limit) & ~last.significant.values)
     if high.sizes["candidate"]:
@@ -188,7 +188,7 @@ def _between(amplitude: Array, units: str) -> str:
 
 
 def _highest(z: xr.DataArray) -> str:
-    """The largest scores, and what they are of."""
+    """Return the largest scores and their candidates."""
     highest = z.to_series().sort_values(key=np.abs, ascending=False)[:MOST_NAMED]
     return ", ".join(f"{name} (z = {score:.3g})" for name, score in highest.items())
 
@@ -225,7 +225,7 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _model(tree: xr.DataTree) -> Iterator[str]:
-    """Frequency and forces of the final model that no step has named, and its equation."""
+    """Describe frequency and unnamed forces of the final model, and its equation."""
     after, effects = tree["after"].to_dataset(), added_effects(tree)
     own = after.drop_sel(force=effects)
     values = [

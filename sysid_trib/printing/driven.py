@@ -121,7 +121,7 @@ def _constants_block(tree: xr.DataTree) -> Block:
 
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
-    """Mass, stiffness and forces in the unit of the input."""
+    """Return the mass, stiffness and forces in the unit of the input."""
     scaled = per_input(result)
     if scaled is None:
         return []
@@ -140,7 +140,7 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
 
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A driven result as plain data."""
+    """Return a driven result as plain data."""
     compared = tree["judged"].to_dataset()
     scaled = per_input(tree[compared.attrs["preferred"]].to_dataset())
     return {
@@ -174,7 +174,7 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
-    """A prediction as plain data, under `test`; nothing where nothing was predicted."""
+    """Return a prediction as plain data, under `test`; nothing where nothing was predicted."""
     rows = []
     for record in predicted:
         row = layout.mapped(record, "prediction", {"source": record.attrs.get("source", "")})
@@ -216,7 +216,7 @@ def _row(motion: xr.Dataset, sweep: str) -> dict[str, str]:
 
 
 def response_csv(response: xr.Dataset) -> str:
-    """A row for each sweep and frequency."""
+    """Return a row for each sweep and frequency."""
     table = response[[*CURVE_VALUES]].to_dataframe(dim_order=["sweep", "frequency"]).reset_index()
     table = table.dropna(subset="amplitude").rename(columns={"frequency": "frequency_rad_s"})
     rows = table.assign(unit=response.amplitude.attrs["units"]).to_dict("records")
@@ -266,7 +266,7 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
 
 
 def _size(run: xr.Dataset) -> str:
-    """The release of a run to three digits, micrometres too without a power of ten."""
+    """Return the release of a run to three digits, micrometres too without a power of ten."""
     return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
 
 
@@ -287,6 +287,6 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
 
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
-    """A plan as plain data, all runs."""
+    """Return a plan as plain data, all runs."""
     models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
     return {"models": models, "odds": data.attrs["odds"], "runs": list(layout.mapped(data, "plan").values())}

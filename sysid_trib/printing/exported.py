@@ -37,7 +37,7 @@ BIBLIOGRAPHY = Path(__file__).with_name("citations.bib")
 
 
 def forces_latex(library: ForceLibrary) -> str:
-    r"""The forces of a library with their states as a table (`booktabs`) for LaTeX."""
+    r"""Return the forces of a library with their states as a table (`booktabs`) for LaTeX."""
     rows = []
     for force in library:
         formulas = {f: equation.formula_latex(f)[0] for f in force.formulas}
@@ -154,17 +154,17 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
 
 
 def in_latex(text: str) -> str:
-    """`(-2.3 ± 0.3)e-05` as LaTeX writes it."""
+    """Format `(-2.3 ± 0.3)e-05` for LaTeX."""
     return f"${equation.power_of_ten(text.replace('±', chr(92) + 'pm'))}$"
 
 
 def plain_latex(text: str) -> str:
-    """A text of a result as LaTeX writes it: none of its letters is a command."""
+    """Escape a text of a result for LaTeX, so that none of its letters is a command."""
     return re.sub(r"[{}$&#_%\\^~]", lambda letter: LATEX_TEXT.get(letter[0], f"\\{letter[0]}"), text)
 
 
 def unit_in_latex(unit: str) -> str:
-    r"""`px^-1 s-1` as `$\mathrm{px}^{-1}\,\mathrm{s}^{-1}$`."""
+    r"""Format `px^-1 s-1` as `$\mathrm{px}^{-1}\,\mathrm{s}^{-1}$`."""
     parts = []
     for part in unit.split():
         match = re.fullmatch(r"(.*?[^\d^.-])\^?(-?[\d.]+)?", part)
@@ -176,7 +176,7 @@ def unit_in_latex(unit: str) -> str:
 
 
 def methods_text(tree: xr.DataTree) -> str:
-    """A paragraph in LaTeX on a result of `identify`, and the equation of its answer."""
+    """Return a paragraph in LaTeX on a result of `identify`, and the equation of the preferred model."""
     main = judged.main_result(tree)
     records = [tree[group] for group in variables.record_groups(tree)]
     values: dict[str, Any] = {
@@ -208,6 +208,6 @@ def methods_text(tree: xr.DataTree) -> str:
 
 
 def cited(text: str) -> str:
-    """The entries of BibTeX that a text cites."""
+    """Return the entries of BibTeX that a text cites."""
     entries = BIBLIOGRAPHY.read_text(encoding="utf-8").split("\n\n")
     return "\n\n".join(e.strip() for e in entries if e[e.find("{") + 1 : e.find(",")] in text) + "\n"

@@ -66,7 +66,7 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
 
 
 def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """The laws of each run that has its own."""
+    """Yield the laws of each run that has its own."""
     if OWN_LAWS not in tree.children:
         return
     own = tree[OWN_LAWS].to_dataset()
@@ -97,7 +97,7 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """The restoring force, where anything restores."""
+    """Yield the restoring force, where anything restores."""
     if shown.restores(_preferred(tree)):
         caption = _caption(tree, "restoring")
         yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
@@ -182,7 +182,7 @@ def _why(tree: xr.DataTree) -> str:
 
 
 def law_table(tree: xr.DataTree, law: str) -> Table:
-    """A law by each method at some places, their difference, and the band of the preferred one."""
+    """Return a law by each method at some places, their difference, and the band of the preferred one."""
     answer, curves = judged.preferred_of(tree), _chosen_curves(tree, law)
     if not curves:
         return layout.text_table([])
@@ -207,7 +207,7 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
 
 
 def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    """The friction as it is, the restoring force without what is known of it."""
+    """Return the friction as it is, the restoring force without what is known of it."""
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
@@ -215,7 +215,7 @@ def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> d
 
 
 def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
-    """The law by each method at the places that are shown."""
+    """Return the law by each method at the places that are shown."""
     answer = judged.preferred_of(tree)
     curves = shown.curves_of(judged.kept_results(tree), law, answer)
     if answer not in curves:
@@ -250,7 +250,7 @@ def _caption(tree: xr.DataTree, law: str) -> str:
 
 
 def _power(tree: xr.DataTree, law: str) -> int:
-    """Power of ten of the columns of a table."""
+    """Return the power of ten of the columns of a table."""
     curves = _beyond_known(tree, law, _chosen_curves(tree, law))
     size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values))) if curves else 0.0
     power = floor(log10(size)) if size > 0.0 else 0
@@ -258,7 +258,7 @@ def _power(tree: xr.DataTree, law: str) -> int:
 
 
 def _band(low: float, high: float) -> str:
-    """The ends of a band, to a tenth of its width."""
+    """Return the ends of a band, to a tenth of its width."""
     width = abs(high - low)
     if not np.isfinite(width):
         return "-"
@@ -267,7 +267,7 @@ def _band(low: float, high: float) -> str:
 
 
 def _spans(spans: Sequence[tuple[float, float]], unit: str) -> str:
-    """Stretches of speeds or displacements as text."""
+    """Return the stretches of speeds or displacements as text."""
     texts = [f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}" for low, high in spans]
     return f"{' and '.join(texts)} {unit}"
 
@@ -416,7 +416,7 @@ def _formula_text(formula: xr.Dataset) -> str:
 
 
 def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
-    """The terms of the sensor that were fitted, each run with its own."""
+    """Return the terms of the sensor that were fitted, each run with its own."""
     result = tree[str(tree["judged"].model.values[-1])].to_dataset()
     library = library_of(result, whole=True)
     known = result.force.values.tolist()
@@ -505,7 +505,7 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
 
 
 def laws_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A result of `laws` as plain data: keys are the names of the variables."""
+    """Return a result of `laws` as plain data: keys are the names of the variables."""
     checked = tree["judged"].to_dataset()
     results = judged.kept_results(tree)
     methods = {name: layout.mapped(result, "laws") for name, result in results.items()}
@@ -547,7 +547,7 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """The preferred laws, and those of each run that has its own, a row each place."""
+    """Yield the preferred laws, and those of each run that has its own, a row each place."""
     result, preferred = _preferred(tree), judged.preferred_of(tree)
     yield from _rows_of_curves(tree, result, preferred)
     if OWN_LAWS in tree.children:
@@ -559,7 +559,7 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 
 
 def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Iterator[dict[str, Any]]:
-    """The laws of a dataset by the name of their method, a row each place."""
+    """Yield the laws of a dataset by the name of their method, a row each place."""
     for law in shown.laws_in(_preferred(tree)):
         variable = shown.LAW_PLACES[law]
         curve = shown.curve_of(result, law)
@@ -583,13 +583,13 @@ def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Itera
 
 
 def laws_csv(tree: xr.DataTree) -> str:
-    """The preferred laws with their bands, a row each place."""
+    """Return the preferred laws with their bands, a row each place."""
     rows = list(_law_rows(tree))
     return layout.csv_of(list(rows[0]), rows)
 
 
 def laws_latex(tree: xr.DataTree) -> str:
-    r"""The preferred laws at some places as a table (`booktabs`)."""
+    r"""Return the preferred laws at some places as a table (`booktabs`)."""
     answer = judged.preferred_of(tree)
     tables = []
     for law in shown.laws_in(_preferred(tree)):
@@ -623,7 +623,7 @@ def laws_latex(tree: xr.DataTree) -> str:
 
 
 def _unit(unit: str) -> str:
-    """A unit such as `rad/s^2` as LaTeX writes it."""
+    """Return a unit such as `rad/s^2` as LaTeX writes it."""
     over, _, under = unit.rpartition("/s")
     if not over:
         return exported.unit_in_latex(unit)

@@ -97,7 +97,7 @@ def weight_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
 
 
 def si_block(tree: xr.DataTree) -> Iterator[Block]:
-    """The table of torques or forces in SI units, with errors, of a result that holds them."""
+    """Yield the table of torques or forces in SI units, with errors, of a result that holds them."""
     if (values := si_of(tree)) is None:
         return
     rows = [
@@ -121,7 +121,7 @@ def si_block(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _significant(result: xr.Dataset) -> set[str]:
-    """Symbols of the forces that differ from zero."""
+    """Return the symbols of the forces that differ from zero."""
     return set(result.force.values[effects.significant(result)].tolist())
 
 

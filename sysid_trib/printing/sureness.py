@@ -46,7 +46,7 @@ def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _profiles(data: xr.Dataset, lacking: bool) -> Block:
-    """Intervals by the profile likelihood, beside those by the standard error; `lacking` : of the model."""
+    """Return a table of intervals by profile likelihood and by standard error; `lacking` : of the model."""
     rows, misled = [], []
     for name, row in layout.by_label(data, "parameter").items():
         estimate, error, low, high = (row[k].item() for k in ("estimate", "standard_error", "low", "high"))
@@ -66,7 +66,7 @@ def _profiles(data: xr.Dataset, lacking: bool) -> Block:
 
 
 def _sensitivity(data: xr.Dataset) -> Block:
-    """The range of each coefficient over all fits, and those that differ most."""
+    """Return the range of each coefficient over all fits, and those that differ most."""
     change = abs(data.change.transpose("force", "fit").to_pandas()).fillna(0.0)
     largest, by = change.max(axis=1), change.idxmax(axis=1)
     rows = [
@@ -92,7 +92,7 @@ def _sensitivity(data: xr.Dataset) -> Block:
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
-    """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
+    """Return profiles and sensitivity as plain data; nothing if they were not requested."""
     tables = {name: {"of": name, "as": name} for name in (PROFILE, SENSITIVITY) if name in tree.children}
     return layout.mapped(tree, tables)
 
@@ -103,7 +103,7 @@ def not_followed(tree: xr.DataTree) -> list[str]:
 
 
 def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The size of a random force, how far ahead it lets be predicted, and whether it is the experiment's.
+    """Describe the size of a random force, the horizon of predictions with it, and whether it is physical.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _allowed_for(force: RandomForce, units: str) -> str:
-    """Describe the random force that the errors allow for where none is found."""
+    """Describe the random force that the errors include where none was detected."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
@@ -159,7 +159,7 @@ def _allowed_for(force: RandomForce, units: str) -> str:
 
 
 def _periods(count: float, lasts: float) -> str:
-    """A number of periods; nothing is known beyond the length of the record."""
+    """Write a number of periods; it is limited by the length of the record."""
     if count < 0.1:
         return "less than a tenth of a period"
     if count >= lasts:

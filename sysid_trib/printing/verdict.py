@@ -73,7 +73,7 @@ def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
 
 
 def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
-    """The result of a test for runs that differ, `most` in a quantity, or in none."""
+    """Return the result of a test for runs that differ, `most` in a quantity, or in none."""
     chi_square, degrees, p_value = (test[f"{prefix}{name}"].item() for name in TESTED)
     result = f"chi-square {chi_square:.3g} for {degrees:.0f} differences, p {layout.p_value_text(p_value)}"
     if not most:
@@ -105,7 +105,7 @@ EFFECTIVE = "The model is incomplete, so these coefficients are effective values
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
-    """The verdict on the record, in words that no test is needed to read."""
+    """Return the verdict on the record in words that need no statistics."""
     verdict, preferred = judged.verdict_of(tree), judged.preferred_of(tree)
     if verdict not in UNEXPLAINED_SENTENCES:
         with_line = verdict == "explained" and [*line_sentences(tree)]
@@ -157,7 +157,7 @@ def amplitude_range(low: float, high: float, unit: str) -> str:
 
 
 def test_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The tests behind the verdict, and the two parts of each error of the answer."""
+    """Describe the tests behind the verdict, and the two parts of each error of the preferred model."""
     p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
     said, result = f"Test that the residual is white noise: p {p_value}.", judged.preferred_result(tree)
     if "random_force" in tree.children and not not_followed(tree):
@@ -169,7 +169,7 @@ def test_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
-    """The two parts of each error of an identification."""
+    """Return the two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *judged.error_parts(result), strict=True)
     # Held values, and those that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
@@ -210,7 +210,7 @@ def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def error_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The fewest forces that suffice, which others would do as well, and what the calibration adds."""
+    """Describe the fewest forces that suffice, equally good ones, and the error of the calibration."""
     result = judged.preferred_result(tree)
     if choices := judged.fewer_forces(tree):
         unit = tree[judged.preferred_of(tree)].to_dataset().unit
@@ -259,7 +259,7 @@ def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
 
 
 def reference_sentence(result: xr.Dataset) -> str:
-    """The frequency to which coefficients refer, and their units."""
+    """Return the frequency to which coefficients refer, and their units."""
     w = result.reference_frequency.item()
     refers = ["Coefficients refer to w of their method"]
     units = ["They are dimensionless"]
@@ -272,6 +272,6 @@ def reference_sentence(result: xr.Dataset) -> str:
 
 
 def runs_json(runs: xr.Dataset) -> dict[str, Any]:
-    """The test of runs of one experiment as plain data."""
+    """Return the test of runs of one experiment as plain data."""
     densities = {"random_force": layout.KEYS["densities"]} if "density_verdict" in runs.attrs else {}
     return layout.mapped(runs, layout.KEYS["runs"] | densities)

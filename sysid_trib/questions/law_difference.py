@@ -172,7 +172,7 @@ def laws_held_against(
     random_force: RandomForceOption = "off",
     tell: Tell = silent,
 ) -> dict[str, xr.Dataset]:
-    """Identify the laws of two samples, and hold them against each other.
+    """Identify the laws of two samples, and compare them.
 
     Parameters
     ----------

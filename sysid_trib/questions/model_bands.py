@@ -22,7 +22,7 @@ MODEL_CURVES = ("angle", "envelope", "frequency", "damping_ratio")
 
 @in_units_of_the_motion
 def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 0) -> xr.Dataset:
-    """Curves of an identified model with bands that hold each as a whole in 95 % of records.
+    """Return the curves of an identified model with bands that hold each as a whole in 95 % of records.
 
     Parameters
     ----------

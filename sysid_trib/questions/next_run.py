@@ -36,7 +36,7 @@ def plan(
     wanted: Mapping[str, float] | None = None,
     tell: Tell = silent,
 ) -> xr.Dataset:
-    """Rank runs that may be made next by what they would tell.
+    """Rank possible next runs by their expected information.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def _planned(
     repeats: int,
     tell: Tell,
 ) -> xr.Dataset:
-    """`plan`, whose limits of releases and wanted errors are those of the scaled motion."""
+    """Compute `plan` with the limits of releases and wanted errors of the scaled motion."""
     main, rivals, known = rivals_of(result)
     wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
     _check_wanted(wanted, known, [rival.name for rival in rivals])
@@ -161,7 +161,7 @@ def _planned(
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
-    """Refuse errors of what the model has not or holds, and those that are none."""
+    """Raise an error for a wanted error that is not positive, or of a parameter that is held or unknown."""
     if not known.fitted:
         raise UsageError("All coefficients of this model are held: no run changes an error.")
     for symbol, error in wanted.items():
@@ -192,7 +192,7 @@ def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float
 
 
 def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
-    """Values in equal ratios between limits, those left out by what the record has."""
+    """Return values in equal ratios between limits, those left out by what the record has."""
     low, high = (part * known if end is None else end for end, part in zip(limits, parts, strict=True))
     if not 0.0 < low <= high:
         raise UsageError(f"Give limits of {name}, LOW:HIGH, both above zero and the lower one first.")

@@ -40,7 +40,7 @@ def forced_response(
     base: bool = False,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Steady response of an identified model to a harmonic drive, in sweeps of its frequency.
+    """Return the steady response of an identified model to a harmonic drive, in sweeps of its frequency.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Inde
 
 
 def _picked(values: Array, numbers: Index) -> Array:
-    """Values (motion,) by their numbers, nan where that is -1."""
+    """Return values (motion,) by their numbers, nan where that is -1."""
     return np.asarray(np.append(values, np.nan)[numbers])
 
 

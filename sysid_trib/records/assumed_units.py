@@ -146,7 +146,7 @@ def _assumed_unit(
     meant: str | None,
     gravity: bool = True,
 ) -> tuple[lab.SignalUnit, str]:
-    """Unit of a signal that nothing states, and the evidence for it.
+    """Return the unit of a signal that nothing states, and the evidence for it.
 
     Parameters
     ----------
@@ -215,7 +215,7 @@ def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Colu
 
 
 def _ask_at_gravity(column: Column, values: Array) -> None:
-    """Ask what a column holds that swings about 9.8 and is not named.
+    """Raise an error that asks for the quantity of an unnamed column that swings about 9.8.
 
     Raises
     ------
@@ -272,7 +272,7 @@ def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
 
 
 def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
-    """Rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
+    """Return the rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
 
     Return None if there is no decay.
     """

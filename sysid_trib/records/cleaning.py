@@ -14,7 +14,7 @@ CUT_REACH = 3
 
 
 def spikes(time: Array, signal: Array) -> Index:
-    """Indices of samples that leap out of the swing and back, and of a bad first or last one.
+    """Return the indices of samples that jump out of the swing and back, and of a bad first or last one.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
 
 
 def pulses(signal: Array) -> bool:
-    """True if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    """Return true if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
     low, high = np.percentile(signal, [0.5, 99.5])
     # Clearly on either side: noise about the middle is no crossing.
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
@@ -223,7 +223,7 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
 
 
 def _is_by_itself(at: int, signal: Array, off: Array, bad: Mask) -> bool:
-    """True if a bad sample is among good ones, or is one of several that hold one value."""
+    """Return true if a bad sample is among good ones, or is one of several that hold one value."""
     near = slice(max(0, at - NEIGHBOURS), at + NEIGHBOURS + 1)
     values, others = signal[near][bad[near]], off[near][~bad[near]]
     # More of its neighbours are bad only where they hold one value, as of a sensor that drops out or freezes.

@@ -158,7 +158,7 @@ def are_whole(stamps: Array) -> bool:
 
 
 def check_period(time: Array, values: Array, whole: bool, source: str, remedy: str) -> None:
-    """Ask for the unit of times that nothing states, where in seconds no laboratory has such a period.
+    """Raise an error that asks for the unit of times if seconds give an implausible period.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str, remedy: s
 
 
 def _rising(given: Array, source: str) -> tuple[Array, Index]:
-    """Stamps that rise throughout, and where the clock was set back: from there they are shifted."""
+    """Return stamps that rise throughout, and where the clock was set back: from there they are shifted."""
     steps = np.diff(given)
     back = np.flatnonzero(steps < 0.0) + 1
     if back.size > min(column.MOST_SET_BACK, given.size // 20):
@@ -235,7 +235,7 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
 
 
 def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | None:
-    """Times of rows that are one step apart, and what their stamps are; None if they are not.
+    """Return the times of rows that are one step apart, and what their stamps are; None if they are not.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ def roundings(given: Array) -> Iterator[tuple[float | Array, str]]:
 
 
 def decimal_step(given: Array) -> float:
-    """Step of the decimal rounding of stamps, 0 if they have more digits than `MOST_DIGITS`."""
+    """Return the step of the decimal rounding of stamps, 0 if they have more digits than `MOST_DIGITS`."""
     largest = float(np.abs(given).max(initial=1e-300))
     for digits in range(MOST_DIGITS + 1):
         scaled = given * 10.0**digits
@@ -291,13 +291,13 @@ def decimal_step(given: Array) -> float:
 
 
 def _line(index: Array, given: Array, step: float | Array) -> Array:
-    """The line through stamps; those that are rounded more count less."""
+    """Return the line through stamps; those that are rounded more count less."""
     weights = np.broadcast_to(1.0 / np.asarray(step), given.shape)
     return np.asarray(np.polyval(np.polyfit(index, given, 1, w=weights), index))
 
 
 def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
-    """True if a clock with such steps moves within half a period."""
+    """Return true if a clock with such steps moves within half a period."""
     periods = half_periods.dominant_periods(line, values)
     return bool(periods) and bool(np.max(step) < 0.5 * periods[0])
 

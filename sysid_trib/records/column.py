@@ -51,7 +51,7 @@ class Column:
 
     @classmethod
     def of_file(cls, name: str, cells: Any, source: str, unit: str = "") -> "Column":
-        """A column by its header, and the unit that the file states apart from it."""
+        """Return a column by its header, and the unit that the file states apart from it."""
         base, in_header = lab.split_header(name)
         # With the capitals that the header has: `mT`, where `split_header` says `mt`.
         at = name.lower().rfind(in_header)
@@ -90,20 +90,20 @@ class Column:
 
     @cached_property
     def holds_instants(self) -> bool:
-        """Return true if its cells are dates of Python, pandas or NumPy."""
+        """True if its cells are dates of Python, pandas or NumPy."""
         instants = self.cells.dtype.kind == "O" and all(isinstance(value, datetime) for value in self.cells)
         return self.cells.dtype.kind == "M" or (instants and self.cells.size > 0)
 
     @cached_property
     def _instants(self) -> Any:
-        """Return its dates; those with a time zone in UTC."""
+        """Dates; those with a time zone in UTC."""
         if self.cells.dtype.kind == "M":
             return self.cells
         return pd.to_datetime(pd.Index(self.cells), utc=True).tz_localize(None).to_numpy()
 
     @cached_property
     def first_instant(self) -> tuple[ClockKind, int]:
-        """Return by which clock its numbers count (see `clock.CLOCKS`), and from when by that (ns)."""
+        """Clock by which its numbers count (see `clock.CLOCKS`), and its first instant (ns)."""
         if not self.is_dated or self.cells.dtype.kind == "m":
             return "stamps", 0
         if self.holds_instants:
@@ -248,7 +248,7 @@ def is_missing(text: str) -> bool:
 
 
 def is_number(value: object) -> bool:
-    """True if a text is a number, with a decimal point or comma."""
+    """Return true if a text is a number, with a decimal point or comma."""
     try:
         float(str(value).replace(",", ".", 1).replace(MINUS, "-"))
     except ValueError:
@@ -275,7 +275,7 @@ def _seconds(match: "re.Match[str]") -> float:
 
 
 def _of_dates(texts: list[str]) -> Array | None:
-    """Seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
+    """Return seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
     dates = _as_dates(texts)
     return None if dates is None else np.asarray((dates - dates[0]).total_seconds(), dtype=float)
 

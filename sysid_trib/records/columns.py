@@ -118,12 +118,12 @@ def _refuse_levels(columns: list[Column]) -> None:
 
 
 def own_time(table: FileTable, signal: Column) -> Column | None:
-    """The time column that belongs to a column; None if there is none."""
+    """Return the time column that belongs to a column; None if there is none."""
     return _time_of(table, signal, [time for time in table.times if time is not signal])
 
 
 def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | None:
-    """The time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
+    """Return the time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
     order = table.columns
     fitting = [time for time in times if time.cells.size == signal.cells.size] or times
     # Common part of the names after the first word.
@@ -182,7 +182,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
 def _without_drives(
     signals: list[Column], times: list[Column], table: FileTable
 ) -> tuple[list[Column], list[Column]]:
-    """The columns without those that drive, and these; all, where what drives alone swings as a decay."""
+    """Return columns without those that drive, and these; all, where what drives alone swings as a decay."""
     acting = [c for c in signals if drives.is_named_as_drive(c)]
     others = [c for c in signals if c not in acting]
     if not acting or not any(drives.moves(c) for c in others):
@@ -197,7 +197,7 @@ def _without_drives(
 def _chosen_of_driven(
     table: FileTable, signals: list[Column], times: list[Column], acting: list[Column]
 ) -> ChosenColumns:
-    """The signal of a driven record: by its quantity, since no decay shows it; asked for if unclear."""
+    """Choose the signal of a driven record by its quantity; raise an error that asks if this is unclear."""
     pool = [c for c in signals if drives.moves(c) and not drives.is_named_as_drive(c)] or signals
     for quantity in ("angle", "displacement", "rate", "acceleration"):
         known = [c for c in pool if c.quantity == quantity]
@@ -220,7 +220,7 @@ def _chosen_of_driven(
 
 
 def _swings(column: Column, time: Column | None) -> bool:
-    """True if a column swings as a free decay."""
+    """Return true if a column swings as a free decay."""
     tried = _swing_of(column, time)
     return tried is not None and tried.swing is not None
 
@@ -303,7 +303,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
 
 
 def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
-    """Ask which one is the signal where a column of the same kind that is no clean decay is far larger."""
+    """Raise an error that asks for the signal if a column that is no clean decay is far larger."""
     for other in moving:
         swing, reason = swings[other]
         alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)
@@ -365,7 +365,7 @@ _AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<
 
 
 def _are_axes(first: str, second: str) -> bool:
-    """True if two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
+    """Return true if two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
     plain = [_AXIS.sub("", name) for name in (first, second)]
     return first != second and plain[0] == plain[1] and first not in plain and second not in plain
 

@@ -19,7 +19,7 @@ EXTREMUM_ERROR = 0.003
 
 
 def free_part(swing: Swing) -> Swing:
-    """The free part of a swing: what is cut of its piece before and after, and when it stopped for good."""
+    """Return the free part of a swing, the samples cut before and after it, and its final stop."""
     time, halves, run = swing.time, swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
@@ -104,7 +104,7 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
 
 
 def _find_stop(swing: Swing) -> tuple[int, float]:
-    """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
+    """Return the first sample of the stuck tail, and its time; nan if the motion faded or went on."""
     time, angle = swing.time, swing.signal - swing.equilibrium
     halves, run = swing.halves, swing.run
     end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
@@ -139,7 +139,7 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
 
 
 def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
-    """The decay as a part of its record, on the record's own samples where nothing was changed.
+    """Return the decay as a part of its record, on the record's own samples where nothing was changed.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
 
 
 def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Dataset:
-    """The record's part at these times, with all its variables; of other times their coordinate alone."""
+    """Return record's part at these times, with all its variables; of other times their coordinate alone."""
     first = int(np.searchsorted(record["time"].to_numpy(), time[0]))
     part = record.isel(time=slice(first, first + time.size))
     if np.array_equal(part["time"].to_numpy(), time) and not bare:
@@ -226,7 +226,7 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing
 
 
 def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, float] | None:
-    """Constant to which a damped sine is added, and its standard error; None if that is not what moves."""
+    """Return the constant below a damped sine, and its standard error; None if there is no damped sine."""
     w, size = 2.0 * np.pi / period, float(np.std(signal))
     at, y = w * (time - time[0]), signal / size
 

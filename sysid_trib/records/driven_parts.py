@@ -36,7 +36,7 @@ def driven_parts(
     keep_outliers: bool = False,
     across_gaps: bool = False,
 ) -> list[xr.Dataset]:
-    """Part a driven record within a window at its gaps, each part with a sentence on it (attrs `free_decay`).
+    """Divide a driven record within a window at its gaps; each part states what was done (`free_decay`).
 
     Parameters
     ----------

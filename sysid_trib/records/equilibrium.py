@@ -89,7 +89,7 @@ def _largest(swing: Swing) -> float:
 def with_half_periods(
     decay: xr.Dataset, fewest: int = 3, equilibrium: float | None = 0.0
 ) -> tuple[Array, Array, half_periods.HalfPeriods]:
-    """Times (s), angles (rad) and whole half periods of a centred decay.
+    """Return times (s), angles (rad) and whole half periods of a centred decay.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _split(oscillation: half_periods.Oscillation, centre: float) -> tuple[half_p
 
 
 def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
-    """Median weighted by the distance travelled: holding, resting and sticking do not count."""
+    """Return the median weighted by the distance travelled: holding, resting and sticking do not count."""
     middle = 0.5 * (oscillation.signal[1:] + oscillation.signal[:-1])
     distance = np.abs(np.diff(oscillation.signal))
     order = np.argsort(middle)
@@ -201,7 +201,7 @@ def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Ar
 
 
 def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
-    """Mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
+    """Return the mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
 
     Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second
     difference; the difference between extrema of one sign shows by how much: it is taken off (which makes the

@@ -167,7 +167,7 @@ WRONG_OF, FEWEST_WRONG = 30, 4
 
 
 def wrong_swings(swing: Swing) -> Index:
-    """Half periods that a sensor shows wrongly, as a tracker that follows something else for a swing.
+    """Return half periods that a sensor shows wrongly, as a tracker that follows something else for a swing.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
 
 
 def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
-    """Half periods of one sign that reach the extreme value, if some stay there too long; that value.
+    """Return half periods of one sign that reach the extreme value, if some stay there too long; that value.
 
     Exactly, or within the noise, which may come after what clips.
     """
@@ -300,7 +300,7 @@ def before_the_hand(swing: Swing) -> slice | None:
 
 
 def _disturbed(swing: Swing, half: int) -> bool:
-    """True if amplitude or duration leave the course of the half periods of the same sign before."""
+    """Return true if amplitude or duration leave the course of the half periods of the same sign before."""
     peak, duration = swing.halves.peak, swing.halves.duration
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
     fall = peak[half - 4] - peak[half - 2]
@@ -313,7 +313,7 @@ def _disturbed(swing: Swing, half: int) -> bool:
 
 
 def _nearly_stopped(swing: Swing, half: int) -> bool:
-    """True if the amplitude, at its pace, is about to end or to be lost in the noise."""
+    """Return true if the amplitude, at its pace, is about to end or to be lost in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
     # Friction alone stops a swing that, at its last pace, would end within so many half periods.

@@ -71,11 +71,11 @@ class HalfPeriods:
         return np.diff(self.crossing)
 
     def select(self, part: slice) -> "HalfPeriods":
-        """The half periods ``part.start`` to ``part.stop - 1``."""
+        """Return the half periods ``part.start`` to ``part.stop - 1``."""
         return HalfPeriods(self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part])
 
     def samples(self, time: Array) -> tuple[Index, Index]:
-        """First sample of each half period, and one past its last."""
+        """Return the first sample of each half period, and one past its last."""
         bounds = np.searchsorted(time, self.crossing)
         return bounds[:-1], bounds[1:]
 
@@ -100,7 +100,7 @@ def noise_level(time: Array, signal: Array) -> float:
 
 
 def _divided_difference(time: Array, signal: Array) -> Array:
-    """Size of the sixth divided differences, scaled to the noise of one sample."""
+    """Return the size of the sixth divided differences, scaled to the noise of one sample."""
     count = time.size - 6
     near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
     difference, squares = np.zeros(count), np.zeros(count)
@@ -113,7 +113,7 @@ def _divided_difference(time: Array, signal: Array) -> Array:
 
 
 def quantisation_step(signal: Array) -> float:
-    """Smallest spacing between values; that of continuous values is negligible by itself.
+    """Return the smallest spacing between values; that of continuous values is negligible by itself.
 
     Spacings below a millionth of the range are rounding of the quantised values, not their step.
     """
@@ -124,7 +124,7 @@ def quantisation_step(signal: Array) -> float:
 
 
 def noise_of_record(time: Array, signal: Array) -> float:
-    """Noise of one sample: white, or that of the quantisation where it is larger."""
+    """Return the noise of one sample: white, or that of the quantisation where it is larger."""
     return max(noise_level(time, signal), quantisation_step(signal) / np.sqrt(12.0))
 
 
@@ -158,7 +158,7 @@ PART, SHORTEST_PART = 4, 32
 
 
 def _periods_of_lines(signal: Array, interval: float) -> list[float]:
-    """Periods of `dominant_periods` of samples with so much time between them."""
+    """Return the periods of `dominant_periods` of samples with so much time between them."""
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
     # Few lines stand out: what follows is done with these alone.
@@ -216,7 +216,7 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
 
 
 def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) -> Array:
-    """Mean of the first and last zero crossing between the points ``before`` and ``after``."""
+    """Return the mean of the first and last zero crossing between the points ``before`` and ``after``."""
     change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
     low, high = signal[change], signal[change + 1]
     instant = time[change] + (time[change + 1] - time[change]) * low / (low - high)
@@ -226,7 +226,7 @@ def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) ->
 
 
 def regular_run(halves: HalfPeriods, period: float) -> slice:
-    """The run of whole half periods with steady durations that covers the most travel, of all of a record.
+    """Return run of whole half periods with steady durations that covers the most travel, of all of a record.
 
     Rest, lifting and holding last too long or too short to belong to it, as does a stuck tail.
     """
@@ -279,7 +279,7 @@ def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
 
 
 def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:
-    """Even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
+    """Return even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
     crossing = halves.crossing
     span = crossing[-1] - crossing[0]
     count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
@@ -297,7 +297,7 @@ def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
 
 
 def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
-    """Smooth trend of the logarithm of the amplitude."""
+    """Return the smooth trend of the logarithm of the amplitude."""
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     degree = min(5, halves.sign.size - 2)
     trend = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
@@ -305,7 +305,7 @@ def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
 
 
 def _lines(s: Array, y: Array, half: Index, count: int) -> tuple[Array, Array]:
-    """Least-squares line y = level + slope s of each half period."""
+    """Return least-squares line y = level + slope s of each half period."""
     n, sx, sxx, sy, sxy = (np.bincount(half, w, count) for w in (np.ones_like(s), s, s * s, y, s * y))
     slope = (n * sxy - sx * sy) / (n * sxx - sx**2)
     return (sy - slope * sx) / n, slope

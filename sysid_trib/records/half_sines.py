@@ -57,7 +57,7 @@ def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[
 
 
 def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index]:
-    """Samples whose cells touch each half period: number, half period, part inside, first of each."""
+    """Return samples whose cells touch each half period: number, half period, part inside, first of each."""
     edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
     edge[0] -= 0.5 * (time[1] - time[0])
     edge[-1] += 0.5 * (time[-1] - time[-2])
@@ -111,7 +111,7 @@ EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, 
 
 
 def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
-    """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
+    """Return the envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
 
     Parameters
     ----------
@@ -212,7 +212,7 @@ def _with_errors(b: Array, t: Array, errors: Sequence[Array], unit: str) -> Vari
 
 @lru_cache(maxsize=2)
 def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
-    """The response of extrema of half-sines or of the analytic signal.
+    """Return the response of extrema of half-sines or of the analytic signal.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
 
 
 def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Response of extrema and times to impulses of density 1: (2 half periods, impulse) each.
+    """Return the response of extrema and times to impulses of density 1: (2 half periods, impulse) each.
 
     There is a lasting part, from one extremum to the next, and a transient part.
     """

@@ -19,7 +19,7 @@ GIVE_A_RECORD = "give (t, angle), a pandas Series or DataFrame with times, or a 
 
 
 def as_record(given: Any) -> Any:
-    """Turn what a user has in memory into a Dataset with `angle(time)`; dates become s from the first on.
+    """Convert an object in memory into a Dataset with `angle(time)`; dates become s from the first on.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def _checked_record(given: Any, function: str) -> xr.Dataset:
 
 
 def _kind(given: Any) -> str:
-    """Name what was given in place of a record, in a few words."""
+    """Name the kind of object given in place of a record, in a few words."""
     if isinstance(given, xr.DataTree):
         return "a result"
     return f"an object of type {type(given).__name__}"

@@ -93,7 +93,7 @@ class KnownInput:
         return np.asarray(values)
 
     def polynomials(self, knots: Array, frequency: float, order: int = 0) -> Array:
-        """Polynomials from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
+        """Return polynomials from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
         polynomial = self._polynomials[order]
         # Rounding must not take a knot for the polynomial that ends there.
         here = knots / frequency * (1.0 + 8e-16)
@@ -141,7 +141,7 @@ def values_of_inputs(
 
 
 def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
-    """The inputs of a record by their names: `input(time)`, and variables with attrs["role"] = "input".
+    """Return inputs of a record by their names: `input(time)`, and variables with attrs["role"] = "input".
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ MOST_LEVELS = 8
 
 
 def usual_between(values: Array) -> str:
-    """Say what an input is between its samples where its user does not: smooth, or held if it moves in steps.
+    """Return the usual interpolation of an input: smooth, or held if it moves in steps.
 
     A held input stands still between most samples, and its changes are leaps: of more than a step of the
     sensor, or from one level to another of a few. A smooth signal in a coarse step, or a pulse, is smooth.
@@ -213,7 +213,7 @@ def usual_between(values: Array) -> str:
 
 
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
-    """The inputs of a record for the forces of a library.
+    """Return the inputs of a record for the forces of a library.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
 
 
 def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
-    """Refuse an input that no force holds.
+    """Raise an error for an input that no force contains.
 
     Raises
     ------
@@ -264,7 +264,7 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
-    """Refuse a known input in what takes free motions alone.
+    """Raise an error for a known input in a function of free motions.
 
     Raises
     ------

@@ -111,7 +111,7 @@ CONVERTED = 2e-3
 
 
 def with_expression(table: FileTable, text: str, units: str | None) -> FileTable:
-    """The table with a further column, of which the expression is the name.
+    """Return the table with a further column, named by the expression.
 
     Parameters
     ----------
@@ -179,14 +179,14 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
 
 
 def is_expression(table: FileTable, wanted: str | int | None) -> bool:
-    """True if a text could be a formula of columns, and no column has that name."""
+    """Return true if a text could be a formula of columns, and no column has that name."""
     # Characters of an expression that names do not have.
     signs = isinstance(wanted, str) and re.search(r"[-+*/(]", wanted) is not None
     return signs and table.match(wanted) is None
 
 
 def _arguments(text: str) -> list[str]:
-    """The two arguments of an arc tangent of two, or the text itself."""
+    """Return the two arguments of an arc tangent of two, or the text itself."""
     with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
         match ast.parse(text.strip(), mode="eval").body:
             case ast.Call(func=ast.Name(id="atan2"), args=[first, second], keywords=[]):
@@ -195,7 +195,7 @@ def _arguments(text: str) -> list[str]:
 
 
 def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> dict[str, float]:
-    """Numbers that the notes of a file state as `name = value`, of the names in a formula."""
+    """Return numbers that the notes of a file state as `name = value`, of the names in a formula."""
     stated: dict[str, float] = {}
     # A name with arguments is a function.
     words = {*re.findall(r"\b\w+\b(?!\s*\()", text.lower())} - {*columns, "pi"}
@@ -208,7 +208,7 @@ def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> d
 
 
 def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
-    """The column of numbers that alone has a name; `expression` : the option and its formula."""
+    """Return the column of numbers that alone has a name; `expression` : the option and its formula."""
     if len(columns) > 1:
         listed = ", ".join(column.name for column in columns)
         raise UsageError(
@@ -237,7 +237,7 @@ def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
 
 
 def _agreed(follows: str | None, given: str | None) -> str | None:
-    """The unit that follows, or the one given where none does, or one of another quantity."""
+    """Return the unit that follows, or the one given where none does, or one of another quantity."""
     of_columns, asked = lab.signal_unit(follows or ""), lab.signal_unit(given or "")
     if asked is None or (of_columns is not None and of_columns.quantity == asked.quantity):
         return follows
@@ -245,7 +245,7 @@ def _agreed(follows: str | None, given: str | None) -> str | None:
 
 
 def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
-    """True if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
+    """Return true if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
     of_unit = lab.signal_unit(unit)
     table = lab.RADIANS if of_unit and of_unit.position == "rad" else lab.METRES
     if of_unit is None or (table is lab.METRES and of_unit.position not in lab.METRES):
@@ -259,7 +259,7 @@ def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
 
 
 def _power(tree: ast.AST) -> float | None:
-    """Power of the columns' unit in a formula, 0 of a number; None of what has none."""
+    """Return the power of the columns' unit in a formula, 0 of a number; None of what has none."""
     match tree:
         case ast.Constant() | ast.Name(id="pi"):
             return 0.0

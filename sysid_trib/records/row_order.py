@@ -64,7 +64,7 @@ def _bare_head(columns: Sequence[Column]) -> str:
 
 
 def _is_even(stamps: Array) -> bool:
-    """True if stamps rise in steps that are mostly alike."""
+    """Return true if stamps rise in steps that are mostly alike."""
     if stamps.size < FEWEST_ROWS or not np.isfinite(stamps).all():
         return False
     steps = np.diff(stamps)
@@ -75,7 +75,7 @@ def _is_even(stamps: Array) -> bool:
 
 
 def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
-    """The column of times by which rows are to be sorted; None if they are in order, or nothing shows it.
+    """Return column of times by which rows are to be sorted; None if they are in order, or nothing shows it.
 
     Values of a clock are evenly apart, in whatever order they stand. Where it jitters, its name and another
     column that is sorted show the same.
@@ -105,7 +105,7 @@ def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
 
 
 def _numbers_rows(column: Column) -> bool:
-    """True if a column holds the numbers 0, 1, 2, ... of its rows, in any order."""
+    """Return true if a column holds the numbers 0, 1, 2, ... of its rows, in any order."""
     ordered = np.sort(column.cells.astype(float))
     return bool(ordered[0] in (0.0, 1.0) and np.all(np.diff(ordered) == 1.0)) and not column.is_time
 

@@ -23,12 +23,12 @@ NOISE_IS_WHITE_IN = "white_noise_in"
 
 
 def unit_of_signal(record: xr.Dataset) -> str:
-    """Unit of the `angle` of a record or decay; rad where none is stated."""
+    """Return the unit of the `angle` of a record or decay; rad where none is stated."""
     return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
 
 
 def checked_signal(record: Any, *names: str) -> None:
-    """Refuse what is no record.
+    """Raise an error for an object that is no record.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class Piece(NamedTuple):
 
 
 def usual_step(steps: Array) -> float:
-    """Mean of steps, without those that have samples missing in them."""
+    """Return the mean of steps, without those that have samples missing in them."""
     return float(np.mean(steps[steps <= PARTED_STEP * np.median(steps)]))
 
 
@@ -152,7 +152,7 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
 
 
 def is_uniform(time: Array) -> bool:
-    """True if all steps are within 2 % of the median (the limit itself is on the good side)."""
+    """Return true if all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
     # Deviation of a step from the usual one that the methods take as it is.
@@ -188,7 +188,7 @@ SMALLEST_PIVOT = 1e-13
 
 
 def integrated(time: Array, signal: Array, period: float) -> Array:
-    """Integral of an oscillation over time, about its slow mean.
+    """Return the integral of an oscillation over time, about its slow mean.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def _drift(time: Array, signal: Array, period: float) -> Array:
 
 
 def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:
-    """Angle or displacement of what was measured about its mean, as the attrs of its record say it.
+    """Return angle or displacement of a measured quantity, about its mean, as the record's attrs state it.
 
     Parameters
     ----------

@@ -40,12 +40,12 @@ def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
 
 
 def knot_sequence(tau: Array, intervals: int | None = None) -> Array:
-    """Clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
+    """Return the clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
     return signal.clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
 
 
 def least_squares_spline(tau: Array, values: Array, intervals: int | None = None) -> tuple[BSpline, Array]:
-    """The spline on a `knot_sequence` that is nearest to values, and what it is at their times.
+    """Return the spline on a `knot_sequence` that is nearest to values, and what it is at their times.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def least_squares_spline(tau: Array, values: Array, intervals: int | None = None
 
 
 def first_of_spline(tau: Array, values: Array) -> tuple[float, float]:
-    """First value and slope of `least_squares_spline`, by the samples that they depend on."""
+    """Return the first value and slope of `least_squares_spline`, by the samples that they depend on."""
     knots = knot_sequence(tau)
     if len(knots) > FELT_KNOTS + 2 * (SPLINE_DEGREE + 1):
         last = knots[SPLINE_DEGREE + FELT_KNOTS]
@@ -91,7 +91,7 @@ def _spline_on(knots: Array, tau: Array, values: Array) -> tuple[BSpline, Array]
 
 
 def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_array, Array]:
-    """B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
+    """Return B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
     tau, knots = np.frombuffer(tau_bytes), np.frombuffer(knots_bytes)
     if np.any(np.diff(tau) <= 0.0):
         raise ValueError("times that do not increase")
@@ -131,7 +131,7 @@ def smooth(tau: Array, angle: Array) -> tuple[Array, Array, Array, float]:
 
 
 def _noise_about(spline: BSpline, residual: Array) -> float:
-    """Standard deviation of a sample about a spline that was fitted to it."""
+    """Return the standard deviation of a sample about a spline that was fitted to it."""
     degrees_of_freedom = max(1, len(residual) - len(spline.c))
     return float(np.sqrt(np.sum(residual**2) / degrees_of_freedom))
 
@@ -154,13 +154,13 @@ class SplinesAt:
         return {}
 
     def design(self, order: int = 0) -> sp.csr_matrix:
-        """Values of every B-spline, or of a derivative of it, (point, spline); computed once."""
+        """Return values of every B-spline, or of a derivative of it, (point, spline); computed once."""
         if order not in self._designs:
             self._designs[order] = spline_design(self.points, self.knots, order)
         return self._designs[order]
 
     def of(self, spline: BSpline, order: int = 0) -> Array:
-        """A spline on these knots at the points or a derivative, (point,).
+        """Return a spline on these knots at the points or a derivative, (point,).
 
         At many points without the matrices, which would take more memory than records do.
         """
@@ -186,7 +186,7 @@ def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
 
 
 def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float:
-    """Frequency of a decay by the median of its half periods, rad/s.
+    """Return the frequency of a decay by the median of its half periods, rad/s.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float
 
 
 def first_frequency(runs: Sequence[xr.Dataset]) -> float:
-    """Frequency from which fits of runs begin, by the median of theirs, rad/s.
+    """Return the frequency from which fits of runs begin, by the median of theirs, rad/s.
 
     A driven body, as on a belt, may swing away from zero: its own middle is used then. A driven run that does
     not swing, as one that is lifted slowly, has no frequency beside others that do. If none swings, the
@@ -254,7 +254,7 @@ def nominal_frequency(frequency: float) -> float:
 
 
 def sensor_noise(decay: xr.Dataset) -> float:
-    """Standard deviation of a sample's noise, whatever the forces (rad).
+    """Return the standard deviation of a sample's noise, whatever the forces (rad).
 
     Parameters
     ----------
@@ -289,7 +289,7 @@ def sensor_noise(decay: xr.Dataset) -> float:
 
 
 def _noise(tau: bytes, angle: bytes) -> float:
-    """`noise` of `smooth` by itself, without the derivatives of the motion."""
+    """Return `noise` of `smooth` by itself, without the derivatives of the motion."""
     values = np.frombuffer(angle)
     spline, x = least_squares_spline(np.frombuffer(tau), values)
     return _noise_about(spline, values - x)

@@ -80,7 +80,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
 
 
 def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
+    """Return rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
     lines = _without_labels(_plain_numbers(text).splitlines())
     delimiter, start = _find_block(lines)
     if start is None:
@@ -106,7 +106,7 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
 
 
 def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tuple[int, str]]:
-    """The rows of numbers with their numbers in the file, from 1."""
+    """Return the rows of numbers with their numbers in the file, from 1."""
     # A logger that is started anew writes its head again, its dates being others.
     head = {line.strip() for line in lines[max(0, start - 2) : start]} | {""}
     keys = {_fields(line, delimiter)[0] for line in lines[:start] if line.strip() and not _is_comment(line)}
@@ -126,7 +126,7 @@ def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tup
 
 
 def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
-    """True if the first cell of a line is one of these texts."""
+    """Return true if the first cell of a line is one of these texts."""
     first = next(iter(line.strip().split(delimiter, 1)), "")
     return not is_number(first) and first.strip(" \t\"'") in keys
 
@@ -134,7 +134,7 @@ def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
 def _as_frame(
     block: list[tuple[int, str]], delimiter: str | None, decimal: str, path: Path, names: int
 ) -> pd.DataFrame:
-    """Rows of text as a table.
+    """Return the rows of text as a table.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def _as_frame(
 
 
 def _filled(line: str, delimiter: str | None) -> list[str]:
-    """Cells of a row up to the last one that is not empty."""
+    """Return the cells of a row up to the last one that is not empty."""
     cells = line.strip(" \r\n").split(delimiter)
     if '"' in line and delimiter is not None:
         cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), cells)
@@ -192,7 +192,7 @@ def check_width(path: Path, columns: int) -> None:
 
 
 def _plain_numbers(text: str) -> str:
-    """Text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
+    """Return text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
     text = text.replace(MINUS, "-")
     for pattern, needed, unless, sign, plain in _WRITTEN_OTHERWISE:
         if re.search(needed, text) and not (unless and re.search(unless, text)):
@@ -246,7 +246,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _is_summary(row: list[str], usual: list[str]) -> bool:
-    """True if a row holds a text where the others hold a number."""
+    """Return true if a row holds a text where the others hold a number."""
     numbers = [is_number(item) for item in usual]
     texts = [not is_missing(item) and not is_number(item) for item in row]
     return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
@@ -312,7 +312,7 @@ HEAD_LINES = 6
 
 
 def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
-    """Names from the lines above the numbers, with lines of units and of groups next to them."""
+    """Return names from the lines above the numbers, with lines of units and of groups next to them."""
     # A line of dashes below the names is none of them.
     lines = [line for line in before if any(map(str.isalnum, line)) or "°" in line][-HEAD_LINES:][::-1]
     lines = [line.lstrip("#%/! \t") if _is_comment(line) else line for line in lines]
@@ -335,13 +335,13 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
 
 
 def _states_a_fact(line: str, width: int) -> bool:
-    """True if a line above one column states a number, `sample_rate: 1000`, and names no column."""
+    """Return true if a line above one column states a number, `sample_rate: 1000`, and names no column."""
     stated = re.search(r"[:=,;\t]\s*[-+]?[\d.]", line) is not None
     return width == 1 and (stated or noted_rate([line], 1) is not None)
 
 
 def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) -> list[str] | None:
-    """Cells of a line above the numbers, one a column; None if it has another number of them."""
+    """Return the cells of a line above the numbers, one a column; None if it has another number of them."""
     separator = "," if delimiter is None and "," in line else delimiter
     fields = _fields(line, separator)
     if len(fields) != width and (delimiter is None or len(fields) == 1):
@@ -376,7 +376,7 @@ def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | Non
 
 
 def _are_names(row: list[str], others: list[str]) -> bool:
-    """True if a row could name the columns of another one."""
+    """Return true if a row could name the columns of another one."""
     return bool(row) and len(row) == len(others) and not any(map(is_number, row)) and bool(row[-1])
 
 
@@ -400,7 +400,7 @@ LONGEST_UNIT = 8
 
 
 def _with_unit(name: str, said: str) -> str:
-    """A name with what stands below it: its unit, or what is measured."""
+    """Return a name with what stands below it: its unit, or what is measured."""
     plain = said.strip().removeprefix("(").removesuffix(")") if said.count("(") == 1 else said.strip()
     plain = plain.strip("[] ")
     if is_missing(plain) or plain.lower() == "none" or split_header(name)[1]:
@@ -433,7 +433,7 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
 
 
 def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
-    """Cells of a line, each empty one as the one before it; nothing if they are too many."""
+    """Return the cells of a line, each empty one as the one before it; nothing if they are too many."""
     cells = [cell.strip().strip("\"'").strip() for cell in line.strip("\r\n").split(delimiter)]
     if len(cells) > width:
         cells = cells[:width] if not any(cells[width:]) else []

@@ -37,7 +37,7 @@ LEAST_PIXELS, MOST_PIXELS = 92, 138
 
 
 def inline_svg(figure: Figure, name: str, caption: str) -> str:
-    """A figure as an element `svg` of a page.
+    """Return a figure as an element `svg` of a page.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
 
 
 def _short(places: str) -> str:
-    """Coordinates with the digits that show; of a polygon only the first point needs a letter."""
+    """Return coordinates with the digits that show; of a polygon only the first point needs a letter."""
     rounded = DECIMAL.sub(
         lambda number: f"{float(number[0]):.{COORDINATE_DIGITS}f}".rstrip("0").rstrip("."), places
     )
@@ -82,7 +82,7 @@ def _short(places: str) -> str:
 
 
 def _rename(root: Element, name: str) -> None:
-    """Ids of this figure alone, where anything refers to them."""
+    """Rename the ids of this figure, and the references to them."""
     elements = list(root.iter())
     used = [ID_REFERENCE.search(element.get(key, "")) for element in elements for key in REFERRING]
     ids = dict.fromkeys(match[1] for match in used if match)
@@ -122,7 +122,7 @@ def write_page(text: str, path: Path) -> None:
 
 
 def page(result: xr.DataTree | xr.Dataset) -> str:
-    """The page as text (see `report`)."""
+    """Return the page as text (see `report`)."""
     tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
     if not isinstance(tree, xr.DataTree) or not kind_of(tree):
         raise UsageError(
@@ -155,7 +155,7 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 
 def rendered(content: Part) -> str:
-    """A page as text.
+    """Return a page as text.
 
     Parameters
     ----------

@@ -149,7 +149,7 @@ def _clear(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """True if a process of this machine goes on, as far as the system tells."""
+    """Return true if a process of this machine is running, as far as the system reports."""
     if sys.platform == "win32":
         return True
     try:

@@ -61,7 +61,7 @@ def identification(
     offered: ForceLibrary,
     active: Mask | None = None,
 ) -> xr.Dataset:
-    """The Dataset that every method returns, provenance in its attrs.
+    """Return the Dataset that every method returns, provenance in its attrs.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def covariance_with_frequency(result: xr.Dataset) -> Array:
 
 
 def model_of(result: xr.Dataset, run: int = 0) -> Model:
-    """The identified model: active forces that refer to the reference frequency.
+    """Return the identified model: active forces that refer to the reference frequency.
 
     Parameters
     ----------

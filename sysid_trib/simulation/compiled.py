@@ -62,7 +62,7 @@ class _RebuiltCache(FunctionCache):
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """A function compiled when it is first called, and kept on disk where the user may write.
+    """Return a function compiled when it is first called, and kept on disk where the user may write.
 
     Numba looks at the file of the function alone; the folder is named by all of the engine's, so that nothing
     stale is run. Where nothing can be kept each process compiles anew.
@@ -87,7 +87,7 @@ def tell_of_compiling() -> None:
 
 @cache
 def _folder() -> Path:
-    """The folder of what is compiled, of this user and of these sources."""
+    """Return the folder of what is compiled, of this user and of these sources."""
     here = Path(__file__).parent
     texts = b"".join(file.read_bytes() for file in sorted(here.glob("*.py")))
     digest = hashlib.sha256(texts + numba.__version__.encode()).hexdigest()[:16]
@@ -104,7 +104,7 @@ def _folder() -> Path:
 # number of the tuples, of which there are seventy in a program.
 @inner
 def _row_by_row(code, c, J, first, last, live):
-    """Slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
+    """Compute slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
     for s in range(first, last):
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         if o == op.ADD:
@@ -143,19 +143,19 @@ def _row_by_row(code, c, J, first, last, live):
 
 @inner
 def at_once(program, J):
-    """All slots of a motion at order 0, on the branch of the signs in J."""
+    """Compute all slots of a motion at order 0, on the branch of the signs in J."""
     _row_by_row(program.code, program.c, J, program.inputs, program.main, False)
 
 
 @inner
 def at_once_live(program, J, last):
-    """Slots up to `last` at order 0; signs follow their surfaces."""
+    """Compute slots up to `last` at order 0; signs follow their surfaces."""
     _row_by_row(program.code, program.c, J, program.inputs, last, True)
 
 
 @inner
 def order(program, J, k):
-    """Order k >= 1 of the slots that change, from the orders below it."""
+    """Compute order k >= 1 of the slots that change, from the orders below it."""
     _order(program.code, program.c, program.rows, J, k)
 
 
@@ -221,7 +221,7 @@ def _order(code, c, rows, J, k):
 
 @inner
 def _derivatives(code, c, J, T, k, s):
-    """Order k of the derivatives of a slot, from the series and the orders below it."""
+    """Compute order k of the derivatives of a slot, from the series and the orders below it."""
     count = T.shape[2]
     o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
     here = T[s, k]
@@ -275,7 +275,7 @@ def _derivatives(code, c, J, T, k, s):
 
 @inner
 def derivatives_at_once(program, J, T, last):
-    """Derivatives of the slots up to `last` at order 0."""
+    """Compute derivatives of the slots up to `last` at order 0."""
     _at_order_0(program.code, program.c, J, T, program.inputs, last)
 
 
@@ -287,7 +287,7 @@ def _at_order_0(code, c, J, T, first, last):
 
 @inner
 def derivatives_of_order(program, J, T, k):
-    """Order k >= 1 of the derivatives of the slots that change."""
+    """Compute order k >= 1 of the derivatives of the slots that change."""
     _of_order(program.code, program.c, program.rows, J, T, k)
 
 

@@ -33,7 +33,7 @@ def watched(force: Force, shapes: ShapeValues | None, frequency: float) -> Model
 
 
 def begun_with(force: Force, values: Mapping[str, float]) -> Force:
-    """A force that begins with these states and memory."""
+    """Return a force that begins with these states and memory."""
     nothing = frozenset[str]()
     starts = {name: parse(repr(value), nothing, nothing, force.symbol) for name, value in values.items()}
     return replace(force, start=starts)
@@ -57,7 +57,7 @@ def states_along(
     *,
     time: ArrayLike = 0.0,
 ) -> dict[str, Array]:
-    """States and memory of a force along a given motion.
+    """Return the states and memory of a force along a given motion.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def begun_after(
 
 
 def history_on_cycle(force: Force, phase: Array, a: float, shapes: ShapeValues | None) -> dict[str, Array]:
-    """States along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
+    """Return states along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
     start = a * float(np.cos(phase[0])), -a * float(np.sin(phase[0]))
     return _followed(force, watched(force, shapes, FROZEN), phase - phase[0], start, None)
 
@@ -141,7 +141,7 @@ def _followed(
 
 @lru_cache(maxsize=1024)
 def is_stepped(force: Force) -> bool:
-    """True if `values_along` can follow a force, by its formulas.
+    """Return true if `values_along` can follow a force, by its formulas.
 
     It has no memory that depends on a state, and one state, or several with constant coefficients.
     """

@@ -89,12 +89,12 @@ class Model:
         return replace(self, library=self.library.bound(self.coefficients))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
-        """The model with other coefficients."""
+        """Return the model with other coefficients."""
         return replace(self, coefficients=dict(coefficients))
 
 
 def rescaling_factors(forces: tuple[Force, ...], old: float, new: float) -> NDArray[np.float64]:
-    """Factor of each coefficient when the reference frequency changes from `old` to `new` (rad/s).
+    """Return the factor of each coefficient when the reference frequency changes from `old` to `new` (rad/s).
 
     A force homogeneous of degree q in v and without states gets (old/new)^(2 - q); NaN marks the others,
     which keep their reference, terms of the sensor among them.
@@ -227,13 +227,13 @@ class Motion:
         surfaces: list[int] = []
 
         def names(force: Force) -> dict[str, Any]:
-            """All that the formulas of a force hold."""
+            """Names in the formulas of a force."""
             its = (*force.state, *force.shape, *force.memory)
             used = {symbol: named.get(symbol, 0.0) for symbol in force.uses}
             return common | used | {k: named[f"{force.symbol}.{k}"] for k in its}
 
         def value(force: Force, formula: Formula) -> Any:
-            """Value of a formula of a force on the branch of the signs."""
+            """Return the value of a formula of a force on the branch of the signs."""
             # Inner surfaces come first: their signs are known where an outer one is reached.
             known = {s.text: signs.get(surface_key(force, s), 0.0) for s in force.surfaces}
             return formula.evaluate(names(force), FUNCTIONS, known)
@@ -258,11 +258,11 @@ class Motion:
 
 @lru_cache(maxsize=512)
 def motion_of(forces: tuple[Force, ...], *, forced: bool, paced: bool) -> Motion:
-    """The equations of motion under these forces (see `Motion`), whose program is kept."""
+    """Return the equations of motion under these forces (see `Motion`), whose program is kept."""
     return Motion(forces, forced, paced)
 
 
 def surface_key(force: Force, surface: Formula) -> str:
-    """Name of a force's surface: forces share those of x, v and t, and keep those of their own states."""
+    """Return the name of a force's surface: forces share those of x, v and t, not those of their states."""
     common = {"x", "v", "t", *(channel.name for channel in force.channels), *force.uses}
     return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"

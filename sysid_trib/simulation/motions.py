@@ -87,7 +87,7 @@ class SimulatedMotion:
         return np.asarray(getattr(self, quantity))
 
     def shown_derivatives(self, quantity: str, distance: float = 0.0) -> Vector:
-        """Derivatives of that by the parameters, (sample, parameter)."""
+        """Return the derivatives of that by the parameters, (sample, parameter)."""
         if quantity == ACCELEROMETER:
             gravity = STANDARD_GRAVITY * np.cos(self.position)[:, None] * self.derivatives["position"]
             return distance * self.derivatives["acceleration"] + gravity
@@ -268,7 +268,7 @@ def run(
 
 @cache
 def _engine() -> Callable[..., Any]:
-    """The compiled function, whose import takes its time."""
+    """Import and return the compiled function: the import is slow."""
     # The compiler ends the process where memory does; what is not there is missed here instead.
     np.empty(ENGINE_ROOM, np.uint8)
     from sysid_trib.simulation.compiled import tell_of_compiling

@@ -73,7 +73,7 @@ class Listing:
         self._known: dict[tuple[int, int, int, int, float], int] = {}
 
     def add(self, op: int, a: int = 0, b: int = 0, c: float = 0.0, d: int = 0) -> int:
-        """The slot of an operation, which is done once however often it is asked for."""
+        """Return the slot of an operation; equal operations share one slot."""
         row = (op, a, b, d, c)
         if row not in self._known:
             self.rows.append(row)
@@ -83,21 +83,21 @@ class Listing:
         return self._known[row]
 
     def pair(self, op: int, a: int, partner: Callable[[int], tuple[int, int, int]]) -> tuple[int, int]:
-        """Two rows of which the first reads the second."""
+        """Return two rows of which the first reads the second."""
         first = self.add(op, a, -1)
         if self.rows[first][2] < 0:
             self.rows[first] = (op, a, self.add(*partner(first)), 0, 0.0)
         return first, self.rows[first][2]
 
     def sum(self, a: int, b: int, way: float = 1.0) -> int:
-        """The slot of a + way b."""
+        """Return the slot of a + way b."""
         op, factor, of, *_ = self.rows[b]
         if op == SCALE:
             return self.add(LINEAR, a, of, way, factor)
         return self.add(ADD if way > 0.0 else SUB, a, b)
 
     def product(self, a: int, b: int) -> int:
-        """The slot of a b; of a factor that does not change it is a row of its own kind."""
+        """Return the slot of a b; of a factor that does not change it is a row of its own kind."""
         if self.still[b] and not self.still[a]:
             a, b = b, a
         if not self.still[a]:
@@ -108,25 +108,25 @@ class Listing:
         return self.add(SCALE, a, b)
 
     def quotient(self, a: int, b: int) -> int:
-        """The slot of a / b."""
+        """Return the slot of a / b."""
         if self.still[b] and not self.still[a]:
             return self.product(a, self.quotient(self.slot(1.0), b))
         return self.add(DIV, a, b)
 
     def circular(self, a: int) -> tuple[int, int]:
-        """The slots of sine and cosine."""
+        """Return the slots of sine and cosine."""
         return self.pair(SIN, a, lambda sine: (PARTNER, a, sine))
 
     def tanh(self, a: int) -> int:
-        """The slot of a hyperbolic tangent; its partner is the slope."""
+        """Return the slot of a hyperbolic tangent; its partner is the slope."""
         return self.pair(TANH, a, lambda tanh: (SUB, self.slot(1.0), self.product(tanh, tanh)))[0]
 
     def slot(self, value: Any) -> int:
-        """The slot of a value."""
+        """Return the slot of a value."""
         return value.index if isinstance(value, Slot) else self.add(CONST, c=float(value))
 
     def tidied(self, main: int, counts: tuple[int, int], outputs: tuple[list[int], ...]) -> Instructions:
-        """The program without rows that nothing needs; `main` is the first that only the memory may need."""
+        """Return the program without unused rows; only the memory needs rows from `main` on."""
         needed, further = set(range(self.inputs)), [i for output in outputs for i in output]
         while further:
             if (slot := further.pop()) not in needed:

@@ -148,7 +148,7 @@ def trajectory(
 
 
 def _checked(model: Model, time: Vector, angle: float, rate: float) -> Vector:
-    """Times of a simulation as w t from the first; refused where it cannot start."""
+    """Return the times of a simulation as w t from the first; raise an error if it cannot start."""
     if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
         raise SimulationError(
             "The times of a simulation must be finite and increase; sort them, drop repeats."
@@ -195,7 +195,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
 
 
 def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
-    """Instants at and between the samples, and what a random force has added to x and v by each of them."""
+    """Return instants at and between the samples, and the sums of random force in x and v up to each."""
     parts = np.maximum(1, np.ceil(np.diff(tau) * INCREMENTS_PER_PERIOD / (2.0 * np.pi))).astype(int)
     fractions = np.concatenate([np.arange(count) / count for count in parts])
     instants = np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])

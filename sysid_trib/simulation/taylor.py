@@ -15,7 +15,7 @@ MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
 
 @inner
 def value(series, n, h):
-    """Sum of a series up to order n at h."""
+    """Return the sum of a series up to order n at h."""
     t = series[n]
     for k in range(n - 1, -1, -1):
         t = t * h + series[k]
@@ -24,7 +24,7 @@ def value(series, n, h):
 
 @inner
 def of_parameter(T, s, p, n, h):
-    """Derivative of a slot by a parameter at h."""
+    """Return the derivative of a slot by a parameter at h."""
     t = T[s, n, p]
     for k in range(n - 1, -1, -1):
         t = t * h + T[s, k, p]
@@ -33,7 +33,7 @@ def of_parameter(T, s, p, n, h):
 
 @inner
 def rest_of(series, n, h):
-    """The sum of a series without order 0."""
+    """Return the sum of a series without order 0."""
     t = series[n]
     for k in range(n - 1, 0, -1):
         t = t * h + series[k]
@@ -42,7 +42,7 @@ def rest_of(series, n, h):
 
 @inner
 def slope(series, n, h):
-    """Derivative of a series at h."""
+    """Return the derivative of a series at h."""
     t = n * series[n]
     for k in range(n - 1, 0, -1):
         t = t * h + k * series[k]
@@ -118,7 +118,7 @@ def first_crossing(series, n, h, side, zero, work):
 
 @inner
 def _reduced(series, n, h, side, zero, work):
-    """Order of the zero at 0; what it leaves in work[0], in units of the step. -1: a series of zeros."""
+    """Return order of the zero at 0, its cofactor in work[0], in units of the step; -1 for zeros alone."""
     near, known = zero
     size, scale = 0.0, 1.0
     for k in range(n + 1):
@@ -139,7 +139,7 @@ def _reduced(series, n, h, side, zero, work):
 
 @inner
 def _is_monotonic(g, n, half):
-    """True if a series only rises, or only falls, as far as `half` from 0."""
+    """Return true if a series only rises, or only falls, as far as `half` from 0."""
     rest, power = 0.0, half * half
     for k in range(3, n + 1):
         rest += k * abs(g[k]) * power
@@ -168,7 +168,7 @@ def _only_root(g, n, lo, hi):
 
 @inner
 def series(program, c, h, held):
-    """Series of all slots from here, to the order that a step of h needs; that order.
+    """Compute the series of all slots from here, to the order that a step of h needs; return that order.
 
     At rest x and v stay and the states go on; on another surface v keeps it at zero. Derivatives follow where
     there are any.
@@ -247,7 +247,7 @@ def radius(J, s, other, n, part):
 
 @inner
 def _part_of_derivatives(program, c, k):
-    """The largest term of an order of the derivatives, over what that parameter has moved so far."""
+    """Return the largest term of an order of the derivatives, over what that parameter has moved so far."""
     largest = 0.0
     for q in range(c.T.shape[2]):
         scale, term = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.T[1, 1, q])), 0.0

@@ -106,7 +106,7 @@ class Given(NamedTuple):
 
 
 def new_state(program: Instructions, parameters: int) -> EngineState:
-    """Room for motions of a program, with so many derivatives."""
+    """Return the room for motions of a program, with so many derivatives."""
     slots, size = len(program.code), program.states
     width = max(size, program.memory, len(program.signs), parameters, 2)
     return EngineState(

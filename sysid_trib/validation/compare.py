@@ -40,7 +40,7 @@ Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 def every_method(
     reference_frequency: float | None = None, shapes: Mapping[str, float] | None = None
 ) -> dict[str, Method]:
-    """Every method of the field by name, for `compare`.
+    """Return every method of the field by name, for `compare`.
 
     Parameters
     ----------
@@ -243,7 +243,7 @@ def _try_method(
     contactless: tuple[float, float] | None,
     constraints: Constraints,
 ) -> Trial:
-    """A method on the training parts, on the parts held out, and on the whole.
+    """Identify by a method on the training parts, and on the whole; predict the parts held out.
 
     `parts` : each run, what models are identified from, what is held out, and the envelope.
     """
@@ -283,7 +283,7 @@ def _try_method(
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
-    """Describe why, and in which run, the motion does not follow the record; empty if all motions do."""
+    """Describe why, and in which run, the motion diverges from the record; empty if all motions follow it."""
     if not motions:
         return f"{subject} diverges"
     for at, motion in enumerate(motions):
@@ -299,7 +299,7 @@ def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
 def _identified(
     method: Method, decays: Sequence[xr.Dataset], library: ForceLibrary, constraints: Constraints
 ) -> tuple[xr.Dataset | None, str, float]:
-    """Identification, or why there is none; the time it took, s."""
+    """Identify, or return the reason of failure, and the time used, s."""
     # The row of a rule for one record is empty for no fault of its own, nor of the records.
     if len(decays) > 1 and not scope_of(method).several_runs:
         return None, "takes one record at a time", float("nan")
@@ -322,7 +322,7 @@ def _identified(
 def _not_separable(
     runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset], library: ForceLibrary
 ) -> dict[str, str]:
-    """Forces that no method separates, or identifies, on these runs; as attrs."""
+    """Return forces that no method separates, or identifies, on these runs; as attrs."""
     widest = max(results, key=lambda result: result.sizes["force"])
     identified = {symbol for result in results for symbol in result.force.values.tolist()}
     force = library.role("x") or schema.library_of(widest, whole=True).role("x")

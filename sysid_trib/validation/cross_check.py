@@ -29,7 +29,7 @@ from sysid_trib.validation.verdict import decided, evidence_of_models, p_value_o
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
-    """Forces that averaging, or any method, cannot tell apart by principle."""
+    """Return forces that averaging, or any method, cannot tell apart by principle."""
     library = schema.library_of(result)
     shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -59,7 +59,7 @@ HOMOGENEITY_LEVEL = 0.01
 
 
 def agreement_of(p_value: float) -> str:
-    """`disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
+    """Return `disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
     return "unknown" if np.isnan(p_value) else "agree" if p_value >= HOMOGENEITY_LEVEL else "disagree"
 
 
@@ -132,7 +132,7 @@ def identified_and_checked(
     *,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """The `cross_check` of two methods' `identifications`, which shares how these followed the runs."""
+    """Return `cross_check` of two methods' `identifications`, which shares how these followed the runs."""
     tell("identification")
     return _checked(decided(decay, library, methods), tell=tell)
 
@@ -212,7 +212,7 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
 
 
 def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Backbone of each run, and where the models leave it; none of a run with too few half periods."""
+    """Return backbone of each run, and where the models leave it; none of a run with too few half periods."""
     groups = {}
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
@@ -281,7 +281,7 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
 
 
 def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
-    """Periods ahead for which predictions are made."""
+    """Return periods ahead for which predictions are made."""
     period = 2.0 * np.pi / float(result.reference_frequency)
     length = float(decay.time.values[-1] - decay.time.values[0]) / period
     longest = min(LONGEST_PREDICTION, 0.5 * (length - bands.SETTLING_PERIODS))

@@ -51,7 +51,7 @@ SLIPPED_PART = 0.3
 
 
 def is_driven(runs: Sequence[xr.Dataset]) -> bool:
-    """True if a record has an input."""
+    """Return true if a record has an input."""
     return any(inputs.inputs_of(run) for run in runs)
 
 
@@ -169,7 +169,7 @@ def _without_bias(run: xr.Dataset) -> xr.Dataset:
 
 
 def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, free: bool) -> None:
-    """Refuse a force of an input alone that is constant in each run: it is the sensor's zero.
+    """Raise an error for a force of an input alone that is constant in each run, like the sensor's zero.
 
     Raises
     ------
@@ -211,7 +211,7 @@ SIZES = ("tested_rms", "tested_over_noise", "residual_over_motion", "p_value")
 
 
 def _sizes(followed: FollowedRuns) -> dict[str, float]:
-    """`SIZES` of what the motions leave of all runs, infinite where one has none."""
+    """Return `SIZES` of the residuals of all runs, infinite where one has no motion."""
     return followed.once("sizes", lambda: dict(zip(SIZES, _sizes_of(followed), strict=True)))
 
 

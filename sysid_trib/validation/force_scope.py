@@ -71,7 +71,7 @@ def _identified(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -
 
 
 def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:
-    """Forces left out, by what takes their place in the envelope or in the frequency."""
+    """List the neglected forces, with what absorbs them in the envelope or in the frequency."""
     by_place: dict[str, list[str]] = {}
     known = [s for s in fitted if s in parts]
     for symbol, (in_envelope, in_frequency) in parts.items():
@@ -86,7 +86,7 @@ def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) ->
 
 
 def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> tuple[bool, bool]:
-    """Two truths: a force acts on the envelope, and on the frequency."""
+    """Return two truths: a force acts on the envelope, and on the frequency."""
     phase = np.linspace(0.0, 2.0 * np.pi, 64)
     try:
         sine, cosine = (abs(float(part[0])) for part in averages(force, np.array([amplitude]), shapes))

@@ -23,7 +23,7 @@ from sysid_trib.simulation.simulate import trajectory
 def lack_of_fit(
     decay: xr.Dataset, results: Mapping[str, xr.Dataset], curves: bands.Smoothed | None = None
 ) -> xr.Dataset:
-    """Models' frequency and damping ratio against the backbone of a record.
+    """Return the models' frequency and damping ratio against the backbone of a record.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def _model_rows(
 def _motion_rows(
     decay: xr.Dataset, result: xr.Dataset, release: float, times: float
 ) -> tuple[Array, dict[str, smooth_curve.CurveRows]]:
-    """Periods of the motion from a release; amplitudes in parts of the record's largest signal."""
+    """Return the periods of the motion from a release; amplitudes in parts of the record's largest signal."""
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
     grid = np.arange(round(times * len(time))) * step
@@ -172,7 +172,7 @@ MOST_DRAWN, DRAWN_PER_KNOT = 20_000, 4
 
 
 def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
-    """Mean force that a model lacks in cells of angle and rate, by the record's own motion.
+    """Return the mean force that a model lacks in cells of angle and rate, by the record's own motion.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
 
 
 def model_force(model: Model, tau: Array, x: Array, v: Array, time: Array) -> Array:
-    """Sum of coefficient times force along a motion, (sample,); terms of the sensor are no forces."""
+    """Return sum of coefficient times force along a motion, (sample,); terms of the sensor are no forces."""
     total = np.zeros_like(x)
     for force in model.library:
         if force.kind == "force" and (coefficient := model.coefficients.get(force.symbol, 0.0)):
@@ -230,7 +230,7 @@ def model_force(model: Model, tau: Array, x: Array, v: Array, time: Array) -> Ar
 
 
 def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
-    """Means over cells of the force (the first row) and their scatter over drawings (the others)."""
+    """Return means over cells of the force (the first row) and their scatter over drawings (the others)."""
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, SURFACE_CELLS + 1)
     means = {"force": scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic}
@@ -258,7 +258,7 @@ LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 
 
 def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
-    """Angular frequency (rad/s) and amplitude of a line in a residual; nan where there is none.
+    """Return the angular frequency (rad/s) and amplitude of a line in a residual; nan if there is none.
 
     Time is in s, the residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
 
@@ -293,7 +293,7 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
 
 
 def without_line(time: Array, residual: Array, frequency: float) -> Array:
-    """A residual without the line of this angular frequency (rad/s) and its mean."""
+    """Return a residual without the line of this angular frequency (rad/s) and its mean."""
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
     return np.asarray(residual - waves @ np.linalg.lstsq(waves, residual, rcond=None)[0])
 

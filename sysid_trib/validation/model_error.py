@@ -26,7 +26,7 @@ STATED = ("standard_error", *(f"{name}_standard_error" for name in FREQUENCIES))
 def with_error_of_model(
     followed: FollowedRuns, method: Method, library: ForceLibrary, widening: float
 ) -> FollowedRuns:
-    """An identification whose errors allow for what its model lacks.
+    """Include in the errors of an identification the error of its model.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def part_fit(
 
 
 def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | None:
-    """The identification of a part where it has finite coefficients of the same forces as the result."""
+    """Return identification of a part where it has finite coefficients of the same forces as the result."""
     if part is None or part.force.values.tolist() != result.force.values.tolist():
         return None
     return part if np.all(np.isfinite(_numbers(part, ESTIMATED))) else None
@@ -181,7 +181,7 @@ def _held_out(
     limits: tuple[float, float],
     later_only: bool,
 ) -> Iterator[float]:
-    """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
+    """Yield the RMS residual (rad) of the model of a part before and after it; nan without a motion."""
     kept, size = refits.between(run, limits), run.sizes["time"]
     earlier, later = slice(0, kept.start), slice(kept.stop, size)
     for held_out in (later,) if later_only else (earlier, later):
@@ -207,7 +207,7 @@ def _numbers(result: xr.Dataset, names: Sequence[str]) -> Array:
 
 
 def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
-    """A result whose `STATED` errors are multiplied by factors, and have a covariance added."""
+    """Return a result whose `STATED` errors are multiplied by factors, and have a covariance added."""
     count = result.sizes["force"]
     of_forces, errors = factor[:count], np.hypot(factor * _numbers(result, STATED), np.sqrt(np.diag(added)))
     changed = {

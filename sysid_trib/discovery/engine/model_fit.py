@@ -102,7 +102,7 @@ def fit_model(
 
 
 def _cannot_reach(worst: float, model: FittedModel, fall: float) -> bool:
-    """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
+    """Return true if the last decrease of the deviance is too small for the fit to reach `worst`."""
     return model.stepped.deviance - 2.0 * abs(fall) > worst
 
 
@@ -115,7 +115,7 @@ def _next_round(
     of_any_ratio: bool = True,
     random_force: float = 1.0,
 ) -> FittedModel | None:
-    """The model along its next paths, with the next shapes; None where there is no fit."""
+    """Return the model along its next paths, with the next shapes; None where there is no fit."""
     paths, steps = model.next_paths(guess[:-1], part, random_force), model.next_steps(reach)
     nearer = _of_any_ratio(paths) if of_any_ratio else paths
     try:
@@ -160,7 +160,7 @@ def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
 
 
 def _agree(rounds: Sequence[FittedModel]) -> bool:
-    """True if no coefficient or shape differs between rounds by more than its standard error."""
+    """Return true if no coefficient or shape differs between rounds by more than its standard error."""
     shapes = [[trial.part(name) for trial in of.trials for name in trial.force.shape] for of in rounds]
     ranges = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
     errors = np.sqrt(np.diag(rounds[-1].likelihood.covariance))
@@ -169,7 +169,7 @@ def _agree(rounds: Sequence[FittedModel]) -> bool:
 
 
 def fitted_along(paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array) -> FittedModel:
-    """The most likely coefficients along paths that are held, and steps of the shapes with them.
+    """Return the most likely coefficients along paths that are held, and steps of the shapes with them.
 
     Tangents are those at these coefficients (variable projection: Golub, Pereyra 1973).
     """

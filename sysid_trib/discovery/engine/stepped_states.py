@@ -61,7 +61,7 @@ class GivenMotion:
         return GivenMotion(self.tau, x, v, self.time)
 
     def names(self, tau: Array) -> dict[str, Any]:
-        """Variables of the formulas that the motion gives."""
+        """Return the variables of the formulas that the motion gives."""
         return {"x": self.x(tau), "v": self.v(tau), "t": np.interp(tau, self.tau, self.time)}
 
     @cached_property
@@ -76,7 +76,7 @@ class GivenMotion:
 
 
 def _zeros(spline: PPoly) -> Array:
-    """Zeros of a continuous spline of cubics, (zero,), between its ends.
+    """Return the zeros of a continuous spline of cubics, (zero,), between its ends.
 
     Looked for where the spline's Bernstein coefficients, between which it lies, differ in sign: in one step
     of dozens, where a motion is followed closely.
@@ -169,7 +169,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
 
 
 def _start_of(motion: GivenMotion, force: Force, shapes: Mapping[str, Any]) -> dict[str, Any]:
-    """States and memory of a force at the first sample."""
+    """Return the states and memory of a force at the first sample."""
     return force.start_values({k: value[0] for k, value in motion.at_samples.items()} | dict(shapes))
 
 
@@ -191,7 +191,7 @@ def _memory(motion: GivenMotion, force: Force, shapes: Mapping[str, Any], count:
 def _stepped_value(
     motion: GivenMotion, force: Force, shapes: Mapping[str, Any], memory: Mapping[str, Array]
 ) -> Array:
-    """The force at the samples, its states followed by steps from sample to sample."""
+    """Return the force at the samples, its states followed by steps from sample to sample."""
     # A step lies between two reversals but for the one that holds it; there the new memory rules.
     names = motion.at_stages | dict(shapes) | {k: m[1:] for k, m in memory.items()}
     start, step, states = _start_of(motion, force, shapes), np.diff(motion.tau), {}
@@ -227,7 +227,7 @@ def _single(force: Force, step: Array, names: Names, start: Mapping[str, float])
 
 
 def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
-    """States with constant coefficients, (state, sample).
+    """Return states with constant coefficients, (state, sample).
 
     Schur's form is triangular, so that the last follows alone and each other one is driven by those after it;
     unlike eigenvectors it serves where two eigenvalues are equal, as at critical damping.
@@ -269,7 +269,7 @@ def _stretch(pull: Array) -> Array:
 
 
 def _radau_steps(start: complex, forcing: Array, pull: Array) -> tuple[Array, Array]:
-    """y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
+    """Return the y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
 
     `forcing` : (stage, step); `pull` : (stage, step), (step,), or one for all.
     """
