@@ -208,7 +208,7 @@ def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
 
 
 def _at_rest(model: Model) -> tuple[Array, list[str]]:
-    """Derivatives of the rates by the states at rest, and the states; forces without slopes are left out."""
+    """Return states and the derivatives of the rates by them at rest; forces without slopes are left out."""
     _refuse_memory(model)
     timed = next((f.symbol for f in model.forces if f.holds_time), None)
     if timed is not None:

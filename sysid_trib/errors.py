@@ -68,7 +68,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 class Tell(Protocol):
-    """Takes the name of what begins, and which part of it is done where that is known."""
+    """Report of progress: takes the name of the work that begins and, if known, the part that is done."""
 
     def __call__(self, activity: str, done: float | None = None) -> None:
         """Report.

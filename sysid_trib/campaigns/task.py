@@ -302,7 +302,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
 
 
 def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """The friction of an identification at the task's speeds, and its coefficient, with standard errors."""
+    """Return friction and its coefficient at the task's speeds, with standard errors."""
     data = laws_in_si(result, **task.measured) if task.measured else result
     speeds = np.array(task.speeds)
     largest = float(np.max(data.speed.values[data.speed_visited.values]))

@@ -35,7 +35,7 @@ PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
 def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Parameter:
-    """An option as the argument of a function that typer reads, under the title of its group in the help."""
+    """Return an option as an argument for typer, under the title of its group in the help."""
     usual = {"metavar": row.get("value"), "help": row["help"], "rich_help_panel": row["title"]}
     if row.get("positional"):
         # What cannot be read is refused where it is read.
@@ -52,7 +52,7 @@ TAKEN_OVER = rows_of(RECORDS, "model", "start", "search")
 
 
 def command_after(command: str, others: Mapping[str, str | None], given: CommandOptions) -> str:
-    """A command with the options that were given before, and others in their place (`next_step.NextStep`)."""
+    """Return a command with the options given before, and others replaced (`next_step.NextStep`)."""
     known, defaults = rows_of_command(command), defaults_of(type(given))
     taken = {name: value for name, value in vars(given).items() if name in TAKEN_OVER}
     if taken.get("candidates") and "candidates" not in known and taken["library"] == defaults["library"]:

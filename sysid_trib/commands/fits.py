@@ -220,7 +220,7 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
 
 
 def methods_asked(asked: AskedModel) -> dict[str, Method]:
-    """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
+    """Return every method, by its label, with frequency, shapes and random force of the request."""
     methods = every_method(asked.reference_frequency, asked.shapes) | law_methods()
     return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 

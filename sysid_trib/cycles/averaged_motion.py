@@ -78,7 +78,7 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
 
 
 def averaged_rates(model: Model) -> AveragedRates:
-    """The averaged equations of a model: da/dt (rad/s) and frequency (rad/s) at a > 0 (rad) and times (s)."""
+    """Return the averaged equations: da/dt (rad/s) and frequency (rad/s) at a > 0 (rad) and times (s)."""
     powers = [force for force in model.forces if force.degree is not None]
     others = [force for force in model.forces if force.degree is None]
     # Degrees of the homogeneous forces, and their weighted (sine, cosine) at a = 1.

@@ -84,7 +84,7 @@ def period_rows(
 
 
 def _sliding(weights: Array, count: int, ends: int) -> sp.csr_matrix:
-    """Sums of neighbouring extrema with the given weights, (row, extremum), without so many at either end."""
+    """Return sums of neighbouring extrema with weights, (row, extremum), without `ends` rows at each end."""
     rows = count - len(weights) + 1 - 2 * ends
     return sum(w * sp.eye(rows, count, k=ends + at, format="csr") for at, w in enumerate(weights))
 

@@ -146,7 +146,7 @@ def _without_drift(amplitude: Array) -> Array:
 
 
 def _drift(curve: xr.Dataset) -> float:
-    """Movement of the middle along a line, from the first half period to the last; 0 within its errors."""
+    """Return the movement of the middle along a line, from first to last half period; 0 within its errors."""
     signed, time = curve.sign.values * curve.extremum.values, curve.extremum_time.values
     if signed.size < FEWEST_FOR_DRIFT:
         return 0.0

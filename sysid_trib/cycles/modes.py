@@ -120,7 +120,7 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 
 def _close_modes(ringing: Ringing) -> Iterator[str]:
-    """Warn of neighbouring modes that one sensor does not separate reliably."""
+    """Warn about neighbouring modes that one sensor does not separate reliably."""
     frequencies = [central_frequency(component, ringing.interval) for component in ringing.modes]
     for number, (low, high) in enumerate(pairwise(frequencies), 1):
         if are_close(low, high, ringing):

@@ -92,7 +92,7 @@ def _at_phases(
 
 
 def _pieces(force: Force, count: int, names: NamesAt) -> tuple[Index, Array, Array]:
-    """Half cycles of so many amplitudes, cut at their middle and at switching surfaces: (row, low, high)."""
+    """Return half cycles at amplitudes, cut at their middle and at switching surfaces: (row, low, high)."""
     halves = np.repeat((0.0, np.pi), count)
     # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
     phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
@@ -180,7 +180,7 @@ def _nodes() -> tuple[Array, Array]:
 def cycles_at(
     force: Force, a: Array, time: Array, shapes: ShapeValues | None
 ) -> Iterator[tuple[Index, list[Force], Array]]:
-    """Steady cycles at amplitudes that are not zero, each with `t` held: their rows, and `steady_cycles`."""
+    """Yield steady cycles at nonzero amplitudes, each with `t` held: their rows, and `steady_cycles`."""
     moves = a > 0.0
     held = time if force.holds_time else np.zeros_like(a)
     for instant in np.unique(held[moves]).tolist():
@@ -191,7 +191,7 @@ def cycles_at(
 def history_over(
     force: Force, amplitude: float, points: int, shapes: ShapeValues | None
 ) -> tuple[Array, dict[str, Array]]:
-    """Phases of a cycle, and states and memory there, (point,), of a force that begins as on a steady one."""
+    """Return the phases of a steady cycle, (point,), and states and memory of a force there."""
     phase = FIRST_PHASE + PERIOD * np.arange(points) / points
     return phase, history_on_cycle(force, phase, amplitude, shapes)
 

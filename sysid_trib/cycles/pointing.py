@@ -286,7 +286,7 @@ def _elastic_models(systems: Iterable[System]) -> list[ElasticModel]:
 
 
 def free_swings(held: Iterable[tuple[Force, float]], peak: Array) -> tuple[Array, Array]:
-    """Frequency of free swings with elastic forces over that of small ones, and their first harmonic; exact.
+    """Return the exact frequency of free swings over that of small ones, and their first harmonic.
 
     Parameters
     ----------
@@ -380,7 +380,7 @@ def _elastic_words(force: Force) -> str:
 
 
 def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
-    """The model of the frequency to offer: a system that holds its force, or the fewest free forces."""
+    """Choose the model of the frequency: a system that contains its force, or the fewest free forces."""
     free = [model for model in ranking if not model.held]
     least = min((model.remains for model in free), default=np.inf)
     known = next((model for model in ranking if model.held and _fits(model, least)), None)

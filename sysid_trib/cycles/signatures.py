@@ -107,7 +107,7 @@ def averages(
 def tabulated_averages(
     force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """`averages` at many amplitudes above zero (rad): by series, made once, of a force that is no power."""
+    """Compute `averages` at many amplitudes above zero (rad); a force that is no power has a kept series."""
     if force.degree is not None or force.holds_time:
         return averages(force, amplitude, shapes, time)
     at, held = np.log2(amplitude), tuple(force.shape_values(shapes).items())

@@ -212,7 +212,7 @@ class Fits:
         first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
 
         def fit(part: float) -> FittedModel | None:
-            """A fit from the coefficients and paths of the near model; None without a finite likelihood."""
+            """Fit from the coefficients and paths of the near model; None without a finite likelihood."""
             try:
                 fitted = model_fit.fit_model(paths, trials, first, worst=worst, possible=possible, part=part)
             except model_fit.NOT_FITTED:
@@ -265,7 +265,7 @@ class Fits:
         return self._known[symbols]
 
     def beats_plain_start(self, model: FittedModel) -> bool:
-        """True if a model's motion is no farther from the records than that of the plain start model."""
+        """Return true if a model's motion is no farther from the records than the plain start model's."""
         return self.plain is None or residual_of_motions(free_motions(model)) <= self.plain.residual
 
     def noise_p_value(self, model: FittedModel) -> float:

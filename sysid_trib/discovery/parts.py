@@ -101,7 +101,7 @@ def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
 
 
 def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float]) -> Array:
-    """Probability of each rival, (rival,): the mean over the whole record, by `whole`, and its parts."""
+    """Return the probability of each rival, (rival,): mean over the record, by `whole`, and its parts."""
     missing = np.full(len(PARTS_OF_RECORD), np.inf)
     table = [np.append(costs.get(name, missing), of_whole) for name, of_whole in whole.items()]
     return np.asarray(np.mean([probabilities(of_part) for of_part in np.transpose(table)], axis=0))

@@ -93,7 +93,7 @@ class Screening:
 
     @cached_property
     def p_values(self) -> Array:
-        """P-value of each trial: of a larger gain by chance of any of them, (trial,)."""
+        """P-value of each trial: the probability that by chance any trial gains more, (trial,)."""
         gained = zip(self.gains, self.trials, self.effective_rows, strict=True)
         return np.array([self.p_value_of(gain, trial.force, rows) for gain, trial, rows in gained])
 
@@ -109,7 +109,7 @@ class Screening:
         return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
 
     def best(self, *, testable: bool = True) -> list[int]:
-        """The trial of each candidate that gains most, the best first; of those that are testable, or all."""
+        """Return the trial of largest gain of each candidate, best first; of the testable ones, or all."""
         best: dict[str, int] = {}
         for at in np.argsort(-self.gains, kind="stable").tolist():
             if not (testable and self.reasons[at]):
@@ -235,7 +235,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
 
 
 def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialEffect], list[Array]]:
-    """Candidates at grids of their shapes, refined, and where several are climbed; columns in each run."""
+    """Return candidates at refined grids of their shapes, several of them optimised; columns in each run."""
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns, scores = refined(model, trials)
     drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)

@@ -18,7 +18,7 @@ from sysid_trib.forces.shape_parameters import has_frequency_parameter, is_frequ
 def refined(
     model: FittedModel, trials: Sequence[TrialEffect]
 ) -> tuple[list[TrialEffect], list[Array], Array]:
-    """Trials with values of their shapes between those whose columns are not alike, and columns of each run.
+    """Return trials refined between shape values whose columns are not alike, and columns of each run.
 
     And the root of what these gain in the model's own noises, with the sign of its coefficient, (trial,).
 
@@ -58,7 +58,7 @@ def refined(
 
 
 def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialEffect]]:
-    """Trials next to each other in one shape parameter, by their places, and the one halfway between."""
+    """Yield neighbouring trials in one shape parameter, by their places, and the one halfway between."""
     lines: dict[tuple[str, str, tuple[tuple[str, float], ...]], list[tuple[float, int]]] = {}
     for at, trial in enumerate(trials):
         force = trial.force

@@ -30,7 +30,7 @@ def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, str
 def are_physical(
     model: FittedModel, trials: Sequence[TrialEffect], coefficients: Array, columns: Sequence[Array]
 ) -> Mask:
-    """True where a trial may have its coefficient beside a model, (trial,); by its column in each run."""
+    """Return true where a trial may have its coefficient given a model, (trial,); by each run's column."""
     forces = zip(trials, coefficients, strengths(model, columns), strict=True)
     most = model.settings.strongest
     return np.array([is_physical(trial.force, c, size, most) for trial, c, size in forces], dtype=bool)
@@ -193,7 +193,7 @@ def projected(
 def _in_noise_of(
     runs: Sequence[RunProducts], model: Likelihood, at: Array, count: int
 ) -> tuple[Array, Array]:
-    """Products of the first columns, so many, with all, and squares, of all runs, in a model's noise."""
+    """Return products of the first `count` columns with all, and squares, of all runs in a model's noise."""
     products, squares = np.zeros((count, len(at))), np.zeros(len(at))
     for run, ratio, variance in zip(runs, model.ratios.tolist(), model.variances, strict=True):
         products += run.block(ratio, at[:count], at) / variance

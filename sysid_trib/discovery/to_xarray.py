@@ -176,7 +176,7 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
 
 
 def _whitened(search: Search) -> list[float]:
-    """RMS residual of each model about the final path, in the noise of the final model: it never rises."""
+    """Return each model's RMS residual about the final path, in the final model's noise: it never rises."""
     final = search.screenings[-1].model
     tables = np.concatenate(final.white_tables())
     kept = [final.columns_without(search.effects[count:]) for count in range(len(search.effects) + 1)]

@@ -284,7 +284,7 @@ def tied_slopes(tie: Formula, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _affine(tie: Formula, known: Mapping[str, float]) -> tuple[float, dict[str, float]] | None:
-    """Constant and factor of each parameter that is not known, if a tie is linear in these; else None."""
+    """Return constant and factor of each unknown parameter, if a tie is linear in these; else None."""
     free = sorted(tie.names - known.keys())
 
     def value(numbers: Array) -> float:

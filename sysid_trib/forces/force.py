@@ -346,7 +346,7 @@ class ForceLibrary:
         return replace(self, forces=tuple(force for force in self if force.run in (None, run)))
 
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
-        """The library with a force of its own for each run in the place of each of these: `lambda_1`, ..."""
+        """Return the library with one force for each run in place of each of these: `lambda_1`, ..."""
         own = {self[symbol].symbol for symbol in symbols}
         if both := own & {*self.used}:
             symbol = min(both)

@@ -225,7 +225,7 @@ def signal_powers(force: "Force") -> Powers | None:
 
 @lru_cache(maxsize=1024)
 def reference_powers(force: "Force") -> Powers | None:
-    """Powers of the reference frequency w of a coefficient and its shape parameters; None if it has none.
+    """Return powers of the reference frequency w of a coefficient and its shapes; None if it has none.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _powers(
     of_rates: float,
     whole: float,
 ) -> Powers | None:
-    """Powers with which coefficient times force keeps the power `whole` as x and v scale with given ones."""
+    """Return powers of coefficient and shapes that keep the power `whole` if x and v scale as given."""
     hidden = (*force.state, *force.memory)
     for shape_powers in itertools.product(of_shapes, repeat=len(force.shape)):
         shapes = dict(zip(force.shape, shape_powers, strict=True))

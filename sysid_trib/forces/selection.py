@@ -247,7 +247,7 @@ class System:
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
     def with_held(self, forces: str | None) -> str | None:
-        """Forces by their symbols, `lambda,zeta`, and those that are always there; else its usual ones."""
+        """Return forces by symbols, `lambda,zeta`, and those that are always there; else the usual ones."""
         if forces is None:
             return ",".join(self.symbols) or None
         named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]

@@ -226,7 +226,7 @@ def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
 
 
 def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, Array, Array]:
-    """Lines of a spectrum in cycles a sample, their power, and their frequency in units of the motion's."""
+    """Return spectral lines in cycles a sample, their power, and their frequency in units of the motion's."""
     length = len(deviation) // segments
     line, power = scipy.signal.welch(deviation, nperseg=length, detrend="linear")
     # One-sided, which takes half of the time: each line but the first is there twice.

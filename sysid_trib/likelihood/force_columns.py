@@ -56,7 +56,7 @@ def cell_averages(
     given: InputsAt,
     rate_error: float = 0.0,
 ) -> Array:
-    """Forces without states, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
+    """Average forces without states over each sample's cell: sign(v) switches where v does, not at a sample.
 
     Parameters
     ----------

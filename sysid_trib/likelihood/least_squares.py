@@ -61,7 +61,7 @@ class ConstraintMap:
         return self.hold(dropped, np.zeros(int(np.sum(dropped))))
 
     def active(self, kept: Mask) -> Mask:
-        """Coefficients (force,) that are in the model if some free ones (mask over `free`) are kept."""
+        """Return coefficients (force,) in the model if some free ones (mask over `free`) are kept."""
         constrained = np.ones(len(self.constant), bool)
         constrained[self.free] = False
         fixed = constrained & ~self.matrix.any(axis=1)

@@ -157,7 +157,7 @@ class ForceFeatures(BaseFeatureLibrary):
 def readable(
     force: Force, angle: str = "theta", rate: str = "theta'", shapes: ShapeValues | None = None
 ) -> str:
-    """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
+    """Return a readable formula, e.g. `theta' |theta'|`; sums in brackets, states with the symbol."""
     names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
     names |= {k: f"{value:g}" for k, value in force.shape_values(shapes).items()}
     tree = _spoken(force.formula.tree, names | {"sign": "sgn"})

@@ -170,7 +170,7 @@ class RunRegression:
     def columns_along(
         self, x: Array, v: Array, rate_error: float = 0.0, known: Mapping[str, Array] | None = None
     ) -> Array:
-        """Forces, averaged over each sample's cell, and terms of the sensor along a path, (sample, force).
+        """Return cell averages of forces, and terms of the sensor, along a path, (sample, force).
 
         Parameters
         ----------

@@ -37,7 +37,7 @@ def autoregression(residual: Array) -> Array:
 
 
 def _autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
-    """Whitening filter, (order + 1,), and variance of the innovations, by the autocovariance of n samples.
+    """Return whitening filter, (order + 1,), and innovation variance, by the autocovariance of n samples.
 
     Yule and Walker's equations; the order minimises n log(variance) + order log(n).
     """
@@ -57,7 +57,7 @@ def _autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
 
 
 def filter_of(partial: Array) -> Array:
-    """Whitening filter of partial autocorrelations (Levinson and Durbin): stable for all within (-1, 1)."""
+    """Return the whitening filter of partial autocorrelations (Levinson, Durbin): stable within (-1, 1)."""
     filter_ = np.ones(1)
     for value in partial:
         longer = np.append(filter_, 0.0)
@@ -227,7 +227,7 @@ def white_p_value(residual: Array) -> float:
 
 
 def covariance_band(operator: sp.csr_matrix, other: sp.csr_matrix | None = None) -> Array:
-    """Diagonals of a covariance `operator @ operator.T`, (band, row), lower as scipy.linalg stores them.
+    """Return diagonals of a covariance `operator @ operator.T`, (band, row), lower as scipy.linalg does.
 
     Parameters
     ----------

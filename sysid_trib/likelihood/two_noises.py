@@ -86,7 +86,7 @@ class WeighedRun:
         return covariance_band(self.acting)
 
     def factor(self, ratio: float) -> Array:
-        """Cholesky factor of the rows' covariance in the run's noises, with this ratio of their variances."""
+        """Return the Cholesky factor of the rows' covariance with this ratio of the run's noise variances."""
         return cholesky_factor(self._band, self.run.form.gram, ratio)
 
     def with_ratio(self, ratio: VarianceRatio | None) -> "WeighedRun":
@@ -175,7 +175,7 @@ def _estimated(weighed: WeighedRun, colour: bool) -> WeighedRun:
 
 
 def _colours(weighed: WeighedRun) -> tuple[NoiseModel, NoiseModel, float | None]:
-    """Most likely noises of the sensor with a random force and without, and a ratio near that of the first.
+    """Return the most likely sensor noises with and without a random force, and a ratio near the first's.
 
     The orders are those that the spectrum asks for with a random force, and without one; of the two that of
     the lower Bayesian information criterion. A random force is tested beside colours of one order: a higher

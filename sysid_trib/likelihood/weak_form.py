@@ -83,7 +83,7 @@ class WeakForm:
 
 
 def build_weak_form(tau: Array, intervals: int | None = None) -> WeakForm:
-    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform); the last few are kept.
+    """Build the weak form on the samples `tau` = w t (increasing, also uneven); the last few are kept.
 
     `intervals` : between the knots of the test functions; by default `knot_intervals` of tau, of at least
     `SAMPLES_PER_ROW` samples.
@@ -106,7 +106,7 @@ def _built(tau: Array, intervals: int) -> WeakForm:
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
-    """Integrals against a derivative of the test functions from values at the samples, (row, sample)."""
+    """Return integrals against a derivative of the test functions from values at samples, (row, sample)."""
     # The first and last rows of a short record are the same ones.
     if intervals + 1 < 2 * END_ROWS:
         return _integrals(tau, tau, intervals, order)
@@ -136,7 +136,7 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
 
 
 def points_between(tau: Array, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
-    """Points between the samples of a weak form, for integrands that turn quickly; the last few are kept.
+    """Return points between the samples of a weak form, for integrands that turn quickly; a few are kept.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def _between_samples(tau: Array, parts: int) -> Array:
 
 
 def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int = 0) -> sp.csr_matrix:
-    """Integrals against a derivative of the test functions on `tau`, but so many of each end, by points."""
+    """Return integrals against a derivative of the test functions on `tau`, without `ends` at each end."""
     knots = knot_sequence(tau, intervals)
     weights = np.gradient(points) * _end_weights(len(points))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.

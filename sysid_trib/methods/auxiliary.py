@@ -28,7 +28,7 @@ Groups: TypeAlias = Mapping[str, half_periods.EquationSolution]
 
 
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Equations of a steady frequency: every half period lasts as long; the parameter is that time (s)."""
+    """Return equations of a steady frequency: all half periods are equal; the parameter is their time (s)."""
     return np.ones((len(time) - 1, 1)), np.diff(time)
 
 
@@ -100,7 +100,7 @@ class AuxiliaryModel:
     means: Callable[[Array], Array] | None = None
 
     def measure(self, decay: xr.Dataset) -> xr.Dataset:
-        """Envelope of a decay (see `envelope`), with what gave it and `first_time` (s) in its attrs."""
+        """Measure the envelope of a decay (see `envelope`); attrs state the method and `first_time` (s)."""
         attrs = {"first_time": float(decay.time.values[0]), "curve": self.curve}
         return envelope(decay, self.curve).assign_attrs(attrs)
 
@@ -195,7 +195,7 @@ def birge_ratios(groups: Groups) -> dict[str, float]:
 
 
 def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Dataset:
-    """An envelope whose errors are those of white noise of the sensor, and of a random force if there is any.
+    """Return an envelope with the errors of white sensor noise and of a random force, if there is any.
 
     Parameters
     ----------
@@ -294,7 +294,7 @@ def _unexplained(target: Array, design: Array) -> float:
 def _table_of(
     groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset
 ) -> tuple[Array, Array, Array]:
-    """Columns and residual of equations, with their covariance by unit noise and by a unit random force.
+    """Return columns and residual of equations, with covariances by unit noise and by a unit random force.
 
     The two covariances are (band, row), the random force that of a unit of tau.
     """
@@ -311,7 +311,7 @@ def _table_of(
 def random_force_ratio(
     groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset, option: RandomForceOption
 ) -> VarianceRatio:
-    """Ratio of a random force to the sensor's noise in one run, by restricted likelihood of its equations.
+    """Return a run's ratio of random force to sensor noise, by restricted likelihood of its equations.
 
     Parameters
     ----------

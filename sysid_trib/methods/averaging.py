@@ -344,7 +344,7 @@ class FrequencyShift:
             forces = (stiffness, *forces)
 
         def identified(values: Array) -> Array:
-            """Coefficients at the reference frequency, that of formula `x` first, and that frequency."""
+            """Return coefficients at the reference frequency, formula `x` first, and that frequency."""
             coefficients, fitted = values[:count], values[-1:]
             if reference is None:
                 return np.append(coefficients, fitted)
@@ -372,7 +372,7 @@ def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> Auxilia
     count, averaged = len(library), averaged_equations(library, shapes)
 
     def shifts(extremum: Array, time: Array) -> tuple[Array, Array]:
-        """Frequency of every period against w_inf c of each force, and w_inf."""
+        """Return design and target of the frequency of every period, for w_inf c of each force and w_inf."""
         design, target = averaged(extremum, time)
         return design[:, 1], target[:, 1]
 

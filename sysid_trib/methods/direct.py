@@ -267,7 +267,7 @@ def _estimate(solution: Solution) -> Estimate:
 
 
 def _random_force(solution: Solution, option: RandomForceOption) -> Variables:
-    """The random force of each run as variables of a result; none where the noise is the sensor's alone."""
+    """Return each run's random force as variables of a result; none if the noise is the sensor's alone."""
     runs, nominal = solution.runs, solution.runs[0].nominal_frequency
     forces = [random_force_of_ratio(run.ratio, nominal, option) for run in runs if run.ratio is not None]
     if not forces:

@@ -315,7 +315,7 @@ def _check_rank(design: Array, names: Sequence[str], instants: int) -> None:
 def _rows(
     equations: Equations, measured: xr.Dataset, change: Array | float = 0.0
 ) -> tuple[Array, Array, Index]:
-    """Design, target and instant of all equations, at half periods that differ by a change, (2, half)."""
+    """Return design, target and instant of all equations, at half periods displaced by (2, half)."""
     t = measured.extremum_time.values - measured.attrs["first_time"]
     design, target = equations(*(np.stack([measured.extremum.values, t]) + change))
     instant = np.repeat(np.arange(len(target)), target.size // len(target))
@@ -325,7 +325,7 @@ def _rows(
 def _linear(
     equations: Equations, measured: xr.Dataset
 ) -> tuple[Array, Array, Index, Callable[[Array], sp.csr_matrix]]:
-    """Design, target, instant; slopes of the residual by the extrema and their times, of any parameters."""
+    """Return design, target, instant, and slopes of the residual by extrema and times, of any parameters."""
     design, target, instant = _rows(equations, measured)
     steps = DIFFERENCE_STEP * _sizes(measured)
     half_periods = steps.shape[1]

@@ -194,7 +194,7 @@ def _corrected(
 def _motion_from_start(
     model: Model, decay: xr.Dataset, before: FittedMotion | None, frequency: float
 ) -> tuple[xr.Dataset, FittedMotion]:
-    """A motion of the model that starts as a decay does, and its start; `before` that of a model nearby."""
+    """Return a motion of the model that starts like a decay, and its start; `before` is a nearby motion's."""
     time, angle = (decay[name].to_numpy().astype(float) for name in ("time", "angle"))
     # Two periods fix the start; a model that is still biased may slip out of phase later.
     count = np.searchsorted(time, time[0] + 4.0 * np.pi / frequency) + 1

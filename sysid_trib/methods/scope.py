@@ -178,7 +178,7 @@ def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]
 
 
 def _label(method: Method, same: Sequence[Method]) -> str:
-    """Label of a method, with the options in which it differs from others of it and from the default."""
+    """Return a method's label, with the options in which it differs from its like and from the default."""
     options = []
     all_options: tuple[Field[Any], ...] = fields(method) if is_dataclass(method) else ()
     for option in all_options:

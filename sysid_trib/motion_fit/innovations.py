@@ -229,7 +229,7 @@ def _spans(tracked: TrackedRecord) -> Index:
 
 
 def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, Array]:
-    """Smoothed states (state, sample), and mean random force in the spans with its error, (sample,) each.
+    """Return smoothed states (state, sample), and each span's mean random force and error, (sample,) each.
 
     The state has one entry more, the impulse int xi dtau since the span began. Its part that the step shows
     in x and v comes with them, by regression on their random part; the rest is noise of its own.
@@ -268,7 +268,7 @@ def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
 
 
 def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:
-    """Regression of the impulse of each step on the noise that it adds to x and v, and the variance left.
+    """Return the regression of each step's impulse on its noise in x and v, and the residual variance.
 
     By the covariances of the free oscillator, over steps `length` of tau: (step, 2), (step,).
     """

@@ -81,7 +81,7 @@ class LinearModel:
         )
 
     def by_parameters(self, columns: Array) -> "LinearModel":
-        """The model with columns for other parameters, of which these are functions, (column, parameter)."""
+        """Return model with columns for parameters of which its own are functions, (column, parameter)."""
         tables = self.observed_parameters, self.start, self.by_column
         shown, start, by_column = (table @ columns for table in tables)
         return replace(self, observed_parameters=shown, start=start, by_column=by_column)

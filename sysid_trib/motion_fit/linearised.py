@@ -58,7 +58,7 @@ def linearised_along(model: Model, time: Array, motion: SimulatedMotion) -> Line
 
 
 def whitened(model: Model, time: Array, start: tuple[float, float], ratio: float, columns: Array) -> Array:
-    """Differences of a motion, (sample, column), as innovations over their size, where a random force acts.
+    """Return differences of a motion, (sample, column), as scaled innovations, where a random force acts.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ HELD = 1e-9
 
 
 def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
-    """Harmonics of the motion's phase times polynomials of its amplitude, the resonant one drifting too.
+    """Return harmonics of the phase times polynomials of the amplitude; the resonant one also drifts.
 
     Parameters
     ----------

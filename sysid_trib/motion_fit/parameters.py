@@ -47,7 +47,7 @@ class Parameters:
     constraints: Constraints = field(default_factory=Constraints)
 
     def completed(self) -> "Parameters":
-        """The parameters with tied shapes fitted, fixed ones held, and a zero of the sensor that is decided.
+        """Return the parameters with tied shapes fitted, fixed ones held, and the sensor's zero decided.
 
         Raises
         ------

@@ -121,7 +121,7 @@ class WhitenedRecord:
         return np.append(first / size * (1.0 + np.log(size)), np.full(len(self.time) - len(first), far))
 
     def sensitivity(self, model: Model, per_run: Array, by: Sequence[str]) -> Array | None:
-        """Derivatives of the residual by parameters of the motion, (sample, parameter); None at a penalty."""
+        """Return derivatives of the residual by parameters, (sample, parameter); None at a penalty."""
         if self._excess(model, per_run) > 1.0:
             return None
         motion = self._motion(model, per_run, by=by)
@@ -239,7 +239,7 @@ class FitProblem:
         return np.asarray(self.white(tables) @ self.parameters.jacobian(values))
 
     def _sensitivity(self, values: Array, run: int, here: Array) -> Array:
-        """Derivative of a run's residual (`here`) by each parameter as if none were tied; 0 of fixed ones."""
+        """Return derivatives of a run's residual (`here`) by parameters, ties ignored; 0 of fixed ones."""
         parameters, record = self.parameters, self.records[run]
         table = np.zeros((len(here), len(values)))
         *starts, offset = range(len(values))[parameters.of_run(run)]

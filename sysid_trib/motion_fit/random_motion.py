@@ -117,7 +117,7 @@ class Iterate:
         return float(np.max(np.abs(step) / np.sqrt(np.diag(covariance))))
 
     def filtered_motion(self, run: int) -> tuple[Array, Array]:
-        """The path by the samples up to each one (sample, state), and the standard error of v (sample,), rad.
+        """Return path by the samples up to each one (sample, state), and v's standard error (sample,), rad.
 
         At the parameters of most likelihood.
         """

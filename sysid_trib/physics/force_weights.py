@@ -256,7 +256,7 @@ def _weight(estimate: estimates.ModelEstimate, i: int, acts_on: str) -> tuple[We
 def _crossing(
     estimate: estimates.ModelEstimate, pair: tuple[int, ...], tables: list[tuple[Weight, Array]]
 ) -> tuple[float, float, int, bool]:
-    """Smallest amplitude of equal weights, its error, how many there are, and whether they are opposed."""
+    """Return the smallest amplitude of equal weights, its error, their number, and whether forces oppose."""
     c, covariance = estimate.coefficients[list(pair)], estimate.coefficient_covariance[np.ix_(pair, pair)]
 
     def difference(weights: list[Array]) -> Array:

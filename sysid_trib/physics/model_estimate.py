@@ -152,7 +152,7 @@ class ModelEstimate:
         return Model(self.library, {s: c for s, c, yes in pairs if yes}, float(values[-1]), self.shapes)
 
     def with_inertia(self, inertia: float, standard_error: float) -> tuple[Array, Array]:
-        """Values and covariance with an inertia (kg m^2) as the last, which was measured apart from them."""
+        """Return values and covariance with a separately measured inertia (kg m^2) as the last."""
         covariance = np.pad(self.covariance, (0, 1))
         covariance[-1, -1] = standard_error**2
         return np.append(self.values, inertia), covariance

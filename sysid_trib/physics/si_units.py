@@ -204,7 +204,7 @@ def in_si_units(
     load: Measured | None = None,
     radius: Measured | None = None,
 ) -> xr.Dataset:
-    """Torques or forces of the contact in SI units, and the coefficient of friction, with their errors.
+    """Return torques or forces of the contact and the coefficient of friction in SI units, with errors.
 
     Parameters
     ----------

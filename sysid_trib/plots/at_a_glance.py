@@ -123,7 +123,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
 
 
 def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
-    """Identifications whose coefficients are shown, the main one last, and whether it explains the record."""
+    """Return the identifications shown, the main one last, and whether it explains the record."""
     if kind_of(tree) == "discover":
         final = tree["after"].to_dataset()
         # If nothing is missing, only names are in doubt.
@@ -139,7 +139,7 @@ def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
 
 
 def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
-    """Weights of the forces over the amplitudes of a decay, each at its own time; None of what has none."""
+    """Return weights of the forces over a decay's amplitudes, each at its time; None if there are none."""
     with suppress(SysidTribError):
         halves = envelope(record[["angle"]]).sortby("amplitude")
         amplitude = halves.amplitude.values

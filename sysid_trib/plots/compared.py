@@ -115,7 +115,7 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.Style], symbol: str) -> None:
-    """A coefficient or the `asymptotic_frequency` by method, over a power of ten that its label states."""
+    """Draw a coefficient or the `asymptotic_frequency` by method, over a power of ten in its label."""
     power, unit, columns = 0, "rad/s", (table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"])
     if name != ASYMPTOTIC:
         column = table.sel(force=name)
@@ -171,7 +171,7 @@ MOST_NAMES_DRAWN = 8
 def against_condition(
     compared: xr.Dataset, name: str, condition: ArrayLike, *, width: float = FULL_WIDTH
 ) -> Figure:
-    """Return each quantity of all runs against a condition, with standard errors; outliers in another colour.
+    """Draw each quantity of all runs against a condition, with standard errors; outliers in another colour.
 
     Parameters
     ----------

@@ -241,7 +241,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 class LiteralFigure(Figure):
-    """A figure that gives texts room, and draws one of a file as it is where it only looks like mathematics.
+    """A figure that makes room for texts, and draws a text that only looks like mathematics as it is.
 
     What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels
     longer than their panel are broken, a legend above a panel has the columns that fit beside its title. A
@@ -365,7 +365,7 @@ def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
 
 @lru_cache(maxsize=1000)
 def _smallest_part(text: str) -> float:
-    """Size of an exponent in a text over that of the text; 0 if matplotlib cannot write its mathematics."""
+    """Return the relative size of an exponent in a text; 0 if matplotlib cannot write its mathematics."""
     size: float = FontProperties().get_size_in_points()
     try:
         lines = [MathTextParser("path").parse(line) for line in text.split("\n") if "$" in text]

@@ -74,7 +74,7 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
 
 
 def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
-    """The curves of each method with their bands, those in `odd` mirrored, and where the record ends."""
+    """Draw the curves of each method with their bands, those in `odd` mirrored, and the record's ends."""
     ends: list[float] = []
     looks = LAW_LOOKS[-len(curves) :] if curves else ()
     for (name, curve), look in zip(curves.items(), looks, strict=True):

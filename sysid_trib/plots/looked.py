@@ -146,7 +146,7 @@ INPUT_HEIGHT = 1.6
 
 
 def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """Return the inputs, record and motion of the answer, and the residuals of the models, over time.
+    """Draw inputs, record and motion of the preferred model, and the residuals of the models, over time.
 
     Parameters
     ----------

@@ -85,7 +85,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
 
 
 def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
-    """Each named effect, in a column in lines of their own the effects that it cannot be separated from."""
+    """Return each named effect; in a column, its competing effects have lines of their own."""
     parts = [_in_parts(step, signal_units(tree)) for step in steps_taken(tree)]
     room = int(CHARACTERS * (width - 1.3))
     if width < TWO_COLUMNS:
@@ -155,7 +155,7 @@ def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
 
 
 def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float) -> QuadMesh:
-    """A force over angle and rate as colours that end at `limit`, with dots where it is beyond the noise."""
+    """Draw a force over angle and rate as colours that end at `limit`, with dots above the noise."""
     x, v, values = force.x.values, force.v.values, force.values
     look: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit), "rasterized": True}
     mesh = ax.pcolormesh(x, v, values.T, shading="nearest", **look)

@@ -49,7 +49,7 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
 
 
 def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[str, str]]:
-    """Lines of the models of a run that have a motion, and what legends call all of them, by their names.
+    """Return the lines of a run's models that have a motion, and their common name in legends, by name.
 
     These are the models of a cross-check, the first and last of a discovery, or the best one of a comparison.
     """
@@ -81,7 +81,7 @@ def _effects(tree: xr.DataTree) -> str:
 
 
 def drawn_samples(values: Array) -> NDArray[np.intp]:
-    """Samples that draw a curve: the least and the largest of each stretch, so that no peak is lost."""
+    """Return the least and the largest sample of each stretch, which draw a curve with all its peaks."""
     if values.size <= MOST_POINTS:
         return np.arange(values.size)
     edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
@@ -136,7 +136,7 @@ ARC_POINTS = 40
 def frequency_shift(
     measured: Mapping[str, xr.Dataset], predicted: Mapping[str, xr.Dataset], ax: Axes | None = None
 ) -> Axes:
-    """Frequency against amplitude: half periods as marks, averaged models as lines (Figs. 3, 4, 5 and 10).
+    """Draw frequency against amplitude: half periods as marks, averaged models as lines (Figs. 3, 4, 5, 10).
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def motions(
     *,
     half_periods: xr.Dataset | None = None,
 ) -> Axes:
-    """A record, and the motions or the averaged envelopes of models, or its half-sines (Figs. 2, 6 and 7).
+    """Draw a record, and motions or averaged envelopes of models, or its half-sines (Figs. 2, 6 and 7).
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def weights(
     quantity: Literal["peak_force", "decay", "frequency_shift", "decay_share", "frequency_share"],
     ax: Axes | None = None,
 ) -> Axes:
-    """Return the weight of each force against amplitude, with bands of one standard error (Figs. 8 and 9).
+    """Draw the weight of each force against amplitude, with bands of one standard error (Figs. 8 and 9).
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def weights(
 def draw_weights(
     ax: Axes, weighed: xr.Dataset, quantity: str, *, factor: float = 1.0, zeros: bool = True
 ) -> None:
-    """A variable of weights times a factor for each force, with a band; `zeros`: also where it has none."""
+    """Draw a variable of weights times a factor for each force, with a band; `zeros`: also where absent."""
     a = weighed.amplitude.values
     for symbol, series in zip(weighed.force.values.tolist(), cycle(style.SERIES)):
         names = quantity, f"{quantity}_standard_error"

@@ -63,7 +63,7 @@ def mark(series: Style) -> dict[str, Any]:
 def interval(
     ax: Axes, row: float, value: float, error: Any, limits: tuple[float, float], **look: Any
 ) -> None:
-    """A value with its error in a row; an arrow at the edge where it is beyond the limits, nothing of nan."""
+    """Draw a value with its error in a row; an arrow at the edge if beyond the limits, nothing for nan."""
     low, high = limits
     usual: dict[str, Any] = {"fmt": "o", "markersize": 3, "linewidth": 1.0}
     look = usual | look

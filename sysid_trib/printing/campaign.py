@@ -96,7 +96,7 @@ def named_counts(store: xr.Dataset) -> dict[str, int]:
 
 
 def named_text(record: xr.Dataset) -> str:
-    """The effects that a discovery named, each with its p-value, and what they cannot be separated from."""
+    """Return the effects that a discovery named, each with its p-value and its competing effects."""
     named = str(record.named.item())
     # A store that was begun by an older version has the names alone.
     if not named or EFFECT_P_VALUE not in record:

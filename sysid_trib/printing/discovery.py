@@ -100,7 +100,7 @@ def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
 
 
 def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
-    """The credible set of an effect, how probable each member is, and what would separate them."""
+    """Describe the credible set of an effect, each member's probability, and what would separate them."""
     probabilities = effects.credible_set(step)
     symbol, *others = probabilities
     if not others:
@@ -209,7 +209,7 @@ def _spans(spans: xr.Dataset) -> dict[str, Any]:
 
 
 def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
-    """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
+    """Return an effect with its competing effects, on held-out data, and in parts of the record."""
     held, offered = tree["holdout"].rms, effects.candidates_of(tree)
     probabilities = {s: round(p, 4) for s, p in effects.credible_set(step).items()}
     likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)

@@ -105,7 +105,7 @@ def formula_text(step: xr.Dataset) -> str:
 
 
 def ranking_table(tree: xr.DataTree) -> Table:
-    """|z| of named and best candidates before each step and after the last; those in the model have none."""
+    """Return |z| of named and best candidates before each step and at the end; not of those in the model."""
     ranking, detectable = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
     named = [symbol for symbol in effects.added_effects(tree) if symbol in ranking.candidate]
     last = effects.strongest(ranking.isel(selection_step=[-1]), LAST)
@@ -165,7 +165,7 @@ def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
 
 
 def residual_table(tree: xr.DataTree, group: str) -> Table:
-    """Parts of record minus model: the largest, when, and at the largest and the smallest amplitude."""
+    """Return parts of record minus model: the largest, its time, and at largest and smallest amplitude."""
     spans, (factor, unit) = tree[group].to_dataset(), small_units(signal_units(tree))
     harmonics = {
         f"{name} harmonic ({unit})": factor * np.hypot(spans[f"{name}_cosine"], spans[f"{name}_sine"])

@@ -76,14 +76,14 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
 
 
 def csv_text(tree: xr.DataTree) -> str:
-    """All coefficients and frequencies, a row each, with total errors and their parts; then the record."""
+    """Return rows of coefficients and frequencies with total errors and their parts; then the record."""
     details = ({"quantity": name, "value": text} for name, text in about_the_record(tree).items())
     rows = (*_rows(tree), *({"method": RECORD_ROWS} | row for row in details))
     return layout.csv_of(["method", *list(layout.COLUMNS)[:-1]], rows)
 
 
 def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """Quantities by each method, in SI units with what these were made with, and differences of samples."""
+    """Yield quantities by each method, in SI units with the values used, and differences of samples."""
     for method, result in judged.given_results(tree).items():
         yield from ({"method": method} | row for row in layout.quantities(judged.with_error_parts(result)))
     if (values := si_of(tree)) is not None:
@@ -106,7 +106,7 @@ def _number(data: xr.Dataset, name: str) -> dict[str, float]:
 
 
 def latex_text(tree: xr.DataTree) -> str:
-    r"""A table (`booktabs`) of all coefficients with errors, and the equation of the main identification."""
+    r"""Return a table (`booktabs`) of coefficients with errors, and the main identification's equation."""
     named = judged.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
     cells: dict[str, dict[str, str]] = {}

@@ -32,7 +32,7 @@ def sample_name(sources: Sequence[str], otherwise: str) -> str:
 
 
 def law_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Say of each law where the samples differ, and how surely; nothing where no laws were asked for."""
+    """Describe where the samples differ in each law, and the significance; nothing without laws."""
     if LAW_DIFFERENCE not in tree.children:
         return
     data, (first, second) = tree[LAW_DIFFERENCE].to_dataset(), sample_names(tree.to_dataset())

@@ -124,7 +124,7 @@ def text_table(
 
 
 def quantities(result: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Coefficients, shape parameters and frequencies of an identification, a row each (see `COLUMNS`)."""
+    """Yield rows of coefficients, shape parameters and frequencies of an identification (see `COLUMNS`)."""
     for force in by_label(result, "force").values():
         yield {column: force[name].item() for column, name in COLUMNS.items() if name in force}
     shapes = by_label(result, "shape_parameter") if "shape" in result else {}
@@ -138,7 +138,7 @@ def quantities(result: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def number_and_mark(row: Mapping[str, Any]) -> tuple[str, str]:
-    """The number of a quantity with its error, and behind it that it is held, fixed, at its bound or tied."""
+    """Return a quantity with its error, and a mark if it is held, fixed, at its bound or tied."""
     if "standard_error" not in row:
         return f"{row['value']:g}", " (held)"
     number = value_with_error(row["value"], row["standard_error"])

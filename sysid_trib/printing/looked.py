@@ -153,7 +153,7 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
 
 
 def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
-    """Options of `identify` that the backbones point to, and that the half periods of all decays can decide.
+    """Return options of `identify` that the backbones indicate and all decays can determine.
 
     Parameters
     ----------

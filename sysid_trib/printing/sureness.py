@@ -200,7 +200,7 @@ def _dependences(tested: xr.Dataset) -> str:
 
 
 def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
-    """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
+    """Return `verdict`, `random_force` and `innovations` as plain data; None without a random force."""
     result = judged.last_of(tree)
     data: dict[str, Any] = {"verdict": judged.verdict_of(tree), "random_force": None, "innovations": None}
     force = random_force_of(result)

@@ -275,7 +275,7 @@ def _held_apart(
 def _model_error_of_difference(
     sides: Sequence[Sequence[xr.Dataset]], runs: Sequence[Sequence[xr.Dataset]], library: ForceLibrary
 ) -> Array | None:
-    """Covariance by the model of the differences; None where all explain, or parts cannot be fitted."""
+    """Return the model's covariance of the differences; None if all explain, or parts cannot be fitted."""
     if not any("error_of_model" in result for side in sides for result in side):
         return None
     reference, symbols = sides[0][0].reference_frequency.item(), references.forces_in_model(sides[0][0])

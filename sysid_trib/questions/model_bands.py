@@ -94,7 +94,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
 def _curves(
     likelihood: Fit, values: Array, run: int, time: Array, amplitudes: Array | None
 ) -> tuple[Array, ...]:
-    """The curves of these parameters, in the order of `MODEL_CURVES`, and the amplitudes of the last two."""
+    """Return curves of these parameters, in the order of `MODEL_CURVES`, and amplitudes of the last two."""
     parameters, record = likelihood.parameters, likelihood.problem.records[run]
     model, (angle, rate, _) = parameters.model(values, run), parameters.per_run(values)[run]
     motion = record.angle + record.residual(model, parameters.per_run(values)[run])

@@ -147,7 +147,7 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
 
 
 def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[str, float]:
-    """Shape parameters of a rival as the search had them, those of its candidate from the last step."""
+    """Return a rival's shape parameters from the search, those of its candidate from the last step."""
     # A result that an older version saved has no shapes of candidates.
     shapes = library.shape_values() | schema.shape_values_of(after, library)
     for name in shapes.keys() & set(step.get("competing_shape_parameter", xr.DataArray([])).values.tolist()):

@@ -144,7 +144,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
 
 
 def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
-    """Numbers of the motions in a sweep up, in one down, and of an unstable one, (3, frequency); -1 of none.
+    """Return the motions of a sweep up, of one down, and an unstable one, (3, frequency); -1 if none.
 
     A sweep begins with the smallest stable motion, and goes on with the nearest one.
     """
@@ -227,7 +227,7 @@ def _drawn(result: xr.Dataset, model: Model, seed: int) -> list[tuple[float, Arr
 
 
 def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array) -> Array:
-    """Frequency, amplitude, and amplitude of the simulated motion, (3, check), of motions of both sweeps."""
+    """Return frequency, predicted and simulated amplitude, (3, check), of motions of both sweeps."""
     rows = []
     for sweep in (0, 1):
         there = np.flatnonzero(np.isfinite(amplitude[sweep]))
@@ -243,7 +243,7 @@ def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array
 
 
 def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, float]) -> float:
-    """Amplitude of the first harmonic to which a motion settles that begins as a steady one; nan of none."""
+    """Return first harmonic's amplitude after a start on a steady motion has settled; nan if it does not."""
     amplitude, phase = motion
     ratio = np.array([w / model.reference_frequency])
     described_at = steady.describing_functions(model.forces, model.shapes, ratio)

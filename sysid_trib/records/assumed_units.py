@@ -15,7 +15,7 @@ from sysid_trib.records.free_decay import free_decay
 
 
 def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
-    """Unit of a time column, its factor to s, and why where it was not stated; None if nothing tells it.
+    """Return a time column's unit, factor to s, and reason if not stated; None if nothing states it.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def _contradicted(column: Column, stated: str, option: str, given: object, known
 
 
 def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
-    """The unit in which the steps of a time column are those that a column `dt (s)` states, and why; or None.
+    """Return the time unit that agrees with the steps in a column `dt (s)`, and the reason; or None.
 
     Stamps of these years that count from a known date tell their unit too.
     """
@@ -290,7 +290,7 @@ def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
 
 
 def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
-    """Radius of the circle about the origin on which a column and another one lie; None if they do not."""
+    """Return the radius of the circle about the origin on which two columns lie; None if they do not."""
     values = signal.cells
     for column in table.columns:
         second = column.cells

@@ -48,7 +48,7 @@ def spikes(time: Array, signal: Array) -> Index:
 
 
 def _off_neighbours(signal: Array) -> Array:
-    """Distance of each sample from the cubic through its four neighbours; of an end, through the next four.
+    """Return each sample's distance from the cubic through its four neighbours; at an end, the next four.
 
     Zero of the second from either end.
     """
@@ -61,7 +61,7 @@ def _off_neighbours(signal: Array) -> Array:
 
 
 def new_frames(signal: Array) -> Index | None:
-    """First rows of values that are held over several rows (a live camera's frames); None if none are held.
+    """Return first rows of values held over several rows (a live camera's frames); None if none are held.
 
     Values repeat too where a fine clock meets a coarse sensor; but then a new value is the next step.
     """

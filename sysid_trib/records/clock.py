@@ -202,7 +202,7 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
 
 
 def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
-    """The uniform clock whose rounded stamps these are, rows missing or not; else the stamps themselves."""
+    """Return the uniform clock whose rounded stamps these are, also with missing rows; else the stamps."""
     steps = np.diff(given)
     usual = signal.usual_step(steps)
     if usual <= 0.0:
@@ -263,7 +263,7 @@ def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | N
 
 
 def roundings(given: Array) -> Iterator[tuple[float | Array, str]]:
-    """Steps to which stamps may be rounded, coarsest last: of decimals, of significant digits, of float32."""
+    """Yield possible rounding steps of stamps, coarsest last: decimals, significant digits, float32."""
     step = decimal_step(given)
     if step:
         yield step, f"stamps rounded to {step:g}"
@@ -303,7 +303,7 @@ def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
 
 
 def _in_packets(given: Array, line: Array, values: Array) -> bool:
-    """True if rows come at once, then late, and the signal moves as far between packets as within them."""
+    """Return true if rows come in packets, and the signal moves as much between packets as within them."""
     steps, moves = np.diff(given), np.abs(np.diff(values))
     at_once = steps < AT_ONCE * (line[1] - line[0])
     if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):

@@ -242,7 +242,7 @@ class Column:
 
 
 def is_missing(text: str) -> bool:
-    """True if a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
+    """Return true if a text is a missing value: empty, a usual word, or neither letter nor digit."""
     plain = text.strip().lower()
     return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
 
@@ -257,7 +257,7 @@ def is_number(value: object) -> bool:
 
 
 def _of_the_day(texts: list[str]) -> Array | None:
-    """Seconds of times such as `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`; else None."""
+    """Return seconds of times, `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`, or None."""
     matches = [_CLOCK_TIME.fullmatch(text) for text in texts]
     if not all(matches):
         return None

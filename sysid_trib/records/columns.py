@@ -140,7 +140,7 @@ def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | 
 
 
 def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[tuple[Column, list[Column]]]:
-    """Times and signals of each run side by side: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; else nothing.
+    """Return times and signals of runs side by side: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; else nothing.
 
     Each has as many columns as the others, of the same names but for their numbers or letters.
     """
@@ -161,7 +161,7 @@ _RUN = re.compile(
 
 
 def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
-    """True if columns are those of several bodies in one run: groups of their own names over equal times."""
+    """Return true if columns are several bodies in one run: groups with their own names over equal times."""
     first, *others = (time for time, _ in runs)
     grouped = all(" " in time.base and not _RUN.search(time.base) for time, _ in runs)
     named_before = grouped and all(lab.is_time(time.base.rpartition(" ")[2], "") for time, _ in runs)
@@ -339,7 +339,7 @@ def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
 
 
 def _is_rate_of(swing: equilibrium.Swing | None, other: equilibrium.Swing | None) -> bool:
-    """True if a swing is the derivative of another: a quarter of a period ahead, and w times as large."""
+    """Return true if a swing is the derivative of another: a quarter period ahead, and w times as large."""
     if swing is None or other is None or swing is other:
         return False
     mine, its = swing.oscillation, other.oscillation
@@ -371,7 +371,7 @@ def _are_axes(first: str, second: str) -> bool:
 
 
 def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
-    """True if two columns are one motion, of either sign, but for their noise: by their correlation."""
+    """Return true if two columns are one motion, of either sign, up to noise: by their correlation."""
     if first.size != second.size:
         return False
     good = np.isfinite(first) & np.isfinite(second)
@@ -380,7 +380,7 @@ def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
 
 
 def _is_magnitude(values: Array) -> bool:
-    """True if a column is never negative but near zero to the end: a magnitude, not a signal with a sign."""
+    """Return true if a column is never negative but reaches zero to the end: a magnitude without sign."""
     good = values[np.isfinite(values)]
     if good.size < 2 or good.min() < 0.0:
         return False

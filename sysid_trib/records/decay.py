@@ -48,7 +48,7 @@ def free_part(swing: Swing) -> Swing:
 
 
 def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
-    """First sample at the extremum before the first zero crossing, 0 if the record is free before it, too.
+    """Return the extremum before the first zero crossing, or 0 if the record is free before it, too.
 
     Before that extremum a hand may hold the body, or move it to its release. Free motion takes a quarter
     period from the extremum to the crossing, a little more where it decays, and before the extremum it is the
@@ -79,7 +79,7 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
 
 
 def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
-    """True if an end of the record is the mirror image, through a zero crossing, of the swing next to it.
+    """Return true if an end of the record mirrors, through a zero crossing, the swing next to it.
 
     Free motion under odd forces is, up to the decay; motion held, driven or stopped by hand or by friction is
     not.
@@ -202,7 +202,7 @@ def _sentence(swing: Swing, units: str, said: str) -> str:
 
 
 def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing:
-    """The swing of a piece about a given value, or about the constant of the damped sine that fits it best.
+    """Return the swing of a piece about a given value, or about the constant of the best damped sine.
 
     Raises
     ------

@@ -61,7 +61,7 @@ class Swing:
 
     @property
     def scatter(self) -> float:
-        """Generous for an extremum's own: noise that averages over a third of a period leave, and steps."""
+        """Upper estimate of an extremum's scatter: noise averaged over a third of a period, and steps."""
         return 3.0 * self.oscillation.smoothed_noise + 0.5 * self.oscillation.step
 
 
@@ -158,7 +158,7 @@ def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
 
 
 def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods) -> Array:
-    """Extremum of each half period of a roughly centred signal, from a cosine through its middle two thirds.
+    """Return the extremum of each half period of a roughly centred signal: a cosine fits its middle part.
 
     A remaining offset passes with gain one, up to the cosine's curvature.
     """
@@ -177,14 +177,14 @@ def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods)
 
 
 def samples_between(low: Index, high: Index) -> tuple[Index, Index, Index]:
-    """Samples of each half period, one after the other: their numbers, its number, and the first of each."""
+    """Return the samples of all half periods: their numbers, half periods, and the first of each."""
     count = high - low
     half, first = np.repeat(np.arange(count.size), count), np.cumsum(count) - count
     return np.arange(half.size) + (low - first)[half], half, first
 
 
 def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Array:
-    """Sums of cos cos, cos sin, sin sin, cos y and sin y over each half period, which starts at `first`."""
+    """Return sums of cos cos, cos sin, sin sin, cos y and sin y over half periods that start at `first`."""
     sums = np.empty((5, len(first)))
     # Some at a time: what is between stays in the cache, however long the record is.
     for start in range(0, len(first), HALF_PERIODS_AT_ONCE):
@@ -235,7 +235,7 @@ def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
 
 
 def _drift_error(terms: Array, weights: Array, error: float) -> float:
-    """Error of the mean from eight successive blocks, where it is clearly larger: the equilibrium drifts."""
+    """Return the mean's error from eight blocks, if it is clearly larger: the equilibrium drifts."""
     if terms.size < 4 * DRIFT_BLOCKS:
         return 0.0
     bounds = np.arange(DRIFT_BLOCKS) * terms.size // DRIFT_BLOCKS

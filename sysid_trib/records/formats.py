@@ -96,7 +96,7 @@ def _json_content(path: Path) -> Any:
 
 
 def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Columns of objects, of rows of objects or of cells, or of a plain list, named like `run.theta`."""
+    """Yield columns of objects, of rows of objects or cells, or of a plain list, named like `run.theta`."""
     if isinstance(value, dict):
         names, rows = value.get("columns"), value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
@@ -240,7 +240,7 @@ def _notes(content: Any, name: str = "") -> list[str]:
 
 
 def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Vectors in structs, cells and matrices, named like `data.Y[0]`; samples run along the longer side."""
+    """Yield vectors in structs, cells and matrices, named like `data.Y[0]`; the longer side is the time."""
     if _is_object(value):
         return
     if isinstance(value, np.ndarray) and value.dtype.names:

@@ -29,7 +29,7 @@ def _held(peak: Array, scatter: float) -> tuple[int, float]:
 
 
 def _falls_away(peak: Array, count: int, allowed: float) -> bool:
-    """True if at the pace of these extrema the amplitude would fall by several times what is allowed."""
+    """Return true if extrema at this pace would fall by several times the permitted amount."""
     pace = -float(np.polyfit(np.arange(FEWEST_EXTREMA), peak[:FEWEST_EXTREMA], 1)[0])
     return pace * count >= 8.0 * allowed
 
@@ -217,7 +217,7 @@ def _deviation_from_decay(level: Array) -> Array:
 
 
 def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
-    """First sample after the last half period that the end of the sensor's range cuts off, and a sentence.
+    """Return the first sample after the last clipped half period, and a sentence.
 
     Returns
     -------

@@ -81,7 +81,7 @@ class HalfPeriods:
 
 
 def noise_level(time: Array, signal: Array) -> float:
-    """White noise of one sample, from sixth differences: a smooth motion leaves next to nothing in them.
+    """Return the white noise of one sample, from sixth differences, in which a smooth motion vanishes.
 
     Jittered times get divided differences: taken for even, they would turn motion into noise. Single spikes
     and the kinks of dry friction are left out.
@@ -129,7 +129,7 @@ def noise_of_record(time: Array, signal: Array) -> float:
 
 
 def dominant_periods(time: Array, signal: Array) -> list[float]:
-    """Periods of the line that is strongest by its rate and, if others, by the root of its rate or by itself.
+    """Return periods of the strongest line by its rate and, if others, by the rate's root and by itself.
 
     Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
     line stands out of the spectrum's median, as it does not in noise. Where none does in the whole, a swing
@@ -243,7 +243,7 @@ def regular_run(halves: HalfPeriods, period: float) -> slice:
 
 
 def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
-    """Extrema of the half periods, from lines through the log amplitude and the phase of the analytic signal.
+    """Return extrema of half periods by lines through log amplitude and phase of the analytic signal.
 
     Parameters
     ----------

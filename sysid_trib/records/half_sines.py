@@ -26,7 +26,7 @@ IMPULSE_SIZE = 1e-5
 
 
 def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
-    """Extrema of the half periods, from half-sines b cos(w (t - t_b)) through three or more, all at once.
+    """Fit the extrema of all half periods by half-sines b cos(w (t - t_b)) through three or more at once.
 
     The results are those of `analytic_extrema`. w is the frequency between the neighbouring extrema, the
     paper's w_i, found in a few rounds: a w free in each half period would cost precision of b and gain
@@ -190,7 +190,7 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
 
 
 def _with_errors(b: Array, t: Array, errors: Sequence[Array], unit: str) -> Variables:
-    """Extrema, their times; amplitude, its rate, the frequency at all half periods but the first and last."""
+    """Return extrema, times; amplitude, rate and frequency at all half periods but the first and the last."""
     variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
     span = t[2:] - t[:-2]
     rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
@@ -269,7 +269,7 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     of_extremum = np.stack([np.ones(count), 1.0 / b])
 
     def matrix(offsets: Index, parts: Array) -> sp.csr_matrix:
-        """Responses (offset, impulse, 2) of the extremum so many behind the half period of an impulse."""
+        """Return responses (offset, impulse, 2) of the extremum `offset` half periods after an impulse."""
         # The half period between extrema i - 1 and i has the number i.
         half = np.arange(count) + 1 - offsets[:, None]
         which, extremum = np.nonzero((half >= 0) & (half <= count))

@@ -81,7 +81,7 @@ class KnownInput:
         return np.asarray(self._polynomials[0].x[1:-1])
 
     def of(self, elapsed: ArrayLike, order: int = 0) -> Array:
-        """The input, or a derivative by time, at times since the first sample; at a jump the mean of both."""
+        """Return input, or a time derivative, at times since the first sample; at a jump the mean of both."""
         polynomial, degree = self._polynomials[order], BETWEEN_SAMPLES[self.between]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
         if degree > 1:
@@ -103,7 +103,7 @@ class KnownInput:
 
 
 def named_inputs(given: str | Sequence[str] | Mapping[str, str | int] | None) -> dict[str, str | int]:
-    """Columns of inputs by the names that forces hold: a single one is `u`, of several each `NAME=COLUMN`.
+    """Return input columns by names in forces: a single one is `u`, each of several `NAME=COLUMN`.
 
     Raises
     ------

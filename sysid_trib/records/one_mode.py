@@ -444,7 +444,7 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
 
 
 def _close_modes(ringing: Ringing, place: int) -> list[str]:
-    """Warn of modes that are too close to this one to be separated with one sensor."""
+    """Warn about modes that are too close to this one to be separated with one sensor."""
     own = ringing.components[place]
     frequency = central_frequency(own, ringing.interval)
     others = [central_frequency(other, ringing.interval) for other in ringing.modes if other is not own]

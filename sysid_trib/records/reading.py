@@ -142,7 +142,7 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
 
 
 def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formula], dict[str, Column]]:
-    """A formula of columns: its values (row,), its parts, and the columns that it holds by their names.
+    """Evaluate a formula of columns: its values (row,), its parts, and its columns by name.
 
     Raises
     ------
@@ -222,7 +222,7 @@ def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
 
 
 def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
-    """The unit of a formula, or of an arc tangent; empty where no column has one, None where none follows."""
+    """Return the unit of a formula, or an arc tangent; empty if no column has one, None if none follows."""
     if not any(units.values()):
         return "rad" if len(parts) == 2 else ""
     unit, *others = {*units.values()}

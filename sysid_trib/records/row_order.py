@@ -48,7 +48,7 @@ def _with_rows(column: Column, rows: slice | Index) -> Column:
 
 
 def _bare_head(columns: Sequence[Column]) -> str:
-    """The first row if it is a head of bare numbers above a clock that rises evenly below it; or nothing."""
+    """Return the first row if it is a bare numeric head above an evenly rising clock; or nothing."""
     sizes = {column.cells.size for column in columns}
     if len(columns) < 2 or len(sizes) > 1 or max(sizes) < FEWEST_ROWS:
         return ""
@@ -111,7 +111,7 @@ def _numbers_rows(column: Column) -> bool:
 
 
 def _is_shuffled(cells: Array) -> bool:
-    """True if a column goes back more often than a clock that is set back, with hardly a value twice."""
+    """Return true if a column falls more often than a clock that is set back, with few equal values."""
     back = np.count_nonzero(np.diff(cells) < 0.0)
     distinct = np.unique(cells).size
     often = back > min(MOST_SET_BACK, cells.size // 20)

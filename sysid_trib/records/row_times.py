@@ -140,7 +140,7 @@ def _check_rate(stamps: Array, given: float, time: Column) -> None:
 
 
 def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -> tuple[Index | None, str]:
-    """Numbers of the samples from 0 where a column counts them and some are lost, and a sentence on these.
+    """Return sample numbers from 0 if a column counts them and some are lost, and a sentence on these.
 
     A counter of packets has the same number for each row of one: all packets but the first and the last have
     as many rows. A counter that starts anew at a power of two is counted on.
@@ -194,7 +194,7 @@ def input_columns(inputs: Mapping[str, str | int], table: FileTable) -> list[Col
 
 
 def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
-    """Inputs of other files, looked for in its folder too; a `*` in a name stands for the record's own.
+    """Return inputs of other files, also in the record's folder; a `*` stands for the record's name.
 
     If several files match, as `*_y.mat`, the file with the longest common beginning of its name and the
     record's is taken. A UsageError is raised if there is none, or several are equal.

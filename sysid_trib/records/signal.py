@@ -119,7 +119,7 @@ def usual_step(steps: Array) -> float:
 
 
 def clamped_knots(time: Array, intervals: int, degree: int) -> Array:
-    """Uniform knots between the first and the last sample, so many intervals, of splines of a degree."""
+    """Return uniform knots from first to last sample, with a number of intervals, of splines of a degree."""
     inner = np.linspace(time[0], time[-1], max(1, intervals) + 1)
     return np.concatenate([np.full(degree, time[0]), inner, np.full(degree, time[-1])])
 

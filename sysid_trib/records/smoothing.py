@@ -32,7 +32,7 @@ FELT_KNOTS = 100
 
 
 def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
-    """Intervals of a twelfth of a period (2 pi in tau), of whole samples if possible, of so many at least."""
+    """Return the number of intervals of a twelfth of a period (2 pi in tau), whole samples if possible."""
     step = (tau[-1] - tau[0]) / (len(tau) - 1)
     per_knot = max(fewest, 2.0 * np.pi / KNOTS_PER_PERIOD / step)
     per_knot = round(per_knot) if per_knot >= SAMPLES_PER_KNOT else per_knot
@@ -170,7 +170,7 @@ class SplinesAt:
 
 
 def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
-    """Values of the `order`-th derivative of every B-spline of `SPLINE_DEGREE` at points, (point, spline)."""
+    """Return the `order`-th derivative of all B-splines of `SPLINE_DEGREE` at points, (point, spline)."""
     # No point is beyond the knots: without extrapolation Python's own min and max look through all of them.
     lowest = knots[order : len(knots) - order]
     design = BSpline.design_matrix(tau, lowest, SPLINE_DEGREE - order, extrapolate=True)

@@ -48,7 +48,7 @@ _DRESSED = re.compile(
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Rows of numbers of a text file, the names of their columns if it states them, and the lines above.
+    """Return a text file's rows of numbers, the names of their columns if stated, and the lines above.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def _rewritten(text: str, pattern: str, sign: str, plain: str) -> str:
 
 
 def _without_labels(lines: list[str]) -> list[str]:
-    """Lines with bare numbers where each row has the same labels or units: the head has them instead."""
+    """Return lines with bare numbers if each row has the same labels or units, which the head then has."""
     # By a line in the middle: a logger may greet and say farewell.
     middle = lines[len(lines) // 2] if lines else ""
     for delimiter in DELIMITERS:
@@ -263,7 +263,7 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
 
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
-    """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
+    """Return the delimiter and the first line of the numbers: all cells numbers, or else some of them."""
     for whole in (True, False):
         rows = ((at, line) for at, line in enumerate(lines) if line.strip() and not _is_comment(line))
         for (start, line), (_, below) in pairwise(chain(rows, [(0, "")])):
@@ -381,7 +381,7 @@ def _are_names(row: list[str], others: list[str]) -> bool:
 
 
 def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool:
-    """True if a row holds units of named columns: that of the time below its name, or others with it."""
+    """Return true if a row holds units of named columns: that of the time, or others with it."""
     of_time = any(
         plain_unit(item.strip("[]() ")) in TIME_UNITS and is_time(*split_header(name))
         for item, name in zip(row, names, strict=True)
@@ -413,7 +413,7 @@ def _with_unit(name: str, said: str) -> str:
 
 
 def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> list[str]:
-    """Names that repeat with that of their group before them, which a line above has once for all of it."""
+    """Return repeated names with their group's name in front, which a line above states once."""
     repeated = [bool(name) and names.count(name) > 1 for name in names]
     if not any(repeated) or delimiter is None:
         return names
@@ -444,7 +444,7 @@ def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:
-    """True if a line holds units alone, one of them that of time; all of them known, or another one."""
+    """Return true if a line holds only units, one of them that of time; all known, or one other."""
     # Sketches call their columns so.
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False

@@ -226,7 +226,7 @@ _UNIT = r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:
 
 
 def noted_rate(notes: Sequence[str], rows: int) -> float | None:
-    """Sampling rate (Hz) that a file states, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
+    """Return the sampling rate (Hz) in a note, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
 
     So many rows have one over a duration that it states, too.
     """
@@ -318,5 +318,5 @@ _LEVEL = re.compile(
 
 
 def is_level(text: str) -> bool:
-    """True if a unit or name is that of a level, `dB`, `dB(A)`, `SPL_dB`: the logarithm of an amplitude."""
+    """Return true if a unit or name is that of a level, `dB`, `dB(A)`, `SPL_dB`: a log amplitude."""
     return _LEVEL.search(text) is not None or text.strip().lower() in LAB_WORDS["levels"]

@@ -143,7 +143,7 @@ def _decay(tree: xr.DataTree) -> list[str]:
 
 
 def _one_decay(data: xr.Dataset) -> str:
-    """The record as it was read, and the part of it that was kept, about the equilibrium that was found."""
+    """Return the record as read, and the part that was kept, about its equilibrium."""
     attrs = data.attrs
     if not attrs.get("record_checksum"):
         synthetic = attrs.get("source") == paper_twin().attrs["source"]

@@ -170,7 +170,7 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
 
 
 def replacing_pairs(step: xr.Dataset) -> list[str]:
-    """Pairs of candidates that cannot be separated from a step's effect, such as "lambda and delta"."""
+    """Return pairs of candidates that compete with a step's effect, such as "lambda and delta"."""
     text = str(step.pairs.item())
     return text.split(PAIRS) if text else []
 
@@ -191,7 +191,7 @@ def named_effect(step: xr.Dataset) -> str:
 
 
 def tied_name(step: xr.Dataset, most: int) -> str:
-    """An effect or those that it cannot be separated from, `most` of them by name: "epsilon or 2 more"."""
+    """Name an effect or its competing effects, `most` of them by name: "epsilon or 2 more"."""
     return or_others([named_effect(step), *alternatives_of(step)], most)
 
 

@@ -176,7 +176,7 @@ def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
 
 
 def with_error_parts(result: xr.Dataset) -> xr.Dataset:
-    """An identification with `error_of_noise` and `error_of_model`, the parts of its standard errors."""
+    """Return an identification with both parts of its standard errors: `error_of_noise`, `error_of_model`."""
     noise, model = error_parts(result)
     return result.assign(error_of_noise=("force", noise), error_of_model=("force", model))
 

@@ -14,7 +14,7 @@ def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
 
 
 def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> dict[str, float]:
-    """Shape parameters of an identification by name, such as `dahl.s`; those of a library alone if given."""
+    """Return the shape parameters of an identification by name, such as `dahl.s`; of one library if given."""
     if "shape" not in result:
         return {}
     values = dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))

@@ -42,7 +42,7 @@ class RandomForce:
 
     @staticmethod
     def density_of(per_tau: float, frequency: float) -> float:
-        """Density (rad/s^2)^2/Hz that makes the variance of v grow by `per_tau` (rad^2) a unit of tau."""
+        """Return density (rad/s^2)^2/Hz that makes v's variance grow by `per_tau` (rad^2) per unit of tau."""
         return 2.0 * per_tau * frequency**3
 
     def periods_to(self, size: float, frequency: float) -> float:

@@ -111,7 +111,7 @@ def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
 
 
 def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Covariance of `comparison_values`: a coefficient that is converted has the frequency's error too."""
+    """Return the covariance of `comparison_values`; conversion adds the frequency's error."""
     factors, count = reference_factors(result, kept, frequency), len(kept)
     jacobian = np.diag(np.append(factors, 1.0))
     if result.reference_frequency_standard_error.item() > 0.0:

@@ -36,7 +36,7 @@ UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
 
 
 def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
-    """A function of decays, results and libraries that computes displacements in a unit of their motion.
+    """Return a function of decays, results and libraries that computes in a unit of the motion.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ class _SignalScale:
         return self._method(given) if is_dataclass(given) and hasattr(given, "identify") else given
 
     def _dataset(self, data: xr.Dataset, inside: bool = False) -> xr.Dataset:
-        """Every variable that is a signal, or a coefficient, times its factor; other ones as they are."""
+        """Multiply every variable that is a signal or a coefficient by its factor; others are unchanged."""
         factor, old, new = self.size, ANGLE_UNIT, self.unit
         if inside:
             factor, old, new = 1.0 / factor, new, old

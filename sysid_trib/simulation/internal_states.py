@@ -108,7 +108,7 @@ def states_along(
 def begun_after(
     force: Force, tau: ArrayLike, x: ArrayLike, v: ArrayLike, shapes: Mapping[str, float], time: ArrayLike
 ) -> Force:
-    """A force that begins with states and memory as they are at the end of a motion (see `states_along`).
+    """Return a force that begins with states and memory of the end of a motion (see `states_along`).
 
     As it was where it has none, or cannot be followed.
     """

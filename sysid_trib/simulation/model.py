@@ -185,7 +185,7 @@ class Motion:
         return {"v": (self.forces[0], RATE)} | switches if reverses else switches
 
     def start(self, model: Model, x: float, v: float, by: Sequence[str] = ()) -> tuple[Vector, Vector]:
-        """Values of the `names` where a motion of a model starts, (name,); derivatives, (name, parameter)."""
+        """Return initial values of the `names` for a model, (name,); derivatives, (name, parameter)."""
         w, place = model.reference_frequency, {name: at for at, name in enumerate(self.names)}
         given = {**model.coefficients, BY_ANGLE: x, BY_RATE: v, PACE: 1.0, "1/w": 1.0 / w}
         for force in self.forces:
@@ -227,7 +227,7 @@ class Motion:
         surfaces: list[int] = []
 
         def names(force: Force) -> dict[str, Any]:
-            """Names in the formulas of a force."""
+            """Return the names in the formulas of a force."""
             its = (*force.state, *force.shape, *force.memory)
             used = {symbol: named.get(symbol, 0.0) for symbol in force.uses}
             return common | used | {k: named[f"{force.symbol}.{k}"] for k in its}

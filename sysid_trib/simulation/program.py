@@ -187,7 +187,7 @@ class Slot(NDArrayOperatorsMixin):
 
 
 def _power(base: Any, exponent: Any) -> Any:
-    """Whole powers as products; broken ones as b (b^2 + e^2)^((p-1)/2), analytic where b changes sign."""
+    """Return whole powers as products; others as b (b^2 + e^2)^((p-1)/2), analytic where b changes sign."""
     if isinstance(exponent, int | float) and float(exponent).is_integer():
         whole = _product(base, abs(int(exponent)))
         return whole if exponent >= 0 else divided(1.0, whole)

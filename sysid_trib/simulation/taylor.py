@@ -51,7 +51,7 @@ def slope(series, n, h):
 
 @inner
 def _keeps_clear(g, n, low, high):
-    """True if a series is above zero from `low` to `high`, by its quadratic and a bound on the rest."""
+    """Return true if a series is positive from `low` to `high`, by its quadratic and a bound on the rest."""
     d = g[1] if n > 0 else 0.0
     q = g[2] if n > 1 else 0.0
     least = min(g[0] + low * (d + low * q), g[0] + high * (d + high * q))
@@ -149,7 +149,7 @@ def _is_monotonic(g, n, half):
 
 @inner
 def _only_root(g, n, lo, hi):
-    """The only zero of a falling series between two points, by Newton's iteration, which halving guards."""
+    """Find the only zero of a falling series between two points, by Newton's iteration with bisection."""
     u = 0.5 * (lo + hi)
     for _ in range(80):
         f = value(g, n, u)
@@ -230,7 +230,7 @@ def series(program, c, h, held):
 
 @inner
 def radius(J, s, other, n, part):
-    """A step after which the series of two slots go on by less than this part of their first large term."""
+    """Return a step after which two slots' series change by less than this part of their first large term."""
     largest = 0.0
     for m in range(4):
         largest = max(largest, abs(J[s, m]), abs(J[other, m]))

@@ -167,7 +167,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
 
 
 def _covariance(pair: Sequence[FollowedRuns], truth: FollowedRuns, kept: Sequence[str]) -> tuple[Array, str]:
-    """Covariance of the difference of two identifications, and whether by `influence` or as `stated`."""
+    """Return the covariance of two identifications' difference, and if it is by `influence` or `stated`."""
     results = [followed.result for followed in pair]
     stated = [references.stated_covariance(result, kept) for result in results]
     complete = not any("error_of_model" in result for result in results)

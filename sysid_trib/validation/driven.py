@@ -310,7 +310,7 @@ def tested_driven(models: Mapping[str, FollowedRuns]) -> xr.Dataset:
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Differences of coefficients and the asymptotic frequency, at the second's reference frequency."""
+    """Return differences of coefficients and asymptotic frequency, at the second's reference frequency."""
     symbols = [s for s in first.force.values.tolist() if s in second.force.values]
     frequency = second.reference_frequency.item()
     difference = np.subtract(*(comparison_values(result, symbols, frequency) for result in (first, second)))

@@ -260,7 +260,7 @@ def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
 
 
 def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> dict[str, Any]:
-    """Test of the random force of `run_agreement`: whether its densities are the same in all runs.
+    """Test for `run_agreement` whether the random force has the same density in all runs.
 
     A ratio of variances is tested by its logarithm: a density has the relative error e, its logarithm the
     standard error e. Where the most likely density is zero the deviance rises from there by one within the

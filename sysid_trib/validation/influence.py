@@ -304,7 +304,7 @@ def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) ->
 def _of_motion(
     followed: FollowedRuns, noises: Sequence[RunNoise], parameters: _Parameters, *, of_rows: bool
 ) -> list[Array] | None:
-    """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run.
+    """Return the influence on the free parameters of a motion's least squares, (parameter, sample) by run.
 
     The fit uses all information of the samples, or only that in the rows of `Direct`.
     """

@@ -111,7 +111,7 @@ def _with_departures(lack: xr.Dataset) -> xr.Dataset:
 def _against(
     backbone: xr.Dataset, weights: Mapping[str, Array], model: tuple[Array, Array, Array] | None
 ) -> dict[str, tuple[Array, Array]]:
-    """Each curve of a model, smoothed as the record's, and its deviation in half widths of the band."""
+    """Return a model's curves, smoothed like the record's, and deviations in half widths of the band."""
     log_amplitude = np.log(backbone.amplitude.values)
     nothing = np.full(len(log_amplitude), np.nan)
     if model is None:
@@ -133,7 +133,7 @@ def _against(
 def _model_rows(
     decay: xr.Dataset, result: xr.Dataset, backbone: xr.Dataset
 ) -> tuple[Array, Array, Array] | None:
-    """Log amplitudes of a model's motion, increasing, with frequency and damping ratio; None without one."""
+    """Return increasing log amplitudes of a model's motion, frequency and damping ratio; None without one."""
     amplitude = backbone.period_amplitude
     top, low = float(np.log(amplitude.max())), float(np.log(amplitude.min()))
     # A model is released so many half periods above the record: its first ones are left out.

@@ -162,7 +162,7 @@ def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], state
 def part_fit(
     method: Method, runs: RunList, library: ForceLibrary, limits: tuple[float, float], result: xr.Dataset
 ) -> xr.Dataset | None:
-    """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
+    """Return the identification of a part of each run; None if it fails, or has other forces."""
     parts = [run.isel(time=refits.between(run, limits)) for run in runs]
     return _same_forces(refits.refit(method, parts, library, runs)[0], result)
 
@@ -220,7 +220,7 @@ def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
 
 
 def with_rounding(followed: FollowedRuns) -> FollowedRuns:
-    """An identification whose errors allow for the coarse step of a sensor, whose rounding is not white.
+    """Include the coarse step of a sensor, whose rounding is not white, in the errors of an identification.
 
     Least squares, to first order, of motions of the model, which is complete, that the sensor rounds with its
     zero anywhere.
@@ -242,7 +242,7 @@ def with_rounding(followed: FollowedRuns) -> FollowedRuns:
 def _squares_by_rounding(
     result: xr.Dataset, run: xr.Dataset, motion: initial_conditions.FittedMotion, noises: Iterable[Array]
 ) -> Array:
-    """Mean squares by which noises move the `ESTIMATED` in least squares of a motion; 0 if they do not."""
+    """Return mean squares by which noises move the `ESTIMATED` in least squares of a motion; 0 if unmoved."""
     model, free = schema.model_of(result), _numbers(result, STATED)[:-1] > 0.0
     squares = np.zeros(len(free) + 1)
     try:

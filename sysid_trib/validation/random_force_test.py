@@ -78,7 +78,7 @@ def random_force_dependence(
 
 
 def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.Dataset:
-    """`random_force_dependence`, of what is left of the motion even where the result has no random force.
+    """Compute `random_force_dependence` of the residual motion, even if the result has no random force.
 
     The test has a random force of its own in any case, besides the sensor's noise of the result's colour.
     """
@@ -213,7 +213,7 @@ def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) ->
 def _likelihood_gains(
     trial: TrialModel, sets: Mapping[str, Index], null: variance_ratio.VarianceRatio
 ) -> dict[str, tuple[float, int, float]]:
-    """Chi-square of each set of columns over the nuisances alone, number of columns, p-value of no effect.
+    """Return chi-square of each set of columns given the nuisances, number of columns, p-value of no effect.
 
     The chi-square is the gain with the mean that it has (Bartlett 1937); columns count that are no
     combinations of the nuisances. `null` : of the model without them, by which the trial's records of noise
@@ -264,7 +264,7 @@ def _least(logarithms: Array, table: Array) -> Array:
 
 
 def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, float]:
-    """P-values of a random force whose size depends on nothing, by what it may depend on, and of `any`.
+    """Return p-values of a random force of constant size, by what its size may depend on, and of `any`.
 
     The statistic is the mean of amplitude, speed over amplitude, or time, over the steps, each weighted by
     the squared smoothed disturbance r' Q r (Durbin and Koopman 2012, 4.5); together they make Hotelling's

@@ -243,7 +243,7 @@ def _noise_p_value(
     fitted: int,
     noises: Iterable[Array] | None = None,
 ) -> float:
-    """P-value that a residual is noise, white or like the draws that are given, by two tests (Bonferroni).
+    """Return the p-value that a residual is noise, white or like given draws, by two tests (Bonferroni).
 
     The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means over
     twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
@@ -273,7 +273,7 @@ def half_period(v: Array) -> int:
 
 
 def motion_residual(decay: xr.Dataset, motion: FittedMotion, envelope: xr.Dataset) -> xr.Dataset:
-    """Record minus the motion of a model, with the envelope of the record, whose extrema give its phase.
+    """Return record minus motion of a model, with the record's envelope, whose extrema give its phase.
 
     Returns
     -------

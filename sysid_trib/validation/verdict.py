@@ -282,7 +282,7 @@ def has_white_residual(followed: FollowedRuns) -> bool:
 
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
-    """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
+    """Return p-value that a model's residual, or its innovations with a random force, is white; its size."""
     whole = followed.once("residual", lambda: residuals({"": followed}, followed.result))
     return float(whole.p_value.item()), float(whole.tested_over_noise.item())
 

@@ -91,7 +91,7 @@ class FittedModel:
 
     @cached_property
     def deviance(self) -> float:
-        """Minus twice the logarithm of the likelihood, with what rows of other models resolve otherwise."""
+        """Minus twice the log likelihood, corrected for a stiffness that the rows do not resolve."""
         excess = 0.0
         for rows, ratio in zip(self.rows, self.likelihood.ratios.tolist(), strict=True):
             if ratio > 0.0:
@@ -165,7 +165,7 @@ class FittedModel:
         return np.asarray(zero + self.rows[run].path.sensor_errors(self.terms))
 
     def covariance_with_frequency(self) -> Array:
-        """Covariance of the coefficients and the frequency (rad/s), of a fit whose paths have its frequency.
+        """Return covariance of coefficients and frequency (rad/s), of a fit whose paths have its frequency.
 
         A frequency that is a little higher has smaller coefficients give the same force.
         """
@@ -268,7 +268,7 @@ class FittedModel:
 
 
 def table_of(rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect]) -> Array:
-    """Columns of trials, of the stiffness and of each run's zero, and the slopes by shapes of the trials."""
+    """Return columns of trials, of the stiffness and of each run's zero, and slopes of trials by shapes."""
     # A little aside, towards the middle of its range.
     deviated = [
         (at, name, SHAPE_DIFFERENCE if trial.part(name) < 0.5 else -SHAPE_DIFFERENCE)

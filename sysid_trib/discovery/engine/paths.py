@@ -163,7 +163,7 @@ class RecordPath:
         return np.asarray(self.integrals @ (self.points[1] + self._force(self.held)))
 
     def tangent(self, terms: Terms, stiffness: float) -> tuple[Array, Array]:
-        """Stiffness and damping of small deviations of the motion from that of a model, (point,) each."""
+        """Return stiffness and damping of small deviations of the motion from a model's, (point,) each."""
         acting = [*terms, *((trial, (1.0 + stiffness) * c) for trial, c in self.held)]
         tau, x, v, time = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
@@ -189,7 +189,7 @@ class RecordPath:
         return weak_form.noise_operator(self.form, *(np.asarray(mean[::parts]) for mean in means))
 
     def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
-        """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
+        """Return the rows of each trial of coefficient 1, (row, trial); nan if it cannot be followed."""
         columns = np.empty((self.form.rows, len(trials)))
         of_force = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         few = max(1, NUMBERS_AT_ONCE // len(self.points[0]))
@@ -219,7 +219,7 @@ class RecordPath:
         return self.force_values([trial for trial, _ in acting]) @ np.array([c for _, c in acting])
 
     def force_values(self, trials: Sequence[TrialEffect]) -> Array:
-        """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""
+        """Return forces of coefficient 1 along the path, (point, trial), rad; nan where one fails."""
         values = np.full((len(self.points[0]), len(trials)), np.nan)
         with_past: dict[str, list[int]] = {}
         for at, trial in enumerate(trials):

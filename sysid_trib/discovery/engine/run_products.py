@@ -115,7 +115,7 @@ def _cardinal_splines(ratios: bytes) -> CubicSpline:
 
 
 def products_of(band: Array, gram: Array, table: Array, ratios: Array) -> tuple[Array, Array]:
-    """Products of a run's columns, (ratio, column, column), and the log determinant of their covariance.
+    """Return products of a run's columns, (ratio, column, column), and their covariance's log determinant.
 
     Parameters
     ----------

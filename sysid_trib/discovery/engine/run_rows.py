@@ -139,7 +139,7 @@ class RunRows:
         return RunProducts(products, determinants - white, ratios, said, path.sensor.innovation, level_rows)
 
     def factor(self, ratio: float) -> Array:
-        """Cholesky factor of the covariance of the rows, in units of the variance of the sensor's noise."""
+        """Return the Cholesky factor of the rows' covariance, in units of the sensor noise's variance."""
         return cholesky_factor(self.band, self.path.form.gram, ratio)
 
     def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
@@ -218,7 +218,7 @@ class RunRows:
     def _most_likely(
         self, innovations: Array, force: Array, slopes: tuple[Array, Array], ratio: float
     ) -> Array:
-        """The most likely spline at the samples by innovations (sample,) and integrals of a force (row,)."""
+        """Return most likely spline at the samples by innovations (sample,) and force integrals (row,)."""
         splines = self.path.form.splines
         basis = seen = splines.design()
         if np.any(slopes):

@@ -1,4 +1,4 @@
-"""Values of a history-dependent force along a given motion by linear steps: fast, for many shapes.
+"""Return values of a history-dependent force along a motion for many values of its shapes, fast.
 
 One state may have any rate: its whole course is linearised, and where the rate is not linear solved again
 until it settles. Several states follow one after another where their rates are linear with constant
@@ -96,7 +96,7 @@ def _zeros(spline: PPoly) -> Array:
 
 
 def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
-    """Values of a history-dependent force along a motion for many values of its shape parameters, fast.
+    """Return values of a history-dependent force along a motion for many values of its shapes, fast.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _start_of(motion: GivenMotion, force: Force, shapes: Mapping[str, Any]) -> d
 
 
 def _memory(motion: GivenMotion, force: Force, shapes: Mapping[str, Any], count: int) -> dict[str, Array]:
-    """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
+    """Return memory that depends on no state, (sample, column), for `count` values of the shapes."""
     tau, start = motion.reversals, _start_of(motion, force, shapes)
     held = {k: np.empty((1 + tau.size, count)) for k in force.memory}
     for k, values in held.items():

@@ -147,7 +147,7 @@ class TrialEffect:
 
 
 def reference_power(force: Force) -> float:
-    """Power of the reference frequency of a coefficient; where none is known, that of a force of x alone."""
+    """Return power of the reference frequency in a coefficient; if unknown, that of a force of x alone."""
     powers = reference_powers(force)
     return -2.0 if powers is None else powers[""]
 
@@ -182,7 +182,7 @@ def trials_of(
 
 
 def frequencies_of(trial: TrialEffect, w: float) -> list[float]:
-    """Frequencies (rad/s) at which a force is periodic or resonates, with `w` rad/s as the reference."""
+    """Return frequencies (rad/s) at which a force is periodic or resonates; `w` rad/s is the reference."""
     force, frequencies = trial.force, list[float]()
     for name in force.shape:
         if is_frequency_parameter(force, name):
