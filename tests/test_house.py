@@ -70,7 +70,9 @@ CLAUSE = re.compile(
     r"|As|At|By|Up|In|On|For|From|With|Without|Beside|Only|Both|Along|Above|Below|Over|Until|Else|To)\b"
 )
 # First words of docstrings that begin with a noun phrase.
-NOUN = re.compile(r"(?:The|An?|True|Each|Every|All|One|Its|RMS|[Pp]-value|[A-Z][\w-]* of|[A-Z][\w-]+[^s\W]s)\b")
+NOUN = re.compile(
+    r"(?:The|An?|True|Each|Every|All|One|Its|RMS|[Pp]-value|[A-Z][\w-]* of|[A-Z][\w-]+[^s\W]s)\b"
+)
 # Names of types that every module may give to the same thing.
 ALIASES = {"Array", "Vector", "Index", "Mask"}
 
