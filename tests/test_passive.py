@@ -85,4 +85,7 @@ def test_laws_say_where_passivity_acts():
     tree["judged"].attrs[PASSIVE] = json.dumps([1e-6, 0.025, 0.05, 0.4])
     speed = result.speed.values
     said = " ".join(text for block in laws_blocks(tree) for text in block.sentences)
-    assert f"Passivity acts at {speed[0]:.3g} to {speed[1]:.3g} and {speed[15]:.3g} rad/s" in said
+    assert (
+        f"The passivity constraint is active at {speed[0]:.3g} to {speed[1]:.3g} and {speed[15]:.3g} rad/s"
+        in said
+    )

@@ -52,7 +52,7 @@ def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
         memory=given.memory,
         tell=tell,
     )
-    tell("what varies between the records")
+    tell("variation between the records")
     compared = _compared(store, table, given.laboratories)
     tell("report")
     from sysid_trib.reporting.contents import campaign_contents

@@ -28,7 +28,7 @@ from sysid_trib.results.kinds import identifications_of
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.
 STANDS_OUT = 4.0
-VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
+VARIES, WITHOUT_RESULT = "Variation between the records", "Without a result"
 AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
 COLLINEAR = (
@@ -175,8 +175,8 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
     """Return the blocks of two samples, in order; `record` describes the records."""
     data = tree.to_dataset()
     said = (
-        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
-        f"found with a probability of {POWER_STATED:g}, at the level {data.attrs['level']:g}."
+        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A test at the level "
+        f"{data.attrs['level']:g} finds a detectable difference with a probability of {POWER_STATED:g}."
     )
     return [
         Block([*law_sentences(tree)], ALWAYS),
@@ -276,8 +276,8 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
     at_bounds = [f"{symbol} in {name}" for name, run in _runs(tree) for symbol in at_bound(run)]
     if at_bounds:
         yield (
-            "At a bound, where the error is one-sided and z is too large: "
-            f"{', '.join(at_bounds)}. It is not tested (--bound NAME=-1:1 frees it)."
+            f"Not tested, because it is at a bound: {', '.join(at_bounds)}. There the error is one-sided and "
+            "z is too large (--bound NAME=-1:1 frees it)."
         )
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]
     if methods[0] != methods[1]:

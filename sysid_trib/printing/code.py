@@ -73,17 +73,18 @@ def _check_is_equation(result: xr.Dataset) -> None:
     model = model_of(result)
     if runs := [force.symbol for force in library_of(result) if force.run is not None]:
         raise UsageError(
-            f"{', '.join(runs)} are of one run each, an equation has one of them; identify that run alone."
+            f"{', '.join(runs)} have one value for each run, but an equation has one value; identify "
+            "one run alone."
         )
     if taken := NAMES_OF_TEXTS & {channel.name for channel in model.driven}:
         raise UsageError(
-            f"The input {', '.join(sorted(taken))} has a name that the exported text has for its own; give "
-            "it another in the library and in --input."
+            f"The input {', '.join(sorted(taken))} has a name that the exported program already uses; "
+            "rename it in the library and in --input."
         )
     if hysteretic := [force.symbol for force in model.forces if force.memory]:
         raise UsageError(
-            f"{', '.join(hysteretic)} holds values between reversals and is no equation in x, v and states; "
-            "use sysid-trib simulate, or predict in Python."
+            f"{', '.join(hysteretic)} keeps values from its reversals, so the model is no equation in x, v "
+            "and states; use sysid-trib simulate, or predict in Python."
         )
 
 

@@ -22,12 +22,12 @@ ALIKE, ALIKE_LEVEL = 1.01, 0.01
 BY_METHOD, HELD_OUT = "Coefficients by method", "Prediction of the held-out part"
 DIFFERENCES = "Difference from the method that predicts best, in standard errors of both"
 QUALITY = (
-    "RMS residual (record minus simulated model) of the whole record (all); of a model identified from the "
-    "first two thirds, on these (train) and on the last third (held out)"
+    "RMS of record minus simulated motion, for the whole record (all). For a model identified from the first "
+    "two thirds: on these (train) and on the last third (held out)"
 )
 STOCHASTIC_METHODS = (
-    "A random force was found in addition to the noise; the errors of these methods allow for it: {}. "
-    "`sysid-trib identify` tests whether it is one, or stands for a force that is missing."
+    "These methods found a random force in addition to the noise, and their errors include it: {}. "
+    "`sysid-trib identify` tests whether it is a true random force, or stands for a missing force."
 )
 # In the order in which they are looked for.
 CAUSES = {

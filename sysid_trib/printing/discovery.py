@@ -62,8 +62,8 @@ def _start(tree: xr.DataTree) -> Iterator[str]:
     whole = float(tree["holdout"].residual_noise)
     if whole > LARGE * noise:
         yield (
-            "The sensor's noise is coloured: with its slow part it is "
-            f"{layout.in_small_units(whole, units)} a sample, {tables.times_noise(whole / noise)}."
+            "The sensor's noise is coloured: including its slow part, it is "
+            f"{layout.in_small_units(whole, units)} per sample, {tables.times_noise(whole / noise)}."
         )
     yield from tables.residual_sentences(tree, "discrepancy")
     yield from tables.force_type_sentences(tree, "discrepancy")
@@ -168,7 +168,10 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()
     groups = _grouped(symbols, lambda first, symbol: bool(pairs.at[symbol, first]))
     if alike := "; ".join(", ".join(group) for group in groups if len(group) > 1):
-        yield f"On this record, these look alike even at {effects.NAMED:g} standard errors: {alike}."
+        yield (
+            f"This record cannot separate these, even if a coefficient is {effects.NAMED:g} standard errors: "
+            f"{alike}."
+        )
     # The reason may name the record already.
     reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")
     for reason, untested in reasons[reasons != ""].groupby(reasons, sort=False):
@@ -176,7 +179,7 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
     if left_out := tree.attrs["left_out"]:
         yield f"Not offered, because the model has them: {', '.join(left_out)}."
     if failed := tree.attrs["failed_fits"]:
-        yield f"Tried, but not fitted: their motions could not be computed: {', '.join(failed)}."
+        yield f"Not fitted, because their motions could not be computed: {', '.join(failed)}."
 
 
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:

@@ -76,7 +76,7 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
         tests = "neither the candidates nor the omnibus test finds" * (not ranking.significant.any())
         tests = tests or "the omnibus test does not find"
         yield (
-            f"{headline} {residual}{', as a random force leaves it' * stochastic}.{unpredicted} "
+            f"{headline} {residual}{', as expected with a random force' * stochastic}.{unpredicted} "
             f"{tests.capitalize()} a further effect (significance level {level:.2g})."
         )
         yield UNSEEN

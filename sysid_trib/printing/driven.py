@@ -17,10 +17,11 @@ from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
-    "Standard errors: of a white residual, from its size; with a random force that explains the record, from "
-    "both noises, and from the bias of the input coefficient if that force is noise of the measured input; "
-    "otherwise from blocks of the record (trajectory) or rows two periods apart (direct), and from the "
-    "distance to the fit with a random force. Differences are divided by the larger error of both."
+    "Standard errors follow from the size of the residual if it is white. If a random force explains the "
+    "record, they follow from both noises, and from the bias of the input coefficient if that force is noise "
+    "of the measured input. Otherwise they follow from blocks of the record (trajectory) or rows two periods "
+    "apart (direct), and from the distance to the fit with a random force. Differences are divided by the "
+    "larger error of both."
 )
 DRIVEN_VERDICTS = {
     "explained": "The model explains the record: the residual is white.",
@@ -34,7 +35,7 @@ DRIVEN_VERDICTS = {
 # A coefficient of less than so many of its errors may be zero.
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
-NO_MOTION = "With this drive the model has no steady motion here: friction holds it, or it grows."
+NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."
 # Motions of the printed table in each sweep, evenly apart, beside the largest.
 PRINTED = 4
 CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
@@ -159,10 +160,10 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
     sentences = []
     for record in predicted:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
-        start = f"fitted to its first {warm_up:g} s, which do not count" if warm_up else "fitted to all of it"
+        start = f"fitted to its first {warm_up:g} s (not counted)" if warm_up else "fitted to all of it"
         start = "as measured" if record.attrs.get("starts") == "measured" else start
         sentences.append(
-            f"Prediction of {record.attrs.get('source', 'record')}, its start {start}: residual "
+            f"Prediction of {record.attrs.get('source', 'record')}, with its start {start}: residual "
             f"{record.residual_rms.item():.3g} {unit} (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
@@ -196,8 +197,8 @@ def response_blocks(response: xr.Dataset) -> Iterator[Block]:
     limit, ratio = response.left_open.item(), response.simulated_amplitude / response.check_amplitude
     off = np.abs(ratio - 1.0).values
     keep = (
-        f"{np.sum(off <= limit)} of {len(off)} simulated motions keep their amplitude, within "
-        f"{100.0 * limit:.2g} %, which the bands hold in addition to errors of the coefficients."
+        f"{np.sum(off <= limit)} of {len(off)} simulated motions have the computed amplitude "
+        f"within {100.0 * limit:.2g} %. The bands include this and the errors of the coefficients."
     )
     if rows:
         yield Block(table=layout.text_table(rows, ("sweep",)))
@@ -262,7 +263,7 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Not shown: {runs} longer than another with the same numbers."
+        yield f"Not shown: {runs} that {'are' if equal > 1 else 'is'} longer, but no better than another."
 
 
 def _size(run: xr.Dataset) -> str:

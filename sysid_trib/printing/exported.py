@@ -71,7 +71,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
         model = judged.preferred_of(tree)
         said = {"verdict": judged.verdict_of(tree), "answer": model}
     ratio = judged.residual_over_noise(tree, model)
-    residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
+    residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion diverges from the record"
     return said | details | {"residual": residual}
 
 

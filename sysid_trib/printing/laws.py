@@ -91,7 +91,7 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
         inertia = "inertia" if signal_units(tree) == "rad" else "mass"
         caption = (
             f"{title} over the {inertia} ({unit}) against {word} ({unit_at}), with standard errors; in "
-            "parentheses where the run does not reach. The table above holds the mean of the runs"
+            "parentheses beyond the range of the run. The table above shows the mean of the runs"
         )
         yield Block((), ALWAYS, title, layout.text_table(rows), caption)
 
@@ -245,7 +245,7 @@ def _caption(tree: xr.DataTree, law: str) -> str:
     known = " and ".join(["the straight line w^2 x", *held])
     return (
         f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole, and by "
-        f"each method beyond {known}{f' ({scaled})' * bool(power)}, w = {w:.6g} rad/s, with standard errors"
+        f"each method minus {known}{f' ({scaled})' * bool(power)}, w = {w:.6g} rad/s, with standard errors"
     )
 
 
@@ -282,17 +282,17 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
         yield _passivity(tree)
     spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
-        said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
+        said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, with all of its 95 % band."
         yield f"{said} {ACTIVE_FRICTION}"
     if spans["seemingly"]:
         yield (
-            f"Friction is negative at {_spans(spans['seemingly'], unit)}, but its band holds positive "
-            "values: the record does not decide whether it feeds energy in there."
+            f"Friction is negative at {_spans(spans['seemingly'], unit)}, but its band contains positive "
+            "values: the record does not determine whether it feeds energy in there."
         )
     if spans["beyond"]:
         yield (
-            f"The continuation of the friction law would feed energy in at {_spans(spans['beyond'], unit)}, "
-            "which the record does not visit: do not use it there."
+            f"The extrapolated friction law would feed energy in at {_spans(spans['beyond'], unit)}, outside "
+            "the range of the record: do not use it there."
         )
 
 
@@ -301,15 +301,16 @@ def _passivity(tree: xr.DataTree) -> str:
     result = _preferred(tree)
     acting = json.loads(tree["judged"].attrs[PASSIVE])
     if not acting:
-        return "Passivity was asked for, and acts nowhere: friction takes energy out at every speed shown."
+        return "The passivity constraint is not active: friction dissipates energy at every speed shown."
     places = result.speed.values
     largest = float(np.max(places[result.speed_visited.values]))
     # The constraint also stands just above and below zero speed.
     near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
     spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
     return (
-        f"Passivity acts at {_spans(spans, _words(tree, 'friction')[1])}: without it, friction would feed "
-        "energy in there. Suspect an error of the sensor within the cycle, or another force."
+        f"The passivity constraint is active at {_spans(spans, _words(tree, 'friction')[1])}: without it, "
+        "friction would feed energy in there. The probable cause is an error of the sensor within the cycle, "
+        "or another force."
     )
 
 
@@ -383,9 +384,9 @@ def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
         p_value = layout.p_value_text(products.p_value.item())
         yield (
             "The force is not a law of speed plus a law of displacement (p "
-            f"{p_value}): with products of both the residual falls to "
-            f"{products.residual_after.item() / products.residual_before.item():.0%}. Group `interaction` of "
-            "the result, and its figure, map what they add."
+            f"{p_value}): with products of both, the residual falls to "
+            f"{products.residual_after.item() / products.residual_before.item():.0%} of its value. The group "
+            "`interaction` of the result and its figure show the additional force."
         )
 
 
@@ -396,9 +397,9 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
     size = max(abs(both["sum"].item()), 1e-300)
     of_both, of_speed = (100.0 * both[error].item() / size for error in ("standard_error", "error_of_law"))
     yield (
-        "The record does not tell friction that changes with the speed from friction that depends on the "
-        f"position: the damping of both together over a cycle of {both.amplitude.item():.2g} {unit} is known "
-        f"to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands hold if friction "
+        "The record does not separate friction that changes with the speed from friction that depends on "
+        f"the position: over a cycle of {both.amplitude.item():.2g} {unit}, the damping of both together is "
+        f"known to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands are valid if friction "
         "depends on the speed alone."
     )
 
@@ -426,9 +427,9 @@ def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
         values = [layout.coefficient_text(result.sel(force=name)) for name in own]
         name = library[own[0]].name if own else symbol
         texts += [f"{name} ({symbol}) {', '.join(values)}"] if own else []
-    owner = ", each run with its own," if len(record_groups(tree)) > 1 else ""
+    owner = ", one for each run" if len(record_groups(tree)) > 1 else ""
     return (
-        f"In addition to the laws, direct fits errors of the sensor{owner} which belong to a record: "
+        f"In addition to the laws, direct fits errors of the sensor, which belong to a record{owner}: "
         f"{'; '.join(texts)}."
     )
 

@@ -305,7 +305,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
     modal = (
         f"Several modes: {several}. These facts are about the mode of {1.0 / value['period']:.3g} Hz; the "
-        "others act as noise: --mode takes one of them."
+        "others act as noise. --mode selects one of them."
     )
     return [
         *([modal] if several else []),

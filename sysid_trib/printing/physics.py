@@ -168,7 +168,7 @@ def _crossovers(result: xr.Dataset, pairs: xr.Dataset, ends: Array) -> Iterator[
         remarks += ["not reached by this motion"] * (not reached.any())
         remark = f" ({'; '.join(remarks)})" if remarks else ""
         where = f"the {pair.acts_on.item()} at {', '.join(places)}{remark}"
-        yield f"{first} and {second} weigh the same in {where}."
+        yield f"{first} and {second} have equal weight in {where}."
 
 
 def _arrest(result: xr.Dataset, values: xr.Dataset) -> list[str]:
@@ -193,4 +193,4 @@ def _fingerprint(values: xr.Dataset) -> str:
     verdict = f"{values.attrs['verdict']}, {abs(values.z.item()):.3g} standard errors apart"
     if values.significance.item() < SIGNIFICANT_FORCES:
         verdict += f"; {values.attrs['denominator']} itself is not significant"
-    return f"{ratio}; partial slip has -3 pi/4 = {values.slip_ratio.item():.3f} within a tenth: {verdict}."
+    return f"{ratio}; for partial slip it is -3 pi/4 = {values.slip_ratio.item():.3f} within 10 %: {verdict}."

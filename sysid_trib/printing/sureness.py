@@ -20,7 +20,7 @@ NOISE_ALONE = (
 PROFILE, SENSITIVITY = "profile", "sensitivity"
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
-NOT_FOUND = "No random force was found; the errors allow for {}."
+NOT_FOUND = "No random force was found; the errors include {}."
 TOO_SHORT = (
     "The record is too short, or too coarsely sampled, to separate a random force from the sensor's noise: "
     "a random force that changes the motion by up to {:.2g} times that noise cannot be excluded."
@@ -86,7 +86,7 @@ def _sensitivity(data: xr.Dataset) -> Block:
     sentences = [
         f"In some fits these differ by more than {SIGNIFICANT_ERRORS:g} standard errors: {changed}."
     ] * bool(changed)
-    sentences += [f"Without a result: {failed}."] * bool(failed)
+    sentences += [f"Failed fits: {failed}."] * bool(failed)
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
     return Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)
 
@@ -141,9 +141,9 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
             f"density is {force.relative(frequency):.1e} w^2 per root hertz."
         )
         yield (
-            f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} {units}) for "
-            f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) for "
-            f"{periods[1]}."
+            f"From a known state the motion can be predicted within the sensor's noise ({noise:.2g} {units}) "
+            f"for {periods[0]}, and within {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) "
+            f"for {periods[1]}."
         )
         tested, p_value = tree["random_force"].to_dataset(), float(tree["judged"].random_force_p[-1])
         yield from _whose(tested, p_value, explained, of_density if given else "")

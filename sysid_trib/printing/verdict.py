@@ -35,8 +35,8 @@ def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
         by_run = {f"run {at}": cell for at, cell in enumerate(cells, 1)}
         rows.append({"quantity": name, **by_run, "p": layout.p_value_text(row.p_value.item(), "")})
     table = layout.text_table(rows, ("quantity",))
-    yield Block((), Layer.EXPLAIN, "Do the runs agree", table, "Each run alone")
-    yield Block([*runs_sentences(runs)], title="Do the runs agree")
+    yield Block((), Layer.EXPLAIN, "Agreement of the runs", table, "Each run alone")
+    yield Block([*runs_sentences(runs)], title="Agreement of the runs")
 
 
 def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
@@ -66,9 +66,9 @@ def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
     before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
     if before is not None and before.chi_square >= before.gain:
         yield (
-            f"Runs that differ (most in {before.most.item()}) would explain as much or more: chi-square "
-            f"{before.chi_square.item():.3g} of {before.degrees_of_freedom.item()} differences, the effect "
-            f"{before.gain.item():.3g}."
+            f"Differences between the runs (largest in {before.most.item()}) would explain as much or more: "
+            f"chi-square {before.chi_square.item():.3g} for {before.degrees_of_freedom.item()} differences, "
+            f"{before.gain.item():.3g} for the effect."
         )
 
 
@@ -90,8 +90,7 @@ EXPLAINED = {
     "explained with a random force": "The model explains the record with a random force, which depends on "
     "neither angle, speed, amplitude nor time.",
     "undetermined": "The record does not determine the forces: no coefficient, and no combination of them, "
-    f"differs from zero by more than {SIGNIFICANT_ERRORS:g} standard errors. It could not contradict this "
-    "model.",
+    f"differs from zero by more than {SIGNIFICANT_ERRORS:g} standard errors. It cannot test this model.",
 }
 LACKING = "A force is missing, or one has a different form."
 UNEXPLAINED_SENTENCES = {
@@ -100,7 +99,10 @@ UNEXPLAINED_SENTENCES = {
 }
 EXPLAINED_BUT_LINE = "The model explains the record: the residual is noise and a spectral line."
 OF_A_RATE = " (The residual of an integrated rate is always larger than its noise.)"
-NOT_SEPARATED = "The record does not separate these forces: each may be zero, but not all. Fewer suffice: {}."
+NOT_SEPARATED = (
+    "The record does not separate these forces: each may be zero, but not all of them. Fewer forces "
+    "suffice: {}."
+)
 EFFECTIVE = "The model is incomplete, so these coefficients are effective values"
 
 
@@ -162,7 +164,7 @@ def test_sentences(tree: xr.DataTree) -> Iterator[str]:
     said, result = f"Test that the residual is white noise: p {p_value}.", judged.preferred_result(tree)
     if "random_force" in tree.children and not not_followed(tree):
         p_value = layout.p_value_text(float(tree["judged"].random_force_p[-1]))
-        said += f" Test that the random force depends on nothing: p {p_value}."
+        said += f" Test that the random force is independent of motion and time: p {p_value}."
     yield said
     if result is not None and "error_of_model" in result:
         yield error_parts_sentence(judged.preferred_of(tree), result)
@@ -201,7 +203,7 @@ def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
         factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
         yield (
             f"{EFFECTIVE}. Standard errors include the change between parts of the record: they are up to "
-            f"{factor:.3g} times those by the noise (--explain)."
+            f"{factor:.3g} times the errors from noise alone (--explain)."
         )
     elif "error_of_model" in result:
         yield f"{EFFECTIVE}; between parts of the record they change by no more than their errors."
@@ -249,8 +251,8 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
                 parts.append(kind if "=" in kind else f"{symbol} is {kind} ({row.coefficient.item():.6g})")
     if parts:
         bounded = list(dict.fromkeys(symbol for result in results for symbol in at_bound(result)))
-        allowed = f", but those at a bound ({', '.join(bounded)}) are free in them" if bounded else ""
-        yield f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these{allowed}."
+        allowed = f", but treat those at a bound ({', '.join(bounded)}) as free" if bounded else ""
+        yield f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors assume them{allowed}."
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
