@@ -161,7 +161,7 @@ def test_what_has_not_been_seen_is_predicted_from_its_start() -> None:
     assert begun.attrs["warm_up"] == 1.5
     with pytest.raises(UsageError, match="warm-up of 90 s holds"):
         st.predict(result, other, warm_up=90.0)
-    with pytest.raises(UsageError, match="holds the input u, which this record lacks"):
+    with pytest.raises(UsageError, match="contains the input u, which this record lacks"):
         st.predict(result, other.drop_vars("u"))
 
 
@@ -271,7 +271,7 @@ def test_an_input_of_another_length_or_kind_is_refused() -> None:
     for method in of_free_motions:
         with pytest.raises(UsageError, match="known input"):
             st.identify(record, DRIVEN.select(["zeta"]), method)
-    with pytest.raises(UsageError, match="No force holds the input q"):
+    with pytest.raises(UsageError, match="No force contains the input q"):
         st.simulate(st.Model(DRIVEN, TRUTH, W), TIME, inputs={"q": TIME})
 
 

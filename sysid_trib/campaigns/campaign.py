@@ -102,7 +102,7 @@ def campaign(
     if not isinstance(task, Task):
         raise UsageError(f"campaign needs a Task, or one of {', '.join(TASKS)}; not {task!r}.")
     if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
-        raise UsageError("A campaign needs a list of records, of one at least.")
+        raise UsageError("A campaign needs a list of at least one record.")
     # A link to a store stays one when records come to it.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):

@@ -84,7 +84,7 @@ class Store:
             wrong = (status != WAITING) & (known != stored.row_checksums(columns, names, self._labels))
             wrong |= (status < 0) | (status >= len(STATUS))
             if wrong.any():
-                raise _damaged(self.path, f"record {names[np.argmax(wrong)]} is not as it was written")
+                raise _damaged(self.path, f"record {names[np.argmax(wrong)]} differs from what was written")
 
     def unfinished(self, records: CampaignRecords) -> tuple[list[Index], int, int]:
         """Return the unfinished records of a campaign.

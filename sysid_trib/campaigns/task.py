@@ -132,7 +132,7 @@ class Task:
             object.__setattr__(self, "candidates", forces.as_library(self.candidates, "Task, candidates=,"))
         if (self.name == "laws") != bool(self.speeds):
             raise UsageError(
-                "The task laws needs at least one speed, and no other takes one: speeds=(0.1, 0.5)."
+                "The task laws needs at least one speed, such as speeds=(0.1, 0.5); other tasks take none."
             )
         if not all(speed > 0.0 and np.isfinite(speed) for speed in self.speeds):
             raise UsageError("The speeds of laws are numbers above 0.")

@@ -77,7 +77,7 @@ def asked_model(given: ModelOptions) -> AskedModel:
     moving = selection.load_system(given.system)
     contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
-        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+        raise UsageError("--omega0 and --reference-frequency both define alpha: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
     if given.forces is None:
         # An input that is named acts, as in `discover`.
@@ -191,7 +191,7 @@ def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
     """Return the identification that represents a saved result; raise an error if there is none."""
     answer = main_result(tree)
     if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} compares samples and is no model of either; give a result of identify.")
+        raise UsageError(f"{result} is a comparison of samples, not a model; give a result of identify.")
     if answer is None:
-        raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
+        raise UsageError(f"{result} contains no model that follows its record; give a result of identify.")
     return answer

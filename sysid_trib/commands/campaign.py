@@ -67,7 +67,7 @@ def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
         else:
             print_blocks(campaign_blocks(store, counts, compared), written=(given.output, page))
         if not counts["done"]:
-            raise RecordError(f"{given.output}: no record has a result; why each has none is in {page}.")
+            raise RecordError(f"{given.output}: no record has a result; {page} gives the reasons.")
 
     return say
 
@@ -123,7 +123,7 @@ def _task(given: CampaignOptions) -> task.Task:
 def _task_of_laws(given: CampaignOptions, read: task.Read) -> task.Task:
     """Return the task laws: friction at speeds."""
     if given.methods is not None:
-        raise UsageError("--methods are of identify and compare; laws has two of its own.")
+        raise UsageError("--methods is for identify and compare; laws uses its own two methods.")
     random_force = parse_random_force(given.random_force)
     return task.Task(
         "laws",
@@ -146,7 +146,9 @@ def _speeds(text: str | None) -> tuple[float, ...]:
     except ValueError:
         speeds = ()
     if not speeds or not all(speed > 0.0 for speed in speeds):
-        raise UsageError("--task laws wants --speeds, numbers above 0 between commas: --speeds 0.1,0.5,1.")
+        raise UsageError(
+            "--task laws needs --speeds, numbers above 0 separated by commas: --speeds 0.1,0.5,1."
+        )
     return tuple(dict.fromkeys(speeds))
 
 
@@ -156,7 +158,7 @@ def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
     for pattern in map(str, patterns):
         those = sorted(glob(pattern)) if has_magic(pattern) and not Path(pattern).exists() else [pattern]
         if not those:
-            raise UsageError(f"No file is named like {pattern}.")
+            raise UsageError(f"No file matches {pattern}.")
         files += those
     if folders := [file for file in files if Path(file).is_dir()]:
         raise UsageError(f"{folders[0]}: this is a folder; give its files: '{Path(folders[0]) / '*.csv'}'.")
@@ -188,7 +190,8 @@ def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dat
     rows = rows[[name for name in rows if len(set(rows[name])) > 1]]
     if laboratories is not None and laboratories not in rows:
         raise UsageError(
-            f"--laboratories '{laboratories}': all records that have a result are of one; leave it out."
+            f"--laboratories '{laboratories}': all records with a result are from one "
+            f"laboratory; leave it out."
         )
     # The work is done: what is left of the conditions is looked at.
     conditions, collinear = without_collinear(rows.drop(columns=laboratories or []))

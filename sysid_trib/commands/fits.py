@@ -82,7 +82,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         check_angle_unit(unit_of_signal(decays[0]))
     if given.warm_up is not None and not (given.warm_up >= 0.0 and (driven or given.test)):
         raise UsageError(
-            "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
+            "--warm-up is 0 s or more of a driven record, or of --test; use --window to cut decays."
         )
     own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
     starts = checked_starts(given.starts, driven=driven or given.test is not None)
@@ -126,7 +126,7 @@ def checked_starts(word: str, *, driven: bool) -> StartsOption:
     if word not in KINDS_OF_STARTS:
         raise UsageError(f"--starts '{word}' must be {' or '.join(KINDS_OF_STARTS)}.")
     if word != KINDS_OF_STARTS[0] and not driven:
-        raise UsageError("--starts is of driven records (--input); the start of a decay is fitted.")
+        raise UsageError("--starts is for driven records (--input); the start of a decay is fitted.")
     return word  # type: ignore[return-value]
 
 
@@ -257,7 +257,7 @@ def difference(tell: Tell, given: DifferenceOptions) -> Callable[[], None]:
         read_decays(given.but(records=side), driven=True) for side in sides
     )
     if given.laws and is_driven([*first, *second]):
-        raise UsageError("--laws of a difference is of free decays; leave it out of driven records.")
+        raise UsageError("difference --laws is for free decays; leave it out for driven records.")
     sums, others = ({run.attrs.get("record_checksum") for run in side} for side in (first, second))
     if sums & others - {None}:
         raise UsageError("A record is given in both samples; their differences would share its noise.")

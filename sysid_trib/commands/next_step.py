@@ -47,7 +47,7 @@ class NextStep(NamedTuple):
 # command is an end. A chain of these ends within four commands, and none of them comes twice.
 NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     # After identify.
-    "explained": ("compare", "every method, and how it predicts a part that is held out"),
+    "explained": ("compare", "every method, and its prediction of a held-out part"),
     "explained, no coefficient is known by itself": ("identify", "the fewest forces that suffice"),
     "approximate": ("laws", "friction and restoring force as curves, without choosing a form"),
     "not explained": ("laws", "friction and restoring force as curves, without choosing a form"),
@@ -61,7 +61,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
         "friction and restoring force as curves, without choosing a form",
     ),
     # After identify or discover.
-    "undetermined": ("identify", "fewer forces, and all of the record"),
+    "undetermined": ("identify", "fewer forces, with the whole record"),
     "undetermined by the viscous force alone": ("", ""),
     # After laws.
     "laws explain": ("", ""),
@@ -69,12 +69,12 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     "laws do not explain": ("", ""),
     # After compare.
     "compared, explained": ("", ""),
-    "compared, not explained": ("discover", "names what is missing"),
+    "compared, not explained": ("discover", "finds and names the missing force"),
     # After discover.
-    "out of time": ("discover", "the same to its end"),
-    "named": ("identify", "two methods, held against each other"),
-    "nothing missing": ("plan", "which further run makes the errors smaller"),
-    "nothing missing of a driven record": ("identify", "two methods, held against each other"),
+    "out of time": ("discover", "the same search without a time limit"),
+    "named": ("identify", "two methods, cross-checked"),
+    "nothing missing": ("plan", "the next run that reduces the errors most"),
+    "nothing missing of a driven record": ("identify", "two methods, cross-checked"),
     "unknown effect": ("laws", "friction and restoring force as curves, without choosing a form"),
     "unknown effect of a driven record": ("", ""),
 }
@@ -173,7 +173,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
     made = list[tuple[str, str, Mapping[str, str | None]]]()
     if kind_of(tree) == "discover":
         if tied := _tied(tree):
-            when = f"With the record that separates {' and '.join(tied[:2])}, see above"
+            when = f"With the record that separates {' and '.join(tied[:2])} (see above)"
             made.append((when, "discover", {"records": SECOND_RECORD}))
         outstanding = bool(tree["ranking"].significant.isel(selection_step=-1).any())
         most = tree.attrs["max_effects"]
@@ -191,7 +191,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
             when = "To see whether another record of the rig follows these laws"
             made.append((when, "laws", {"test": SECOND_RECORD}))
     elif scale := _scale_error(tree, given):
-        when = "If the scale of the film or encoder is off, as the frequency at large amplitudes says"
+        when = "If the scale of the film or encoder is wrong, as the frequency at large amplitudes suggests"
         made.append((when, "identify", {"scale": scale}))
     return [f"{when}: {command_after(command, options, given)}" for when, command, options in made]
 

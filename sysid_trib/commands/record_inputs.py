@@ -108,7 +108,7 @@ OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
 MOST_RATIO = 5.0
 # What is left to do without the option.
 INSTEAD = {
-    OMEGA0: "correct it, or leave it out: (w_inf / omega0)^2 - 1 gives alpha from the w_inf of the result",
+    OMEGA0: "correct it, or leave it out and compute alpha = (w_inf / omega0)^2 - 1 from w_inf of the result",
     REFERENCE: "correct it, or leave it out: w is then fitted",
 }
 
@@ -149,7 +149,9 @@ def read_decays(
         decays += chosen
         sentences += [sentence] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
-        raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
+        raise UsageError(
+            "The records have different units; give runs of one experiment in one unit (--units)."
+        )
     _check_frequencies(decays, given)
     return decays, sentences
 
@@ -326,9 +328,9 @@ def _as_it_is(
         return ""
     viscous = next(iter(load_library().damping_factors))
     if isinstance(given, ForcesOptions):
-        return f", or name the forces that act, such as --forces {viscous}, to take it as it is"
+        return f", or name the forces that act, such as --forces {viscous}, to use it uncut"
     # This command has no such option: another one takes the record.
-    return f", or take it as it is by {command_after('identify', {'forces': viscous}, given)}"
+    return f", or use it uncut with {command_after('identify', {'forces': viscous}, given)}"
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> None:

@@ -247,7 +247,7 @@ def _settings(
     coefficients = {name: value for name, value in values.items() if "." not in name}
     check_shapes(shapes, library)
     if not coefficients and (texts or not papers):
-        raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
+        raise UsageError("No force has a coefficient: add one, such as --set zeta=0.01.")
     return coefficients or PAPER_COEFFICIENTS, shapes
 
 

@@ -226,7 +226,7 @@ def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, driv
         if np.all(np.abs(sine) > drive) or np.all(np.hypot(along, sine) > 4.0 * drive):
             return np.geomspace(LEAST_TRIED * float(np.min(drive)), top, AMPLITUDES_TRIED)
         top *= 2.0
-    raise DecayError("No damping bounds this response; a model with a force that damps has one.")
+    raise DecayError("Without damping this response is unbounded; add a dissipative force to the model.")
 
 
 def balances(

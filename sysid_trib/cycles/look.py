@@ -81,10 +81,10 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "periods": variable((), (time[-1] - time[0]) / period, "periods", "1"),
         "first_amplitude": variable((), amplitude[0], "first amplitude", unit),
         "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
-        "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
-        "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
+        "first_damping_ratio": variable((), first, "damping ratio at the start", "1"),
+        "last_damping_ratio": variable((), last, "damping ratio at the end", "1"),
         "noise": variable((), noise, "standard deviation of the sensor's noise", unit),
-        "drift": variable((), _drift(curve), "how far the middle of the swing moves", unit),
+        "drift": variable((), _drift(curve), "movement of the middle of the swing", unit),
         "sensor_step": variable((), step, "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
     }

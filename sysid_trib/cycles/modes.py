@@ -94,7 +94,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "first_amplitude": variable(("mode", "sensor"), [end[0] for end in ends], "first amplitude", units),
         "last_amplitude": variable(("mode", "sensor"), [end[1] for end in ends], "last amplitude", units),
         "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
-        "residual": variable("sensor", ringing.residual, "RMS of what all modes leave", units),
+        "residual": variable("sensor", ringing.residual, "RMS residual of all modes", units),
     }
     start = float(sensors.time.values[0] + ringing.start * ringing.interval)
     attrs = dict(sensors.attrs) | {
@@ -110,7 +110,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
 
 def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
     at = sensors.time.values[ringing.second_blow]
-    return f"the signals jump at {at:.4g} s, as by a second blow: what comes after it is left out"
+    return f"the signals jump at {at:.4g} s, as after a second blow: later samples are left out"
 
 
 def _listed(ringing: Ringing, kind: str) -> str:

@@ -252,7 +252,9 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
         # Where Newton's step did no good the cycle itself goes on.
         begin[:, of_history] += np.where((change < last)[:, None], step, shift)
         last = change
-    raise LibraryError(f"Force '{force.symbol}' drifts at each cycle and has no steady one, no signature.")
+    raise LibraryError(
+        f"Force '{force.symbol}' drifts in each cycle, so it has no steady cycle and no signature."
+    )
 
 
 def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Steps:

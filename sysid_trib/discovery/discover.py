@@ -206,7 +206,9 @@ def _discovery(
     model, free, held = start_forces(model_forces, reference_frequency, Constraints(constraints))
     offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
     if not len(offered):
-        raise UsageError("No candidate is left beside the forces of the model; offer another library.")
+        raise UsageError(
+            "The library has no candidate except the forces of the model; offer another library."
+        )
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     taken = replace(model, forces=(*model, *offered))
     if any(inputs_for(run, taken) for run in (*whole, *unseen)):
@@ -232,7 +234,7 @@ def _discovery(
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
         seen = runs
-    tell("where model and record differ")
+    tell("difference of model and record")
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
@@ -303,7 +305,7 @@ def _unless_laws_predict_better(
     explains = named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
-    tell("laws as the rival of the names")
+    tell("laws as an alternative model")
     laws_rms = rival()
     if not CLEARLY_BETTER * laws_rms < named_rms:
         return done, laws_rms, ()

@@ -21,7 +21,7 @@ from sysid_trib.forces.shape_parameters import has_frequency_parameter
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 NOT_FINITE = "it is not finite on this motion"
-TOO_FINE = "not testable on this record: it acts more finely than the motion is known beside a random force"
+TOO_FINE = "not testable on this record: with a random force, the motion is not known finely enough"
 
 
 @dataclass(frozen=True)

@@ -116,7 +116,7 @@ def search(
     rivals: Rivals = {}
     converged = False
     for _ in range(start.settings.most_fits):
-        tell(f"candidates beside {', '.join(model.effects) or 'the start model'}")
+        tell(f"candidates in addition to {', '.join(model.effects) or 'the start model'}")
         current = fits.screened(model)
         step = exchange.likelier_exchange(current, fits)
         if step is None and len(current.effects) < most and may_gain(current):
@@ -128,7 +128,7 @@ def search(
         if step is None:
             step = exchange.not_beyond_chance(current, fits)
         if step is None:
-            tell("rivals of each effect")
+            tell("competitors of each effect")
             rivals = {symbol: exchange.rivals_of(current, fits, symbol) for symbol in current.effects}
             step = exchange.better_rival(current, fits, rivals)
             step = step or exchange.chance_in_set(current.effects, rivals, fits)
@@ -170,7 +170,7 @@ def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> S
 def with_steps(search: Search, tell: Tell = silent) -> Search:
     """Return the search with models of none, one, two, ... of its effects, and the candidates with each."""
     models = nested_models(search.models[-1], search.effects)
-    tell("candidates beside each model")
+    tell("candidates with each model")
     before = [search.fits.screened(model) for model in models[:-1]]
     return replace(search, screenings=[*before, search.screenings[-1]], models=models)
 

@@ -51,7 +51,9 @@ def start_forces(
     model = forces_to_identify(asked, reference_frequency)
     fix = constraints.fixed
     if other := [name for name in constraints.names if name not in fix]:
-        raise UsageError(f"discover holds coefficients alone; leave out what bounds or ties {other[0]}.")
+        raise UsageError(
+            f"discover supports fixed coefficients only; leave out the bound or tie of {other[0]}."
+        )
     able = [force.symbol for force in model if force.kind == "force"]
     for symbol in fix:
         if symbol not in able:

@@ -48,7 +48,7 @@ class Constraints:
                 raise UsageError(f"Parameter {name} cannot be fixed at {value}; give a finite number.")
         for name, (low, high) in self.bounds.items():
             if not low < high:
-                raise UsageError(f"The bounds {low:g}:{high:g} of {name} must rise from the low to the high.")
+                raise UsageError(f"The bounds {low:g}:{high:g} of {name} must increase from low to high.")
         for name, given in self.table.items():
             if name not in self.names:
                 wrong = f"{name} cannot be constrained by {given!r}"
@@ -150,7 +150,9 @@ class Constraints:
         known = parameters_of(library)
         for name in self.names:
             if name not in known:
-                raise UsageError(f"No parameter '{name}' can be constrained; there are {', '.join(known)}.")
+                raise UsageError(
+                    f"There is no parameter '{name}' to constrain; there are {', '.join(known)}."
+                )
         self.formulas(library)
 
     def formulas(self, library: ForceLibrary) -> dict[str, Formula]:
@@ -168,7 +170,7 @@ class Constraints:
             return {name: ties[name] for name in TopologicalSorter(needs).static_order()}
         except CycleError as error:
             circle = " and ".join(error.args[1][1:])
-            raise UsageError(f"The ties of {circle} go in a circle; leave one parameter free.") from None
+            raise UsageError(f"The ties of {circle} are circular; leave one parameter free.") from None
 
     def linear_map(
         self, library: ForceLibrary, shapes: ShapeValues | None = None
@@ -204,12 +206,12 @@ class Constraints:
         held |= {name: value for name, value in self.fixed.items() if name in held}
         for name, tie in self.formulas(library).items():
             if name in held:
-                raise UsageError(f"Shape parameter {name} is tied, which only a trajectory fit can do.")
+                raise UsageError(f"Shape parameter {name} is tied; only a trajectory fit supports this.")
             affine = _affine(tie, held)
             if affine is None:
                 raise UsageError(
-                    f"The tie '{name}={tie.text}' is not linear in the coefficients, which only a trajectory "
-                    "fit can do."
+                    f"The tie '{name}={tie.text}' is not linear in the coefficients; only a trajectory "
+                    "fit supports this."
                 )
             constant, slopes = affine
             rows[name] = sum((a * rows[s] for s, a in slopes.items()), np.zeros(len(free) + 1))

@@ -250,7 +250,7 @@ def _expressions(table: object, source: str) -> dict[str, str]:
                 raise LibraryError(f"{where}: '{name}' is longer than {MAX_LENGTH} characters as a whole.")
     except CycleError as error:
         circle = " and ".join(error.args[1][1:])
-        raise LibraryError(f"{where}: {circle} go in a circle; write one without the other.") from None
+        raise LibraryError(f"{where}: {circle} are circular; write one without the other.") from None
     return whole
 
 

@@ -69,7 +69,9 @@ def forces_to_identify(
     if reference_frequency is None and stiffness is not None:
         library = library.select(s for s in library.symbols if s != stiffness.symbol)
     if all(force.kind == "sensor" for force in library):
-        raise DecayError("No force is left to identify beside the frequency; offer at least one (--forces).")
+        raise DecayError(
+            "No force is left to identify, only the frequency; offer at least one force (--forces)."
+        )
     return library
 
 
@@ -136,7 +138,9 @@ def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceL
     viscous = [library[symbol] for symbol in library.damping_factors]
     if not viscous:
         wrong = f"Library '{library.title}' has no viscous friction to start from"
-        raise UsageError(f"{wrong}; name the start's forces (--forces {','.join(library.symbols[:2])}).")
+        raise UsageError(
+            f"{wrong}; name the forces of the start model (--forces {','.join(library.symbols[:2])})."
+        )
     return replace(library, forces=(*first_of_inputs(inputs), viscous[0]))
 
 

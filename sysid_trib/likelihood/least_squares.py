@@ -94,7 +94,7 @@ def constraint_map(
     constraints.check(library)
     for name in constraints.bounds:
         if name not in library.symbols:
-            raise UsageError(f"Shape parameter {name} is bounded, which only a trajectory fit can do.")
+            raise UsageError(f"Shape parameter {name} is bounded; only a trajectory fit supports this.")
     names, matrix, constant = constraints.linear_map(library, shapes)
     if not names:
         raise UsageError("Every coefficient is fixed or tied; leave at least one free.")

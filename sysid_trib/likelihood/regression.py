@@ -260,7 +260,7 @@ def begin(
     names = [library.symbols[constraints.free[at]] for at in outside]
     count = sum(not force.curve for force in library)
     if rows < count + 3 + len(runs):
-        raise DecayError(f"{rows} rows cannot decide {count} forces; give a longer record.")
+        raise DecayError(f"{rows} rows cannot determine {count} forces; give a longer record.")
     columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix[:, outside]
     if free:
         columns = np.column_stack([columns, np.concatenate([run.x for run in runs])])

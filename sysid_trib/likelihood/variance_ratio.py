@@ -77,7 +77,8 @@ class WhiteRows:
         count = len(size)
         if len(factor) <= count:
             raise DecayError(
-                f"{len(self.target)} equations do not tell a random force beside {count} parameters; "
+                f"{len(self.target)} equations cannot determine a random force in "
+                f"addition to {count} parameters; "
                 "leave it out (--random-force off), or give a longer record."
             )
         degrees_of_freedom = self.degrees_of_freedom

@@ -128,8 +128,8 @@ class Averaging(Constrained):
             if not constraints.linear_map(asked, shapes)[0]:
                 at_bounds = ", ".join(sorted(constraints.fixed.keys() - wanted.fixed.keys()))
                 raise DecayError(
-                    f"With what is fixed, {at_bounds} would pass the bounds: nothing is left to fit; "
-                    "fix other values, or fewer."
+                    f"With the fixed values, {at_bounds} would exceed the bounds: nothing is left to fit; "
+                    "fix other or fewer values."
                 )
         if unbounded is not estimate:
             estimate = _with_errors_of_unbounded(estimate, unbounded)
@@ -219,7 +219,7 @@ class Averaging(Constrained):
         def values(parameters: Array) -> Array:
             if reference is None and parameters[-1] <= 0.0:
                 raise DecayError(
-                    "These half periods do not decide the frequency at zero amplitude; give it "
+                    "These half periods do not determine the frequency at zero amplitude; give it "
                     "(reference_frequency=), or offer fewer forces."
                 )
             *products, frequency = expand @ (
@@ -301,7 +301,7 @@ class FrequencyShift:
 
     scope: ClassVar = MethodScope(
         label="frequency shift",
-        assumes="conservative forces alone shift the frequency, whatever damps the motion",
+        assumes="only conservative forces shift the frequency",
         observes="frequency",
         identifies="conservative forces",
         several_runs=False,

@@ -243,7 +243,9 @@ class WuDecrement(ClassicalMethod):
         needed_forces(library, [SOLID_FRICTION], label)
         powers = library.select(force.symbol for force in library if _is_power(force))
         if len(powers) < 2:
-            raise DecayError(f"{label} needs a power of the speed beside sign(v), as 2*v or v*abs(v).")
+            raise DecayError(
+                f"{label} needs a power of the speed in addition to sign(v), such as 2*v or v*abs(v)."
+            )
         return powers
 
     def equations(self, library: ForceLibrary) -> Equations:
@@ -292,9 +294,9 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     """
     extremum = np.abs(np.asarray(turning_points, dtype=float))
     if len(extremum) < 3:
-        raise DecayError(f"{len(extremum)} turning points cannot decide two forces; give at least three.")
+        raise DecayError(f"{len(extremum)} turning points cannot determine two forces; give at least three.")
     parameters = np.linalg.lstsq(*_turning_points(extremum, extremum), rcond=None)[0]
     if not abs(parameters[1]) < LARGEST:
-        raise DecayError("The turning points do not decay as solid and viscous friction have it.")
+        raise DecayError("The turning points do not decay as under solid and viscous friction.")
     solid, viscous, _ = FeenyLiang().values(np.append(parameters, 1.0))
     return float(solid), float(viscous)

@@ -104,7 +104,7 @@ class Direct(Constrained):
 
     scope: ClassVar = MethodScope(
         label="direct",
-        assumes="the forces offered are all there are",
+        assumes="no forces act except those offered",
         family="direct",
         driven=True,
         # On derivatives of the smoothed record, as pysindy is commonly used.

@@ -294,21 +294,21 @@ def _check_rank(design: Array, names: Sequence[str], instants: int) -> None:
     """Raise an error naming the parameters that the equations cannot determine."""
     of_what = f"{len(names)} forces" if names else f"{design.shape[1]} unknowns"
     if len(design) < design.shape[1] + 2:
-        raise DecayError(f"{instants} amplitudes cannot decide {of_what}; give a longer record or fewer.")
+        raise DecayError(f"{instants} amplitudes cannot determine {of_what}; give a longer record or fewer.")
     size = np.linalg.norm(design, axis=0)
     silent = [s for s, n in zip(names, size, strict=False) if n < 1e-12 * size.max()]
     if silent:
         raise DecayError(
-            f"Force {silent[0]} has no signature in envelope or frequency: averaging cannot see it; "
+            f"Force {silent[0]} has no signature in envelope or frequency: averaging cannot identify it; "
             "leave it out (--forces) or use the direct method alone."
         )
     _, singular, axes = np.linalg.svd(design / np.where(size, size, 1.0), full_matrices=False)
     if singular[-1] < 1e-8 * singular[0]:
         if not names:
-            raise DecayError("The half periods cannot tell these forces apart; offer fewer.")
+            raise DecayError("The half periods cannot separate these forces; offer fewer.")
         tied = [s for s, part in zip((*names, "the frequency"), axes[-1], strict=False) if abs(part) > 1e-3]
         raise DecayError(
-            f"Averaging cannot tell apart {' and '.join(tied)}: their signatures are the same; leave one out."
+            f"Averaging cannot separate {' and '.join(tied)}: their signatures are the same; leave one out."
         )
 
 

@@ -188,7 +188,7 @@ def _corrected(
         if np.all(np.abs(steps[-1]) <= settled):
             # The residual of the auxiliary model on its own motion does not indicate another force.
             return values, {name: old.without_bias(fit[name]) for name, old in first.items()}
-    raise SysidTribError("the correction did not settle")
+    raise SysidTribError("the correction did not converge")
 
 
 def _motion_from_start(

@@ -108,7 +108,9 @@ class Trajectory(Constrained):
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and self.noise == "coloured":
-            raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
+            raise UsageError(
+                "random_force= needs noise='white'; the fit then determines the colour of the noise."
+            )
         if not self.warm_up >= 0.0:
             raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
         if self.starts not in KINDS_OF_STARTS:
@@ -121,7 +123,7 @@ class Trajectory(Constrained):
         """Scope of the method; its errors allow for coloured noise if this is asked for."""
         return MethodScope(
             label="trajectory",
-            assumes=f"the forces offered are all there are; the residual is {self.noise} noise",
+            assumes=f"no forces act except those offered; the residual is {self.noise} noise",
             white_noise=self.noise == "white",
             family="trajectory",
             driven=True,
@@ -223,7 +225,7 @@ def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
         A rate or an acceleration was measured: where the body is, is not known.
     """
     if any(MEASURED in run for run in runs):
-        raise UsageError("A start is measured where the angle itself is; leave starts='measured' out.")
+        raise UsageError("starts='measured' needs a measured angle; leave it out.")
     w, held = nominal_frequency(first_frequency(runs)), dict[str, float]()
     for at, run in enumerate(runs):
         angle, rate = first_guess(run.time.values.astype(float), run.angle.values.astype(float), w)

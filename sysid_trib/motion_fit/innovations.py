@@ -148,7 +148,7 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
         zero = float(tracked.zero + deviation[2])
         tracked = replace(tracked, linear=tracked.linear_about(linear.path + change, zero), zero=zero)
     raise DecayError(
-        "The motion of this identification does not settle on the record; its forces do not describe it. "
+        "The motion of this identification does not converge to the record; its forces do not describe it. "
         "Offer others, or a shorter window."
     )
 

@@ -269,7 +269,7 @@ def likely_ratio(linear: LinearModel, start: float | None = None) -> VarianceRat
     # A body that friction holds is not pushed.
     impulses = impulses[impulses > 0.0]
     if not len(impulses):
-        raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
+        raise DecayError("Friction of this size holds the body all the time; use random_force='off'.")
     span = float(np.sum(impulses)), float(np.median(impulses))
     return variance_ratio(linear.rows, *span, start)
 

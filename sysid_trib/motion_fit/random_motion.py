@@ -220,7 +220,7 @@ def fit_random_motion(
         paths = [(last + part * (path - last), rate_error) for last, path, rate_error in filtered]
         values = now.stepped(part * now.solution[0])
     raise DecayError(
-        "The fit with a random force does not settle; offer fewer forces, or take random_force='off'."
+        "The fit with a random force does not converge; offer fewer forces, or use random_force='off'."
     )
 
 
@@ -275,7 +275,7 @@ def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iter
     rms = [root_mean_square(at.innovations(run)) for run in range(len(filters))]
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (birge, "1", "Birge ratio of the innovations"),
-        "innovation_rms": (rms, "rad", "RMS of what one step ahead is predicted wrongly"),
+        "innovation_rms": (rms, "rad", "RMS of the one-step prediction errors"),
     }
     result = fit.problem.identification(method, fit.values, covariance, noises, extra)
     forces = [random_force_of_ratio(ratio, frequency, method.random_force) for ratio in ratios]
@@ -284,4 +284,4 @@ def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iter
     white = described("innovations", {"autocorrelation": correlation})
     result = result.assign(white).assign_coords(lag=np.arange(1, 1 + len(correlation)))
     orders = ", ".join(str(len(filter_) - 1) for filter_ in filters)
-    return result.assign_attrs(noise_model=f"autoregression of order {orders}, beside a random force")
+    return result.assign_attrs(noise_model=f"autoregression of order {orders}, with a random force")

@@ -51,8 +51,9 @@ EFFECTIVE_TITLE = "The model does not explain the record."
     block="At a glance",
     captions={
         "discover": f"The record and the motion of the final model, {FITTED}. {WEIGHED}",
-        "driven": f"The inputs, the record with the motion of the answer's model, {FITTED}, and what the "
-        "model of each method leaves of the record.",
+        "driven": f"The inputs, the record with the motion of the preferred model, {FITTED}, and "
+        f"the residual "
+        "of each method's model.",
     },
 )
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:

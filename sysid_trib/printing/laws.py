@@ -23,7 +23,7 @@ from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
-SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
+SURENESS_TITLE, FORMULA_TITLE = "Uncertainty", "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
@@ -399,8 +399,8 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
     yield (
         "The record does not separate friction that changes with the speed from friction that depends on "
         f"the position: over a cycle of {both.amplitude.item():.2g} {unit}, the damping of both together is "
-        f"known to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands are valid if friction "
-        "depends on the speed alone."
+        f"known to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands are valid if "
+        "friction depends on the speed alone."
     )
 
 

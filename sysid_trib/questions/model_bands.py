@@ -74,7 +74,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
             for sign in (1.0, -1.0)
         )
     except SysidTribError as why:
-        raise DecayError(f"Within its errors this model need not have a motion: {why}") from None
+        raise DecayError(f"For some parameters within its errors this model has no motion: {why}") from None
     coords = {"time": time, "envelope_time": coarse, **described("curve_bands", {"amplitude": best[-1]})}
     made: dict[str, Any] = {}
     attrs = {"confidence": BAND_PROBABILITY}

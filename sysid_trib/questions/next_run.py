@@ -85,7 +85,7 @@ def plan(
     the rest. Errors are by the inverse of Fisher's informations of all runs.
     """
     if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
-        raise UsageError("A plan is of releases of a free decay; the records of this result are driven.")
+        raise UsageError("plan is for free decays; the records of this result are driven.")
     wanted, unit = dict(wanted or {}), signal_units(result)
     given = {
         "release": variable("end", np.array(amplitude, dtype=float), "limits of the release", unit),
@@ -115,7 +115,7 @@ def _planned(
     durations = _between(duration, DURATION_LIMITS, length, DURATIONS, "duration")
     rate = measured if sampling_rate is None else sampling_rate
     if rate <= 0.0:
-        raise UsageError(f"A sampling rate of {rate:g} Hz cannot be had; give one above zero.")
+        raise UsageError(f"The sampling rate {rate:g} Hz must be positive.")
     if np.isnan(rate):
         raise UsageError("The result keeps no record; give the sampling rate of the next run.")
     if np.isnan(kept):

@@ -167,7 +167,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
     runs, library, asked = as_runs(decay, driven=True), schema.library_of(result), method_of(result)
     if any(random_force_of(result, run) for run in range(len(runs))):
         raise DecayError(
-            "A random force pushes this record, but this is of the free motion: hold it off with "
+            "This record has a random force, but a profile is for the free motion: use "
             "--random-force off, if the residual allows it."
         )
     shapes = (*getattr(asked, "fit_shapes", ()), *(name for name in names if name in library.shape_values()))

@@ -183,7 +183,7 @@ def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
     if not forces.inputs and not driven_by:
         return ""
     if base:
-        raise UsageError("base= is of a model without inputs; this one says by its forces how it is driven.")
+        raise UsageError("base= is for a model without inputs; the forces of this one define its drive.")
     if driven_by not in ("", *forces.inputs) or (not driven_by and len(forces.inputs) > 1):
         held = f"has the inputs {', '.join(forces.inputs)}" if forces.inputs else "has no input"
         raise UsageError(f"This model {held}; say which of them drives (driven_by=, --driven-by), or none.")

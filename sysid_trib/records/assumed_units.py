@@ -120,7 +120,7 @@ def unit_of(
             article = "an" if stated.quantity[0] == "a" else "a"
             raise _contradicted(column, f"{stated.text}, {article} {stated.quantity}", "signal", how.signal)
     if not unit.known:
-        known = f"none of those that are known ({lab.OFFERED_UNITS})"
+        known = f"unknown (known are {lab.OFFERED_UNITS})"
         why = f"unit {unit.text} is {known}: coefficients are in it"
     # Two whole turns to either side are more than an oscillation.
     swing = 0.5 * float(np.ptp(values)) * unit.factor

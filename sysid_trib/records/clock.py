@@ -258,7 +258,7 @@ def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | N
             return line + (given[0] - line[0]), said
     line = _line(index, given, 1.0)
     if _in_packets(given, line, values):
-        return line + (given[0] - line[0]), "stamps of packets: their rows are taken as even"
+        return line + (given[0] - line[0]), "stamps of packets: rows within a packet are taken as equidistant"
     return None
 
 

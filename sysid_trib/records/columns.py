@@ -282,8 +282,8 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
             and "driven" not in reasons
         )
         driven = (
-            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); else switch the drive "
-            "off, and record what follows."
+            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
+            "the drive off, and record the free decay."
         )
         raise RecordError(
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "

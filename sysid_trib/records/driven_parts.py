@@ -178,11 +178,11 @@ def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         if np.any(spikes < AT_END):
             low, said = (
                 AT_END,
-                [*said, f"the first {AT_END} samples cut off, of which one of {_shown(record, name)} leaps"],
+                [*said, f"the first {AT_END} samples cut off, because one of {_shown(record, name)} jumps"],
             )
         if np.any(spikes >= count - AT_END):
             high = count - AT_END
-            said.append(f"the last {AT_END} samples cut off, of which one of {_shown(record, name)} leaps")
+            said.append(f"the last {AT_END} samples cut off, because one of {_shown(record, name)} jumps")
     return record.isel(time=slice(low, high)), said
 
 

@@ -64,7 +64,7 @@ def free_decay(
     decays = free_decays(record, window=window, equilibrium=equilibrium, keep_outliers=keep_outliers)
     longest = max(decays, key=lambda decay: float(np.abs(np.diff(decay.angle.values)).sum()))
     if len(decays) > 1:
-        others = f" It is the one of {len(decays)} decays that travels farthest; free_decays gives all."
+        others = f" It is the decay of the longest travel among {len(decays)}; free_decays gives all."
         longest.attrs["free_decay"] += others
     return longest
 
@@ -130,7 +130,7 @@ def free_decays(
         longest = max(pieces, key=lambda piece: piece[0].size)
         decays = [short_decay(longest, value, refusal)]
         refused = re.split(";|, at least", str(refusal).removeprefix(f"{source}: "))[0].rstrip(".")
-        said.append(f"taken as it is, since its forces are named, though {refused}")
+        said.append(f"used uncut, because its forces are named, although {refused}")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
     datasets = [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
@@ -322,6 +322,6 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
         where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."
         if window == (None, None):
-            where = f"{np.ptp(time):.3g} s, of which no decay can be told; record longer."
+            where = f"{np.ptp(time):.3g} s, too short for a decay; record longer."
         raise DecayError(f"{source}: only {count} sample{'s' * (count != 1)} in {where}")
     return inside

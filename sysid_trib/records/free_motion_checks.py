@@ -48,7 +48,7 @@ def after_the_drive(swing: Swing) -> Swing:
 
 
 # Advice for a record that is no decay.
-AS_IT_IS = "name the forces that act (--forces) to take it as it is"
+AS_IT_IS = "name the forces that act (--forces) to use it uncut"
 
 
 def is_held(swing: Swing, decay: Swing) -> bool:

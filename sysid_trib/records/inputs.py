@@ -183,7 +183,7 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
         raise DecayError(
-            f"The input {name} reaches from {reach}; cut the record (--window), or give all of the input."
+            f"The input {name} covers {reach}; cut the record (--window), or give all of the input."
         )
     values = given.values.astype(float)
     return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))
@@ -227,7 +227,7 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
     refuse_unused(inputs, library)
     for force in library:
         if missing := [name for name in force.inputs if name not in inputs]:
-            wrong = f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks"
+            wrong = f"Force '{force.symbol}' contains the input {missing[0]}, which this record lacks"
             raise UsageError(
                 f"{wrong}; name its column (--input {missing[0]}=COLUMN; input= in Python), or leave the "
                 "force out."
@@ -251,15 +251,15 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
     """
     for name in inputs:
         if name != INPUT and name not in library.inputs:
-            held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
-            wrong = f"No force holds the input {name} ({held})"
+            held = f"they contain {', '.join(library.inputs)}" if library.inputs else "they hold none"
+            wrong = f"No force contains the input {name} ({held})"
             shipped = load_library(SHIPPED)
             taking = [force.symbol for force in shipped if force.inputs == (name,)]
             if taking:
                 offer = f"offer one that does (--forces {','.join([taking[0], *library.symbols])})"
             else:
                 known = ", ".join(shipped.inputs)
-                offer = f"call it {known} (--input u=COLUMN), or offer a force of your own that holds it"
+                offer = f"call it {known} (--input u=COLUMN), or offer a force of your own that contains it"
             raise UsageError(f"{wrong}; {offer}, or leave the input out.")
 
 

@@ -106,7 +106,7 @@ def _ask(reader: str, path: Path) -> tuple[str, str]:
         end, said = json.loads(answer)
         return str(end), str(said)
     late = monotonic() - began >= BUSY * seconds
-    return DAMAGED, "it takes far too long" if late else "its reader ends without a word"
+    return DAMAGED, "it takes far too long" if late else "its reader ends without a message"
 
 
 def _started() -> subprocess.Popen[bytes]:
@@ -176,7 +176,7 @@ def _answer(reader: str, path: str, seconds: float) -> tuple[str, str]:
     if said:
         return tuple(json.loads(said))
     late = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
-    return DAMAGED, "it takes far too long" if late else "its reader ends without a word"
+    return DAMAGED, "it takes far too long" if late else "its reader ends without a message"
 
 
 def _limit(seconds: float, memory: int) -> None:
@@ -208,7 +208,7 @@ def _read(reader: str, path: str) -> tuple[str, str]:
         # The reader knows what is wrong: the process that asked meets it as well.
         return WHOLE, ""
     except MemoryError:
-        return DAMAGED, "it needs far more memory than its size lets expect"
+        return DAMAGED, "it needs far more memory than its size suggests"
     # Readers of foreign formats meet a damaged file with any exception at all.
     except Exception as error:
         return DAMAGED, next(iter(str(error).splitlines()), "")[:200] or type(error).__name__

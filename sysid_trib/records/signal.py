@@ -61,7 +61,7 @@ def checked_signal(record: Any, *names: str) -> None:
         if bad.size:
             first, instant = bad[0], record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
-            wrong = f"{source}: {where} is not a finite number, or vast ({variable.values[first]:g})"
+            wrong = f"{source}: {where} is not a finite number, or too large ({variable.values[first]:g})"
             raise DecayError(f"{wrong}; cut it out.")
     _check_units(record, source)
     if record.sizes["time"] < FEWEST_SAMPLES:

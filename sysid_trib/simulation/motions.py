@@ -282,7 +282,7 @@ def _raise(outcome: int, elapsed: float) -> None:
     after = f"{elapsed:.4g} s after the start"
     if outcome == under_way.GROWS:
         raise SimulationError(
-            f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
+            f"The motion diverges: |angle| exceeds {DIVERGED:g} rad {after}; "
             "check for negative damping or stiffness, a start far away, and a strong random force."
         )
     reason = {under_way.SWITCHES: "switches without end", under_way.STEPS: "needs too many steps"}

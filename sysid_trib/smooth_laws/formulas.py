@@ -104,7 +104,7 @@ def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
         and len(force.shape) < 2
     ]
     if not kept:
-        raise UsageError(f"The candidates hold no force of {of} alone; offer some.")
+        raise UsageError(f"The candidates contain no force of {of} alone; offer some.")
     return kept
 
 

@@ -184,8 +184,8 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
             name, size = force.inputs[0], values[0][0]
             raise DecayError(
                 f"The input {name} is {size:g} throughout and drives nothing: force '{force.symbol}' cannot "
-                "be told from the sensor's zero. Name another column, or give forces that hold the input "
-                "with the motion, such as u*x."
+                "be separated from the sensor's zero. Name another column, or give forces that combine the "
+                "input with the motion, such as u*x."
             )
 
 
@@ -376,7 +376,7 @@ def predict(
     checked_signal(given)
     (whole,) = driven_parts(given, across_gaps=True)
     if starts == "measured" and warm_up is not None:
-        raise UsageError("A start that is measured needs no warm-up to be fitted to; leave one of both out.")
+        raise UsageError("A measured start needs no warm-up; leave one of both out.")
     return _predict(identified, _in_units_of(identified, whole), warm_up=warm_up, run=run, starts=starts)
 
 

@@ -80,7 +80,7 @@ def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) ->
         takers = [s for s in known if in_envelope and parts[s][0]]
         takers += [s for s in known if in_frequency and parts[s][1] and s not in takers]
         takers += ["the frequency"] if in_frequency else []
-        place = f" (taken for {' and '.join(takers)})" if takers else ""
+        place = f" (absorbed by {' and '.join(takers)})" if takers else ""
         by_place.setdefault(place, []).append(symbol)
     return "; ".join(f"{', '.join(symbols)}{place}" for place, symbols in by_place.items())
 
