@@ -129,7 +129,7 @@ def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sente
 
 
 def test_what_is_no_set_of_runs_is_refused():
-    with pytest.raises(UsageError, match="Two runs at least"):
+    with pytest.raises(UsageError, match="needs at least two runs"):
         st.campaigns.between_runs(runs_of([1.0], [0.1]))
     with pytest.raises(UsageError, match="needs identifications"):
         st.campaigns.between_runs([xr.Dataset()])

@@ -259,7 +259,7 @@ def test_an_input_of_another_length_or_kind_is_refused() -> None:
     record = driven_record(1)
     short = record.drop_vars("u").assign(u=("u_time", record.u.values[:600], record.u.attrs))
     short = short.assign_coords(u_time=("u_time", TIME[:600]))
-    with pytest.raises(DecayError, match="reaches from 0 to"):
+    with pytest.raises(DecayError, match="covers 0 to"):
         st.identify(short, DRIVEN, st.methods.Direct())
     holed = record.copy(deep=True)
     holed.u[7] = np.nan

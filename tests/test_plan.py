@@ -158,7 +158,7 @@ def test_no_run_of_a_driven_body_is_planned(tree):
     record = tree["record"].to_dataset()
     push = xr.DataArray(np.zeros(record.sizes["time"]), dims="time", attrs={"role": "input", "units": "V"})
     driven = xr.DataTree.from_dict({"record": record.assign(voltage=push)})
-    with pytest.raises(UsageError, match="of releases of a free decay; the records"):
+    with pytest.raises(UsageError, match="is for free decays; the records"):
         plan(driven)
 
 
@@ -174,7 +174,7 @@ def test_a_difference_is_no_model(tmp_path, words):
     name, *options = words.split()
     ending = command(name, result, *options)
     assert ending.status == 2
-    assert "compares samples and is no model of either" in ending.err
+    assert "is a comparison of samples, not a model" in ending.err
 
 
 @pytest.mark.slow

@@ -263,7 +263,7 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
         runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Not shown: {runs} that {'are' if equal > 1 else 'is'} longer, but no better than another."
+        yield f"Not shown: {runs} that {'are' if equal > 1 else 'is'} longer, with the same numbers as another."
 
 
 def _size(run: xr.Dataset) -> str:

@@ -18,7 +18,7 @@ TESTED = ("chi_square", "degrees_of_freedom", "p_value")
 
 # By the verdict on the size of the random force in all runs.
 DENSITY_VERDICTS = {
-    "unknown": "Whether the random force has the same size in all runs cannot be tested.",
+    "unknown": "The size of the random force cannot be compared between the runs.",
     "disagree": "The size of the random force differs between the runs (p {}).",
     "agree": "No difference between the runs was found in the size of the random force (p {}): it may be a "
     "property of the experiment.",
@@ -45,7 +45,7 @@ def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
         if why:
             yield f"Run {run} alone does not determine the coefficients: {why}"
     if runs.attrs["verdict"] == "unknown":
-        yield "Whether the runs differ cannot be tested."
+        yield "The difference between the runs cannot be tested."
     else:
         p_values = runs.p_value.fillna(1.0).to_series()
         worst = f"{p_values.idxmin()} (p {layout.p_value_text(p_values.min())})"

@@ -51,7 +51,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "driven": ("Forces of a driven record", driven.driven_blocks),
     "compare": (f"{TITLE}, method by method", comparison.comparison_blocks),
     "difference": ("Two samples held against each other", campaign.difference_blocks),
-    "discover": ("What a model lacks to explain a free decay", discovery.discovery_blocks),
+    "discover": ("Missing forces of a free decay", discovery.discovery_blocks),
 }
 
 
