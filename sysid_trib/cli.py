@@ -11,7 +11,7 @@ from typing import NoReturn
 
 INTERRUPTED = 130
 OUT_OF_MEMORY = "Out of memory; take a shorter window or a lower sampling rate, or raise the limit."
-# Bytes; what the largest libraries of machine code take to be loaded.
+# Bytes that the largest libraries of machine code need to be loaded.
 LIBRARY_SIZE = 2**28
 
 
@@ -67,7 +67,7 @@ def _outcome() -> tuple[int, str]:
         # A terminal or pipe that is not UTF-8 must not turn ± into a traceback.
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     with warnings.catch_warnings():
-        # Numerical libraries warn in their own terms; what matters of it is in the result, or an error here.
+        # Numerical libraries warn in their own terms; relevant warnings are in the result, or an error here.
         warnings.showwarning = lambda *_, **__: None
         try:
             return _run()

@@ -22,7 +22,7 @@ __all__ = ["damp", "linearise", "to_nonlinear_system"]
 # Distances from rest (rad) at which a force's slopes are compared: where they differ it has none.
 OUTER_STEP, INNER_STEP = 1e-7, 1e-8
 SLOPE_TOLERANCE = 1e-3
-# What `damp` gives of each pole, with its unit.
+# Variables of `damp` for each pole, with their units.
 POLE = {
     "natural_frequency": ("natural frequency", "rad/s"),
     "damping_ratio": ("damping ratio", "1"),

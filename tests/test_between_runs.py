@@ -116,7 +116,11 @@ def test_identifications_are_compared_at_one_frequency_and_a_worn_run_scatters()
         ({"load": [1.0, 2.0]}, None, "2 rows for 4 runs"),
         ({"load": [1.0, 1.0, 1.0, 1.0]}, None, "the same in all runs"),
         ({"load": [1.0, None, 2.0, 3.0]}, None, "no value for run 2"),
-        ({"load": [1.0, 2.0, 3.0, 4.0], "wear": [2.0, 4.0, 6.0, 8.0]}, None, "'wear' is confounded with 'load' in"),
+        (
+            {"load": [1.0, 2.0, 3.0, 4.0], "wear": [2.0, 4.0, 6.0, 8.0]},
+            None,
+            "'wear' is confounded with 'load'",
+        ),
         ({"load": [1.0, 2.0, 3.0, 4.0]}, "place", "no column 'place'"),
         ({"place": list("abcd")}, "place", "one of which has several runs"),
         (pd.DataFrame({"place": list("aaaa")}), "place", "two laboratories at least"),

@@ -22,7 +22,8 @@ from sysid_trib.campaigns.store import as_dataset, store_for
 from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
-# Blocks of a store at least, and the most records that a block holds: what a kill may cost.
+# Least number of blocks of a store, and the most records of a block: a killed process loses at most one
+# block.
 BLOCKS, LARGEST_BLOCK = 1000, 100
 EXTRA = ("distributed", "zarr")
 # How often it is looked whether workers are there, s; on a busy machine one that starts anew takes more than
@@ -165,7 +166,7 @@ def _through(
 
     # On this machine not all may have started yet.
     count = workers if isinstance(workers, int) else len(client.nthreads())
-    # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
+    # Blocks that wait at each worker: enough to keep it busy, few enough for the memory.
     running = as_completed([submit(block) for block in islice(waiting, 3 * max(1, count))])
     for future in running:
         block = sent.pop(future.key)
@@ -189,8 +190,8 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    # What a worker has to say comes with its rows; profiles and logs of all that happened only grow.
-    # Memory that is given back at each chance is taken anew with each array: 5 % of the time of a record.
+    # Workers return messages with their rows; profiles and logs of all events only grow. Memory that is
+    # returned at each chance is allocated anew with each array: 5 % of the time of a record.
     quiet = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": "10s",
@@ -220,7 +221,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 n_workers=0,
                 threads_per_worker=1,
                 memory_limit=memory,
-                # Without a page; what is served in its place must not want the port that others have.
+                # Without a page; the server in its place must not use the port of other servers.
                 dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=CRITICAL,

@@ -19,24 +19,24 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
 from sysid_trib.results.variables import RESULT_TABLES
 
-# What a killed process leaves of a chunk ends so, as with zarr.
+# Ending of the remains of a chunk of a killed process, as with zarr.
 UNFINISHED = ".partial"
 Row: TypeAlias = dict[str, Any]
 
 EDGES = ("lowest", "highest")
-# Of a record's time: enough to see how it decays, whether it stops, and what does not belong to it.
+# Parts of a record's time: enough to show its decay, its stop and foreign samples.
 OUTLINE_PARTS = 60
 TIED = "tied"
 EFFECT_P_VALUE = "effect_p_value"
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
-# What may become of a record, by the number that the store has of it.
+# Status of a record, by its number in the store.
 STATUS = ("waiting", "done", "refused", "failed", "lost")
 WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
 
-# Dimensions beside the record, unit and meaning of each variable.
+# Dimensions other than the record, unit and meaning of each variable.
 VARIABLES = {
     name: (tuple(dims.split()), units, meaning)
     for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
@@ -46,7 +46,7 @@ STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
     **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},
 }
-# What is not known.
+# Unknown values.
 FILL = {"f": np.nan, "U": "", "i": 0}
 
 
@@ -83,7 +83,7 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     whole[: len(values)] = values
     place = _place(folder, array, number)
     if np.array_equal(whole, np.full_like(whole, array.fill_value), equal_nan=whole.dtype.kind == "f"):
-        # As zarr does: what is not there is the fill value.
+        # As in zarr, a missing chunk has the fill value.
         place.unlink(missing_ok=True)
         return
     content: Any = np.ascontiguousarray(whole)
@@ -193,7 +193,7 @@ def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
                 new[name][first : first + block] = values
 
 
-# What says that another process has locked a file: EDEADLK is of Windows.
+# Error numbers of a file that another process has locked: EDEADLK occurs on Windows.
 TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 

@@ -100,7 +100,7 @@ class Store:
         changed = np.zeros(len(status), dtype=bool)
         for at in np.flatnonzero(status != WAITING).tolist():
             checksum = checksum_of(record_at(records, at))
-            # One that is no longer there, or that only the workers see, is what it was.
+            # A record that no longer exists, or that only the workers see, is taken as unchanged.
             changed[at] = bool(checksum) and checksum != str(known[at])
         blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (stored.REFUSED, stored.FAILED))
         todo = np.flatnonzero(np.isin(status, (WAITING, stored.LOST)) | changed)
@@ -120,7 +120,7 @@ class Store:
         try:
             names, columns = self._block(number)
             if columns["status"][places].any():
-                # What is done anew does not count until all of it is there.
+                # A new row does not count until it is complete.
                 columns["status"][places] = WAITING
                 stored.write_chunk(self.path / "status", self.arrays["status"], number, columns["status"])
             for name in columns.keys() & rows[0].keys():
@@ -205,10 +205,10 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
 def as_dataset(path: Path) -> xr.Dataset:
     """Return a checked store as a Dataset."""
     store = xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
-    # A directory lists its arrays in any order; the order of dims in what is printed is not to depend on it.
+    # A directory lists its arrays in any order; the printed order of dims must not depend on it.
     store = store[sorted(name for name in map(str, store.data_vars) if name != CHECKSUM)]
     for array in store.variables.values():
-        # No value is missing: what was not computed is nan, waiting, or an empty text.
+        # No value is missing: an uncomputed value is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
     return store
 
@@ -294,6 +294,6 @@ def _readable(path: Path) -> Iterator[None]:
             f"{path}: cannot be made, or is no store of a campaign ({error.strerror or error}); choose "
             "another with -o."
         ) from None
-    # What is damaged meets its reader with any exception at all.
+    # A damaged store can raise any exception in its reader.
     except Exception as error:
         raise _damaged(path, error) from None

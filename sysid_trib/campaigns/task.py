@@ -41,14 +41,14 @@ Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
 
 TASKS = get_args(Name)
-# Of what a store holds; one of another format is of another version.
+# Format of a store; another format belongs to another version.
 STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 # Of laws: both methods, and the one that is preferred.
 PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
-# What a comparison says of a record, before the name of a method.
+# Variables of a comparison for a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
 
 
@@ -242,7 +242,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
     except SysidTribError as error:
         row |= {"status": stored.REFUSED, "message": str(error)}
     except Exception as error:
-        # One bad record ends no campaign; what it was is kept with it.
+        # One bad record does not end a campaign; its error is kept with it.
         row |= {"status": stored.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
@@ -276,7 +276,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     row = {name: of for name, of in empty_row(task).items() if "model" in stored.VARIABLES[name][0]}
     axes = task.axes
     for at, label in enumerate(task.labels):
-        # What a record's text withholds is not kept either.
+        # Numbers that are withheld from a record's text are not kept either.
         if label == PREFERRED:
             label = judged.preferred_of(tree)
         given = label in tree.children and "covariance" in tree[label]
@@ -338,7 +338,7 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
     # Files say themselves when they change.
     held = [item for item in records if isinstance(item, xr.Dataset)]
     in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
-    # What is called, without its address in memory.
+    # The function without its address in memory.
     inner = getattr(task.read, "func", task.read)
     given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
     read = f"{inner.__module__}.{inner.__qualname__} {given!r}"

@@ -38,7 +38,7 @@ def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Pa
     """Return an option as an argument for typer, under the title of its group in the help."""
     usual = {"metavar": row.get("value"), "help": row["help"], "rich_help_panel": row["title"]}
     if row.get("positional"):
-        # What cannot be read is refused where it is read.
+        # An unreadable value is refused where it is read.
         read = typer.Argument(show_default=default != [], readable=False, **usual)
     else:
         flags = ("-o", "--output") if row["flag"] == "-o" else (row["flag"], *row.get("formerly", ()))
@@ -47,7 +47,7 @@ def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Pa
 
 
 RECORDS = "records"
-# What the next command asks of the same records and forces.
+# Options of the next command on the same records and forces.
 TAKEN_OVER = rows_of(RECORDS, "model", "start", "search")
 
 

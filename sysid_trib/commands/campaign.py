@@ -82,10 +82,10 @@ def _task(given: CampaignOptions) -> task.Task:
     name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
-    # How a file is read depends neither on which others there are, nor on where its row goes.
+    # The reading of a file depends neither on the other files, nor on the place of its row.
     of_reading = {option.name: getattr(given, option.name) for option in fields(ModelOptions)}
     read = partial(decays_of, ModelOptions(**of_reading | {"records": []}))
-    # What the task would pass over in silence.
+    # Options that the task would ignore silently.
     idle_options = {
         "discover": [*(option for option in GROUPS["model"] if option not in GROUPS["start"]), *OF_LAWS],
         "laws": [*GROUPS["search"], *(option for option in GROUPS["model"] if option not in GROUPS["laws"])],
@@ -101,7 +101,7 @@ def _task(given: CampaignOptions) -> task.Task:
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     asked = asked_model(given)
     methods = methods_asked(asked)
-    # The two that `identify` holds against each other.
+    # The two methods that `identify` cross-checks.
     wanted = ["averaging", "direct"] if name == "identify" else list(methods)
     if given.methods:
         wanted = [label.strip() for label in given.methods.split(",")]
@@ -193,7 +193,7 @@ def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dat
             f"--laboratories '{laboratories}': all records with a result are from one "
             f"laboratory; leave it out."
         )
-    # The work is done: what is left of the conditions is looked at.
+    # The work is done: look at the remaining conditions.
     conditions, collinear = without_collinear(rows.drop(columns=laboratories or []))
     if laboratories is not None:
         conditions[laboratories] = rows[laboratories]

@@ -108,7 +108,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     if calibration[1]:
         tree = with_scale_error(tree, calibration[1] / calibration[0])
     if measured and (result := judged.kept_results(tree).get(judged.preferred_of(tree))) is not None:
-        # What has a covariance of forces is an identification.
+        # A dataset with a covariance of forces is an identification.
         converted = in_si_units(result, **measured).drop_dims("other_force")
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=judged.preferred_of(tree)))
     tree = with_consequences(tree)
@@ -244,7 +244,7 @@ def compare(tell: Tell, given: CompareOptions) -> Callable[[], None]:
     return deliver(given, tell, says, tree, _texts(given, tree))
 
 
-# Stands between the records of the two samples.
+# Separates the records of the two samples.
 AND = Path(":")
 
 

@@ -19,9 +19,9 @@ from sysid_trib.results.kinds import identifications_of, kind_of
 from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
 
-# Stands for a file that the user is to measure first: marked, so that nobody takes it for one that is there.
+# Placeholder for a file that the user is to measure first; its mark shows that the file does not exist.
 SECOND_RECORD = "<SECOND_RECORD.csv>"
-# More effects than were asked for, where candidates still stand out.
+# Number of effects beyond `--max-effects` if further candidates are significant.
 MORE_EFFECTS = 2
 
 
@@ -43,8 +43,8 @@ class NextStep(NamedTuple):
     options: Mapping[str, str | None]
 
 
-# The order of next steps: from each state of a result the command that follows, and what it is for. An empty
-# command is an end. A chain of these ends within four commands, and none of them comes twice.
+# The order of next steps: the command that follows from each state of a result, and its purpose. An empty
+# command is an end. A chain of commands ends within four, and none is repeated.
 NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     # After identify.
     "explained": ("compare", "every method, and its prediction of a held-out part"),

@@ -80,7 +80,7 @@ def what_else(path: Path) -> str:
 
 def _is_printed(path: Path) -> bool:
     """Return true if a file is the JSON that a command printed."""
-    # Bytes; what a command prints with --json is far smaller.
+    # Bytes; the output of a command with --json is far smaller.
     if path.stat().st_size > 2**24:
         return False
     try:
@@ -106,7 +106,7 @@ READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "l
 OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
 # Hz and rad/s differ by more; a contact of 24 times the stiffness of the oscillator does not.
 MOST_RATIO = 5.0
-# What is left to do without the option.
+# Advice if the option is left out.
 INSTEAD = {
     OMEGA0: "correct it, or leave it out and compute alpha = (w_inf / omega0)^2 - 1 from w_inf of the result",
     REFERENCE: "correct it, or leave it out: w is then fitted",

@@ -74,7 +74,7 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
     except DecayError as error:
         if with_drive is not None:
             return _look_at_driven(tell, with_drive)
-        # What was understood helps to see why.
+        # The sentences on what was read help to find the cause.
         return partial(_refuse, [] if given.as_json else sentences, error)
     if with_drive is not None and _is_driven_within(with_drive, decays):
         return _look_at_driven(tell, with_drive)
@@ -97,7 +97,7 @@ def _listed_modes(given: LookOptions) -> xr.Dataset | None:
             return None
         return modes_of(sensors)
     except SysidTribError:
-        # The usual reading reports what is wrong with the file.
+        # The usual reading reports the fault of the file.
         return None
 
 

@@ -68,7 +68,7 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
         try:
             yield tell
         except DecayError as error:
-            # A method knows numbers alone. A colon stands between two samples.
+            # A method knows only numbers. A colon separates two samples.
             said, names = str(error), [record.name for record in records if record.name != ":"]
             if not names or any(name in said for name in names):
                 raise
@@ -136,7 +136,7 @@ def command_line() -> str:
 
 # mm.
 INCH = 25.4
-# Options that name what a command reads.
+# Options that name the inputs of a command.
 READ = ("result", "test", "library", "candidates", "system")
 
 

@@ -169,10 +169,10 @@ def _remaining(averaged: AveragedRates, a: float, least: float) -> float:
     return float(quad(waiting, np.log(least), np.log(a), epsabs=0.0, epsrel=1e-10, limit=200)[0] + tail)
 
 
-# Amplitudes between which a balance is looked for; the least one is so small a part of what the drive would
-# do at rest.
+# Amplitudes between which a balance is searched; the least one is a small part of the static deflection.
 AMPLITUDES_TRIED, LEAST_TRIED = 400, 1e-3
-# A force whose dependence on the frequency is no power is averaged at so many, a polynomial between them.
+# A force whose dependence on the frequency is no power law is averaged at so many frequencies, with a
+# polynomial between them.
 NODES = 5
 # Part of an amplitude over which slopes are taken.
 SLOPE_PART = 1e-6

@@ -102,7 +102,7 @@ CURVE_POINTS, FEWEST_HALF_PERIODS = 80, 5
 # Rounds after the first: with the bends and the slopes of the one before.
 ROUNDS = 2
 QUANTILES, FINE = 17, 801
-# Extrema of both sides together: leaves out what differs between them, and nothing of a parabola.
+# Extrema of both sides together: this removes the difference between the sides, and nothing of a parabola.
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 

@@ -242,9 +242,9 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
         step = _newton_step(ends.transition[:, of_history][:, :, of_history], shift)
         size = np.maximum(np.abs(ends.end[:, of_history]).max(axis=1), a)
         change, drift = (np.abs(part).max(axis=1) / size for part in (step, shift))
-        # What hardly forgets its start is known to rounding over what it forgets.
-        # A cycle repeats itself where its states and memory come back to this part of their size.
-        # A state that still moves by this part of its size after so many cycles drifts.
+        # The error of a state that hardly forgets its start is rounding over the part that it forgets. A
+        # cycle repeats itself if its states and memory come back to this part of their size. A state that
+        # still moves by this part of its size after so many cycles drifts.
         if np.all((np.maximum(change, drift) <= 1e-13) | ((change >= 0.5 * last) & (drift <= 1e-9))):
             scale = np.stack([a, a, np.ones_like(a)], axis=1)
             starts = [dict(zip(names, row, strict=True)) for row in begin[:, of_history].tolist()]

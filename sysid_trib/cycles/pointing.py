@@ -34,12 +34,12 @@ FOLDS = 5
 PRECISION = 0.02
 # More forces must predict better by this factor. Models within the errors of a curve predict it equally well.
 BETTER_BY, WITHIN_ERRORS = 1.1, 1.0
-# A system that holds its elastic force has no coefficient to fit: it may leave such a part of the change of
-# the frequency; or a larger one, if free coefficients leave little less.
+# A system with a held elastic force has no coefficient to fit: its residual may be this part of the change of
+# the frequency; or a larger one, if free coefficients hardly reduce it.
 HELD_REMAINS, HELD_REMAINS_MOST, HELD_OVER_FREE = 0.1, 0.25, 2.5
 # Relative error of the frequency shift due to third harmonics of a pendulum and an elastic string.
 OPEN_SHIFT = 0.1
-# A scale that counts: beyond its errors, and of which the pendulum then leaves so much less.
+# A scale counts if it exceeds its errors and reduces the residual of the pendulum by this factor.
 SCALE_LIMITS, SCALE_ERRORS, SCALE_REMAINS = (0.87, 1.15), 4.0, 0.5
 # Phases of a quarter of a swing, for its period.
 PHASES = (np.arange(400) + 0.5) * (0.5 * np.pi / 400)

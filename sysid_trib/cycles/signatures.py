@@ -178,7 +178,7 @@ def _panels(
     a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
     values = np.stack(averages(force, a, shapes), axis=1)
     series: Array = np.asarray(chebyshev.chebfit(nodes, values, CHEBYSHEV_NODES - 1), dtype=float)
-    # Compared with the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
+    # The rounding error of a formula such as sin(x) - x is negligible compared with the spring's a.
     size = max(np.abs(series).max(initial=1e-300), CANCELLATION / SERIES_TOLERANCE * 2.0**high)
     last = np.abs(series[-3:]).max() / size
     # Smallest part of an octave: a signature with a kink, as at the onset of slip, is halved no further.

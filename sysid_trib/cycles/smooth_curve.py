@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dtbtrs
 from sysid_trib.arrays import Array
 
 CURVE_SPLINES, CURVE_DEGREE = 40, 3
-# What is tried: variances of the bends in units of the noise, and of the walk in units of the sensor's.
+# Grid of the fit: variances of the bends in units of the noise, and of the walk in units of the sensor's.
 BENDS = np.logspace(-5, 9, 15)
 WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 # A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
@@ -149,8 +149,8 @@ def smooth_curve(
     weight /= weight.sum()
     k, b = np.unravel_index(int(np.argmax(weight)), weight.shape)
     expected = white[k].expected_bends(float(BENDS[b] * unit), float(tried[k][1][b]))
-    # The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise
-    # (Hall 1992).
+    # Bends of the curve over the most likely ones: even at a kink the error of the curve is less than its
+    # noise (Hall 1992).
     likely = [(white[k], tried[k][1][b], 10.0 * BENDS[b] * unit) for k, b in np.argwhere(weight)]
     return _averaged(weight[weight > 0.0], likely, at, count, _smoothed(expected * relative))
 

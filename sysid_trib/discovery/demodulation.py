@@ -68,7 +68,7 @@ def _fitted_trend(columns: Array, value: Array, error: Array) -> tuple[Array, fl
     return values, float(np.sum(((value - columns @ values) / error) ** 2))
 
 
-# Terms of the residual: the harmonic of the motion whose noise they take, and their part.
+# Terms of the residual: the harmonic of the motion whose noise applies to them, and their part.
 DEMODULATED = {
     "offset": (0, "offset"),
     "amplitude_error": (1, "amplitude"),

@@ -165,7 +165,7 @@ def _of_start_model(
     return dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
 
 
-# Part of the residual of the search's own start model below which that of the plain one stands for it.
+# The plain start model replaces that of the search if its residual is below this part of the other.
 NEARER = 0.95
 
 
@@ -219,14 +219,14 @@ def _discovery(
     tell("fit of the start model")
     pasts = [(part.origin, part.before) for part in learnt]
     start = start_model.fit_start_model(seen, free, reference_frequency, settings, held, pasts)
-    # Each with the noise of what was seen of its run.
+    # Each held-out part has the noise of the last fitted part of its run.
     noises = [max(at for at, part in enumerate(learnt) if part.run == unseen.run) for unseen in later]
     predict = partial(predicted, parts=later, runs=noises, frequency=start.rows[0].path.frequency)
     nearer = partial(_nearer_start, library=model, constraints=constraints, frequency=reference_frequency)
     fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
     fits.plain = None if fits.is_complete(start) else nearer(start, seen)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
-    # Start forces outside of the penalty, what laws are identified from and what they predict.
+    # Start forces outside of the penalty, the parts for the laws, and the parts that they predict.
     rival = partial(held_out_by_laws, model_forces, constraints, learnt, later)
     done, laws_rms, refused = _unless_laws_predict_better(done, later, rival, tell)
     closing = parts.closing_effect(done)

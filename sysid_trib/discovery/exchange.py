@@ -157,8 +157,8 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
     limit, gain_of_column, off = evidence(model) - settings.outside_of_set, 0.0, 0.0
     models = list[FittedModel]()
-    # As many again as are fitted, since those that gain most may be what no sample can be; and those of
-    # which a column says little.
+    # Twice as many as are fitted, since the trials of largest gain may be unphysical; and all those whose
+    # column is not informative.
     few = 2 * settings.fitted
     for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.tolerance(at, ()) >= 1.0)):
         force, of_column = current.trials[at].force, float(current.gains[at])

@@ -224,7 +224,7 @@ class Fits:
             # Whole steps may lead there, where the first ones are far.
             model = fit(0.5)
             model = None if self._is_local_optimum(model) else model
-        # A fit that leaves what is physical has not failed: the effect does not explain the record.
+        # A fit outside of the physical range has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
         settled = model is not None and model.settled and physical
         given_up = model is not None and not model.settled and model.deviance > worst
@@ -255,7 +255,7 @@ class Fits:
         if symbols not in self._known:
             referred = start_model.refitted(model)
             _, rms = self.foretold(referred)
-            # It predicts better than another one, or leaves nothing that another could explain.
+            # It predicts better than another one, or its residual is noise.
             better = self.best is None or bool(rms < self._least_rms) or self.is_complete(referred)
             self._refused = 0 if better else self._refused + 1
             # A right effect may predict worse while another is missing: one does not end a search.

@@ -99,7 +99,7 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         # Do not wait for a model that is too stiff.
         motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)
     except SimulationError:
-        # A model without a motion of its own has that which the record leaves it.
+        # A model without a motion of its own has the motion of the smoothed record.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
     error, *_ = sensor_error(model, path.elapsed, motion.x, motion.v, ())
     return FreeMotion(path.time, motion, path.angle - motion.offset - error - motion.x, noise, model)

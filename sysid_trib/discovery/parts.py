@@ -219,8 +219,9 @@ def verdict_of(done: Search, closing: str = "") -> str:
 
     `closing` : the effect that is missing because no more were asked for, and nothing besides.
     """
-    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
-    # a model that does not move as the record does explains nothing; what was not compared is not known.
+    # Names that nearly cancel each other, or that do not predict, may imitate an effect that is not in the
+    # library. A model whose motion does not follow the record explains nothing. A model that was not compared
+    # is unknown.
     last, settings = done.screenings[-1], done.models[0].settings
     refuted = np.any(improvements(done.predictions) < -settings.refuted)
     unphysical = bool(done.effects) and not done.followed

@@ -33,7 +33,7 @@ def refined(
     base = single.base_of(model)
     tables = [np.empty((rows.path.form.rows, 0)) for rows in model.rows]
     outside, part = np.empty((len(base), 0)), np.empty(0)
-    # The grid, whose cells are halved so often at most.
+    # The grid; its cells are halved at most so often.
     for _ in range(1 + 4):
         columns = [rows.coarse_columns(new) for rows in model.rows]
         tables = [np.column_stack(pair) for pair in zip(tables, columns, strict=True)]

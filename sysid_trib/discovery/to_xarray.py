@@ -35,8 +35,9 @@ def groups_of(
     motions = [free_motion.free_motions(model) for model in search.models]
     if plain is not None:
         motions[0] = plain.motions
-    # Where the final model leaves more than noise, sets and errors allow for how names and coefficients move
-    # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
+    # If the residual of the final model is more than noise, sets and errors include the change of names and
+    # coefficients between parts of the record. After a search that ran out of time it is also unknown whether
+    # the residual is noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
     names, records = variables.group_names("record", len(seen)), _records(seen, motions)

@@ -135,7 +135,8 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         return
     time = part.time.values
     if time[-1] - time[0] > 4.0 * duration:
-        # Where a record begins it is not known what forces remember: a few periods tell.
+        # At the beginning of a record the states of forces with memory are unknown: a few periods determine
+        # them.
         part = part.sel(time=slice(time[0] + 0.1 * duration, None))
     time = part.time.values
     whole = time[-1] - time[0]
@@ -235,7 +236,7 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
         if not np.all(np.isfinite(of_parameters)):
             scores.append(-np.inf)
             continue
-        # The unit matrix and what parameters add: no variance is below one, but for rounding.
+        # The unit matrix plus the covariance due to parameters: no variance is below one, except by rounding.
         variances, turned = np.linalg.eigh(np.eye(KNOTS_PER_PERIOD) + of_parameters)
         variances = np.maximum(variances, 1.0)
         solved = turned @ (turned.T @ np.column_stack([surprise, along]) / variances[:, None])

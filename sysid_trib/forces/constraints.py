@@ -18,7 +18,7 @@ from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula
 from sysid_trib.forces.notation import parse
 
 Bounds: TypeAlias = tuple[float | None, float | None]
-# A number holds a parameter, a pair bounds it, a formula ties it to others.
+# A number fixes a parameter, a pair bounds it, a formula ties it to others.
 Constraint: TypeAlias = float | Bounds | str
 ConstraintTable: TypeAlias = Mapping[str, Constraint]
 NO_CONSTRAINTS: ConstraintTable = MappingProxyType({})
@@ -252,7 +252,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
         raise UsageError(f"{wrong}; there are {', '.join(known)}.")
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")
-    # `lambda` and `dahl.s` are no words that can be parsed: until then others stand for them.
+    # `lambda` and `dahl.s` are not parsed as names: placeholders replace them.
     stand_ins = {word: f"p{i}" for i, word in enumerate(names)}
     replaced = WORD.sub(lambda word: stand_ins.get(word[0], word[0]), text)
     shapes = frozenset(p for word, p in stand_ins.items() if "." in word)
@@ -297,6 +297,6 @@ def _affine(tie: Formula, known: Mapping[str, float]) -> tuple[float, dict[str, 
     random = np.random.default_rng(20190417)
     shape = (16, len(free))
     points = random.choice((-1.0, 1.0), shape) * random.uniform(1e-3, 30.0, shape)
-    # Known by what it does: a formula of any form may be linear.
+    # Tested by its values: a formula of any form may be linear.
     same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
     return (constant, dict(zip(free, slopes.tolist(), strict=True))) if same.all() else None

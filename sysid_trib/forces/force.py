@@ -382,7 +382,7 @@ class ForceLibrary:
 
 # A formula, or a force as a table of the library format: formula, name, state, shape and so on.
 ForceTable: TypeAlias = str | Force | Mapping[str, Any]
-# What may stand for a library: itself, its name or file, a force, formulas by symbol, or several of these.
+# Forms of a library: itself, its name or file, a force, formulas by symbol, or several of these.
 LibraryLike: TypeAlias = (
     ForceLibrary | str | Path | Force | Mapping[str, ForceTable] | Sequence[str | Force | ForceLibrary]
 )

@@ -316,7 +316,7 @@ def _force(
     def formulas(table: Mapping[str, object], names: frozenset[str]) -> dict[str, Formula]:
         return {k: parse(text, frozenset("xvt") | names, exponents, where) for k, text in table.items()}
 
-    # Coefficients that the formula holds: of forces of the library, or of those that it names.
+    # Coefficients in the formula: of forces of the library, or of those that it names.
     own = internal | frozenset(channels) | RESERVED_NAMES | {str(symbol)}
     usable = frozenset([*symbols, *entry.get("uses", [])]) - own
     if entry.get("kind") == "sensor":

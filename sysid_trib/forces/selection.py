@@ -263,7 +263,7 @@ def _first_words(names: Iterable[str]) -> list[str]:
     return [next(iter(NAME_WORDS.findall(name.lower())), "") for name in names]
 
 
-# An oscillator of which nothing is known.
+# An oscillator without known properties.
 ANY_SYSTEM = System("", signal="")
 
 

@@ -62,10 +62,9 @@ class Shape:
         return float(np.log(value)) if self.is_logarithmic else value
 
 
-# What an input may be, other than any quantity of its own, and the power of 1/w with which formulas then
-# see it, as they see theta' over w.
+# Kinds of an input, other than a quantity of its own, and the power of 1/w in formulas, as in theta' over w.
 INPUT_KINDS = {"": 0, "displacement": 0, "rate": 1, "acceleration": 2}
-# Derivatives of an input that formulas may hold: `u` and `du`.
+# Derivatives of an input in formulas: `u` and `du`.
 ORDERS = (0, 1)
 
 

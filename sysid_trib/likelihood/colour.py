@@ -20,9 +20,9 @@ MAX_COLOUR = 3
 NOISE_HARMONICS = 6
 # Lines of a spectrum that tell a colour at all.
 FEWEST_LINES = 50
-# Half of the width of what is left out about each harmonic, in units of the frequency of the motion; where a
-# random force is fitted too, in lines. Of the motion itself it is what its start and frequency take: beyond,
-# a random force is most of what is there.
+# Half of the width that is left out about each harmonic, in units of the frequency of the motion; in lines if
+# a random force is fitted too. About the motion itself this covers the effect of start and frequency: farther
+# away, a random force dominates.
 ABOUT_HARMONIC = 0.25
 LINES_ABOUT_HARMONIC = 3.0
 LINES_ABOUT_MOTION = 1.5

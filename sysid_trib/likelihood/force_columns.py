@@ -13,7 +13,7 @@ from sysid_trib.simulation.internal_states import states_along
 
 # Points of each sample's cell at which forces that jump are averaged.
 POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
-# What the formulas of a force hold of inputs at times (s), by name.
+# Values of the inputs in the formulas of a force at times (s), by name.
 InputsAt = Callable[[Force, Array], Mapping[str, Array]]
 
 

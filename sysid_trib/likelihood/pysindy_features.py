@@ -18,7 +18,7 @@ from sysid_trib.likelihood.force_columns import value_along
 from sysid_trib.likelihood.least_squares import white_least_squares, whitened
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
 
-# What pysindy calls its inputs when nobody has named them.
+# Names that pysindy gives to unnamed inputs.
 UNNAMED = ["x0", "x1"]
 
 

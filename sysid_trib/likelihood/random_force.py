@@ -15,9 +15,8 @@ from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
 from sysid_trib.results.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.results.variables import Variables, described
 
-# What a method is asked to do: estimate the random force, leave it out, or take this one-sided density.
-# `auto` leaves it to `identify` and the commands, which decide by what the record tells; the method alone
-# takes none then.
+# Options of a method: estimate the random force, leave it out, or take this one-sided density. `auto` leaves
+# the choice to `identify` and the commands, which decide by the record; a method by itself then takes none.
 RandomForceOption: TypeAlias = Literal["auto", "estimated", "off"] | float
 OPTIONS = ("auto", "estimated", "off")
 

@@ -20,7 +20,7 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 
 MAX_REFINEMENTS = 25
-# Of smooth curves, whose motions take long: what they still change then is far within their bands.
+# Of smooth curves, whose simulation is slow: their remaining change is then far within their bands.
 MAX_REFINEMENTS_OF_CURVES = 8
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3

@@ -242,7 +242,7 @@ def begin(
     # A scale of time: near the motion's frequency, and the same for all runs.
     free = reference_frequency is None
     nominal = reference_frequency or nominal_frequency(first_frequency(decays))
-    # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
+    # Held forces act from the first estimate on: a stiffness is then no part of the frequency.
     held = constraints.impose(np.zeros(len(library)))
     runs = []
     for number, decay in enumerate(decays, 1):

@@ -196,7 +196,7 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
         low[:count], high[:count] = constraints.low, constraints.high
         side = lsq_linear(columns, white_target, (low, high), method="bvls").active_mask[:count]
         if not np.any(side):
-            # Without the penalty of curves no bound is passed: hold those that are passed with it.
+            # Without the penalty of curves no bound would be exceeded: hold those that are exceeded with it.
             side = np.sign(free - np.clip(free, constraints.low, constraints.high))
         limits = np.where(side < 0, constraints.low, constraints.high)[side != 0]
         return solve(rows, constraints.hold(side != 0, limits))
@@ -265,7 +265,7 @@ def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> So
         return solution
     unbounded = np.full(len(constraints.free), np.inf)
     free = solve(solution.rows, replace(constraints, low=-unbounded, high=unbounded))
-    # What the bounds leave in the residual is in the errors of the bounded fit.
+    # The errors of the bounded fit include the residual due to the bounds.
     widening = max(1.0, solution.noise / free.noise) if free.noise > 0.0 else 1.0
     return replace(solution, covariance=widening**2 * free.covariance)
 

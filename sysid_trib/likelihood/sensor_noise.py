@@ -12,7 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.results.variables import Variables, noise_of_run, variable
 
 MAX_ORDER = 20
-# Part of itself that is left of what coloured noise has forgotten.
+# Correlation below which coloured noise is independent.
 FORGOTTEN = 1e-3
 # Entries of each row beyond which dense products of blocks of rows are faster than the sparse one.
 LONG_ROWS = 400

@@ -30,7 +30,7 @@ from sysid_trib.likelihood.weak_form import cholesky_factor, coloured
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.results.random_force import RandomForce
 
-# Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
+# Lines of the spectrum above the swing show the sensor's noise; within the swing's band it may differ, so
 # they count as so many samples.
 DEGREES_OF_PRIOR = 5
 
@@ -182,7 +182,7 @@ def _colours(weighed: WeighedRun) -> tuple[NoiseModel, NoiseModel, float | None]
     one could resonate as the motion does.
     """
     if weighed.run.near is None:
-        # Of a record that no free motion follows, by what the spline leaves.
+        # For a record that no free motion follows, by the residual of the spline.
         angle, tau = weighed.run.angle, weighed.run.form.tau
         white = NoiseModel(float(np.std(angle - smooth(tau, angle)[0])), np.ones(1))
         return white, white, None

@@ -68,7 +68,7 @@ class WhiteRows:
 
     def restricted_deviance(self) -> tuple[float, float]:
         """Return minus twice the log restricted likelihood with its variance profiled, and the variance."""
-        # The triangular factor of the design and the target holds all that is needed.
+        # The triangular factor of the design and the target is sufficient.
         acting = self._size > 0.0
         size = self._size[acting]
         # Columns that lie in one piece, as LAPACK needs them, take a third of the time.

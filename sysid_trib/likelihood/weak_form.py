@@ -266,7 +266,7 @@ def log_determinant(factor: Array) -> float:
 
 def whiten(factor: Array, columns: Array) -> Array:
     """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
-    # LAPACK of scipy 1.17 writes beyond an array that holds nothing.
+    # LAPACK of scipy 1.17 writes beyond an empty array.
     if not columns.size:
         return columns.copy()
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))

@@ -258,7 +258,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
     """
     w = swing_frequency(measured)
     table, noise, gram = _table_of(groups, measured)
-    # A motion that ends early leaves the last instants without equations.
+    # A motion that ends early has no equations at the last instants.
     amplitude = measured.amplitude.values[: len(table) // 2]
     if len(amplitude) < TESTED_INSTANTS:
         return 1.0
@@ -329,8 +329,8 @@ def random_force_ratio(
     """
     w = swing_frequency(measured)
     table, noise, gram = _table_of(groups, measured)
-    # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
-    # half periods may look less noisy by chance: a random force would take what they lack.
+    # Waves and a moving camera displace extrema more than white noise does; nothing displaces them less. A
+    # few half periods may look less noisy by chance: a random force would then absorb the difference.
     rows = rows_by_ratio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)
     if not isinstance(option, str):
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)

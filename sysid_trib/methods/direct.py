@@ -255,7 +255,8 @@ def _estimate(solution: Solution) -> Estimate:
     runs = solution.runs
     noises = [replace(run.sensor, innovation=run.noise).standard_deviation for run in runs]
     if any(run.inputs for run in runs):
-        # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
+        # A driven motion may contain parts that no spline follows: the residual of the model is not below the
+        # noise.
         rms = [float(np.std(run.measured - run.x)) for run in runs if run.exact]
         noises = np.minimum(noises, rms or noises).tolist()
     expected = root_mean_square([run.noise for run in runs])

@@ -332,7 +332,7 @@ def _linear(
     count = half_periods - instant[-1]
     of_design, of_target, columns = [], [], []
     for kind, first in np.ndindex(2, count):
-        # Half periods so far apart that no equation holds two of them are changed at once.
+        # Half periods are changed together if they are so far apart that no equation contains two of them.
         shift = np.zeros_like(steps)
         shift[kind, first::count] = steps[kind, first::count]
         (after, y_after, _), (before, y_before, _) = (

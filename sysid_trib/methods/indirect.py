@@ -38,7 +38,7 @@ from sysid_trib.simulation.stand_in import accuracy_of
 
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
-# Parts of a smooth curve are nearly the same on a record: what they are together settles far earlier.
+# Parts of a smooth curve are nearly collinear on a record: their sum converges far earlier.
 SETTLED_CURVES = 0.1
 # Rounds in which values and random force follow each other. A smaller step of the density, of its standard
 # error, ends them.
@@ -212,7 +212,7 @@ def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) ->
 
     With a strong random force the plain steps converge slowly, or diverge.
     """
-    # Corrections by whose differences the next is shortened or lengthened.
+    # Number of corrections whose differences shorten or lengthen the next one.
     recent = slice(-5, None)
     by_values, by_steps = (np.diff(np.array(known[recent]), axis=0).T for known in (tried, steps))
     part = np.linalg.lstsq(by_steps / unit[:, None], steps[-1] / unit, rcond=None)[0]

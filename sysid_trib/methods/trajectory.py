@@ -41,7 +41,7 @@ from sysid_trib.simulation.model import FREQUENCY, Model
 
 KINDS_OF_STARTS = ("fitted", "measured")
 StartsOption: TypeAlias = Literal["fitted", "measured"]
-# A motion that leaves more than this part of a record does not follow it.
+# A motion whose residual is more than this part of a record does not follow it.
 LARGEST_UNFOLLOWED = 0.7
 
 
@@ -174,7 +174,7 @@ class Trajectory(Constrained):
         problem = self._problem(runs, library.with_own(self.own, len(runs)))
         first = _first_values(self, problem, near)
         fit = self._fitted_freely(problem, first)
-        # In strong noise the result may be nearer than what a growing window leads to.
+        # In strong noise the result may be nearer than the fit over a growing window.
         fit = min(fit, fitted(fit.problem, first), key=lambda tried: float(tried.residual @ tried.residual))
         _residuals(fit)
         return fit.in_its_noise()
@@ -203,8 +203,8 @@ class Trajectory(Constrained):
         rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
         if rounds and missed(problem, fit.values) > LARGEST_UNFOLLOWED:
             rounds = 0
-        # What a model of driven motions leaves besides noise is no measure of how well a run was measured: a
-        # run that hardly moves would decide alone.
+        # The discrepancy of a model of driven motions does not measure the noise of a run: a run that hardly
+        # moves would dominate.
         if problem.driven and not _residual_is_white(fit):
             rounds = 0
             # One run of a record that is followed has one minimum.
@@ -277,13 +277,13 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
     if no_start or method.start is not None or free:
-        # Use the runs themselves: a record may hold another quantity than the angle.
+        # Use the runs themselves: a record may contain another quantity than the angle.
         pairs = ((run.time.values.astype(float), run.angle.values.astype(float)) for run in problem.runs)
         per_run = np.array([(*first_guess(time, angle, w), 0.0) for time, angle in pairs])
     else:
         assert quick is not None
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
-        # The zero of what was integrated is none of the sensor's.
+        # The zero of an integrated signal is not that of the sensor.
         per_run[:, -1] *= [record.sensor[0] == "angle" for record in problem.records]
     values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
@@ -302,7 +302,7 @@ def _with_random_force(
     while stopped := stopped_by_bounds(fit):
         problem = replace(problem, parameters=problem.parameters.fix(stopped))
         values = problem.parameters.expand(fit.values[problem.parameters.free])
-        # The errors stay those of the first fit, which allow for what the bounds hold.
+        # The errors remain those of the first fit, which include the parameters at bounds.
         fit, _, at = _likelier_of(problem, values, method)
     return fit, covariance, at
 
@@ -346,12 +346,13 @@ def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
     covariance = reduced * unbounded.covariance
     noises = [sensor_noise(run) for run in runs]
     if any(record.inputs for record in problem.records):
-        # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
+        # A driven motion may contain parts that no spline follows: the residual of the model is not below the
+        # noise.
         noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
-            # In which the errors of a driven record are taken whose residual is not white.
+            # Blocks for the errors of a driven record whose residual is not white.
             covariance = unbounded.clustered_covariance(24)
-    # Unit of what is compared.
+    # Unit of the compared quantity.
     units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
     extra: dict[str, tuple[ArrayLike, str, str]]
     extra = {"residual_rms": ([root_mean_square(residual) for residual in residuals], units, "RMS residual")}

@@ -141,8 +141,8 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
         if np.max(np.abs(change[:, 0])) <= tolerance and abs(deviation[2]) <= tolerance:
             return replace(tracked, deviation=deviation)
         changes.append(float(np.max(np.abs(change))))
-        # Where friction holds and frees the body in turn, changes come back: after so many without a smaller
-        # one.
+        # If friction alternately holds and frees the body, the changes are periodic: stop after so many steps
+        # without a smaller change.
         if np.argmin(changes) < len(changes) - 3:
             break
         zero = float(tracked.zero + deviation[2])
@@ -220,7 +220,7 @@ def _spans(tracked: TrackedRecord) -> Index:
     """Return the number of the span in which each sample's next step lies, (sample,) array of int."""
     time, frequency = tracked.time, tracked.model.reference_frequency
     if tracked.ratio == 0.0:
-        # There is no force to resolve; what is shown is zero.
+        # There is no force to resolve; zero is shown.
         return np.arange(len(time))
     step = float(np.median(np.diff(time)))
     resolved = 2.0 * (frequency * step / tracked.ratio) ** 0.25 / frequency
@@ -273,7 +273,7 @@ def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:
     By the covariances of the free oscillator, over steps `length` of tau: (step, 2), (step,).
     """
     cross = np.stack([1.0 - np.cos(length), np.sin(length)], axis=1)
-    # A body that friction holds for the whole step shows nothing of the force.
+    # A body that friction holds for the whole step contains no information on the force.
     free = np.linalg.det(diffusion) > 1e-9 * length**4
     weights = np.zeros_like(cross)
     weights[free] = np.linalg.solve(diffusion[free], cross[free, :, None])[..., 0]

@@ -266,7 +266,7 @@ def likely_ratio(linear: LinearModel, start: float | None = None) -> VarianceRat
     A DecayError says that friction holds the body all the time.
     """
     impulses = linear.steps.diffusion[:, 1, 1]
-    # A body that friction holds is not pushed.
+    # A random force does not move a body that friction holds.
     impulses = impulses[impulses > 0.0]
     if not len(impulses):
         raise DecayError("Friction of this size holds the body all the time; use random_force='off'.")

@@ -26,20 +26,21 @@ HELD_TOLERANCE = 1e-8
 
 # Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
 WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
-# A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
+# A start needs no growing window if its motion is this near to the record (RMS, relative to the record).
 FOLLOWED = 0.1
 # A motion that is no nearer than this (RMS, of the record's) is no first guess to be held on to.
 FAR_GUESS = 0.7
 MAX_EVALUATIONS = 60
-# Part of its size on a window that a column must have across all others for the window to move its parameter:
-# what a window cannot tell stays, else rounding would decide where the next begins.
+# A window changes a parameter only if its column has this part of its size outside of all others: otherwise
+# rounding would decide where the next window begins.
 WINDOW_RIDGE = 1e-3
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
-# The same of driven motions. What a friction that switches leaves is no smooth function of the parameters, so
-# that the last digits are never reached; the deviance of 10^4 samples is known to a thousandth.
+# The same for driven motions. The residual of switching friction is no smooth function of the parameters, so
+# the last digits are never reached; the deviance of 10^4 samples is known to a thousandth.
 CONVERGED_DRIVEN = 1e-7
-# A driven motion that leaves no more than this of the record (RMS) follows it: it forgets a slip of phase.
+# A driven motion follows the record if its residual (RMS) is at most this part of it: it forgets a slip of
+# phase.
 FOLLOWED_DRIVEN = 0.3
 
 
@@ -153,10 +154,10 @@ def grown(problem: FitProblem, values: Array) -> Array:
     return values
 
 
-# Further starts about a fit of driven motions that leaves more than noise; how far they are away, in standard
-# errors; the relative step at which their fits are done, and the evaluations that they may take.
+# Further starts about a fit of driven motions whose residual is more than noise; their distance in standard
+# errors; the relative step at which their fits end, and their largest number of evaluations.
 FURTHER_STARTS, START_DISTANCE, ROUGHLY, FEW_EVALUATIONS = 2, 2.0, 1e-3, 12
-# A start whose fit leaves less by this part of the sum of squares is a better one.
+# A start is better if its fit reduces the sum of squares by this part.
 BETTER_START_BY = 1e-3
 
 
@@ -173,7 +174,7 @@ def nearby_best(fit: Fit) -> Fit:
     free, random = fit.parameters.free, np.random.default_rng(20190417)
     best = fit
     for _ in range(FURTHER_STARTS):
-        # As many blocks as tell the errors of a record whose residual is not white.
+        # Number of blocks that determine the errors of a record whose residual is not white.
         root = covariance_root(best.clustered_covariance(24)[np.ix_(free, free)])
         direction = random.standard_normal(len(free))
         start = best.values[free] + START_DISTANCE * root @ direction

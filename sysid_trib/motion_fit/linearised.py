@@ -137,7 +137,7 @@ def sensor_on(model: Model, elapsed: Array, path: Array, by: tuple[str, ...]) ->
 RESONANT_DEGREES = 3
 OTHER_DEGREES = 2
 HARMONICS = (2, 3)
-# Of the diffusion of a free step: below it friction holds the body, and no force moves it.
+# Part of the diffusion of a free step: below it friction holds the body, and no force moves it.
 HELD = 1e-9
 
 
@@ -166,7 +166,8 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     oscillator.
     """
     step = np.diff(tau)
-    # The motion from each sample without the push of the step: with it, columns would hold what they explain.
+    # The motion from each sample without the impulse of the step: with it, columns would contain their
+    # target.
     first, last = _polar(linear.path[:-1]), _polar(linear.steps.end)
     last[0] = first[0] + (last[0] - first[0] + np.pi) % (2.0 * np.pi) - np.pi
     # A slow trend stands for the amplitude: its random walk is what the random force has made.
@@ -235,7 +236,7 @@ def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Gen
     per_tau D[k] of e[k]: the linear model of the filter, computed once for all draws.
     """
     variance, axes = np.linalg.eigh(per_tau * linear.steps.diffusion)
-    # A part that friction holds has no variance; rounding makes it negative.
+    # A part that friction holds has no variance; rounding can make it negative.
     root = axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :]
     samples, size = linear.path.shape
     source = np.zeros((samples, size, draws))

@@ -15,7 +15,7 @@ from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.simulation.model import FREQUENCY, Model
 
-# What each run has of its own: angle (rad) and rate (rad/s) at its first sample, zero of the sensor (rad).
+# Parameters of each run: angle (rad) and rate (rad/s) at its first sample, zero of the sensor (rad).
 PER_RUN = ("start_angle", "start_rate", "offset")
 
 

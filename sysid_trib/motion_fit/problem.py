@@ -66,7 +66,7 @@ class WhitenedRecord:
         sensor, time, values = initial_conditions.measured_part(decay)
         swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
         inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
-        # Samples that a warm-up leaves at least.
+        # Smallest number of samples after a warm-up.
         if len(time) - uncounted < 20:
             raise UsageError(
                 f"A warm-up of {warm_up:g} s leaves {len(time) - uncounted} samples; give a shorter one."
@@ -116,7 +116,7 @@ class WhitenedRecord:
             count, first = 2 * count, self._difference(motion, per_run)
         if first is None:
             return _penalty(far, float(np.linalg.norm(list(model.coefficients.values()))), len(self.time))
-        # Compressed: what diverges is not to count for more than what cannot be computed.
+        # Compressed: a diverging motion must not count more than one that cannot be computed.
         size = np.maximum(np.abs(first) / far, 1.0)
         return np.append(first / size * (1.0 + np.log(size)), np.full(len(self.time) - len(first), far))
 
@@ -281,7 +281,7 @@ class FitProblem:
         """
         parameters = self.parameters
         model, per_run = parameters.model(values), parameters.per_run(values)
-        # Coefficients, then the frequency, whose row is zero where it was held.
+        # Coefficients, then the frequency; its row is zero if it was held.
         count = len(parameters.library)
         places = [at for at, name in enumerate(parameters.common) if at < count or name == FREQUENCY]
         of_both = np.zeros((count + 1, count + 1))

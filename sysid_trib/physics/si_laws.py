@@ -17,7 +17,7 @@ from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
 from sysid_trib.smooth_laws.calibration import slope
 
-# Group of a result that holds what `laws_in_si` returns.
+# Group of a result with the dataset of `laws_in_si`.
 LAWS_SI = "laws_si"
 # Units of an angle's laws, and those of a displacement's.
 OF_DISPLACEMENT = {"N m": "N", "(N m)^2": "N^2", "rad/s": "m/s", "rad": "m"}

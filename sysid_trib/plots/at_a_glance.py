@@ -31,8 +31,8 @@ ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
 ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
 # Panels of the residuals of one model or two, in the figure's mosaic.
 RESIDUAL_PANELS = "BK"
-# A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
-# beside, where the axis goes on.
+# Range in which a coefficient is drawn, in units of its value; its numbers are at the right, where the axis
+# continues.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 # Standard errors of a 95 % interval, and amplitudes between which shares are drawn.
 INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
@@ -112,7 +112,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         _coefficients(panels["E"], results, lines, units)
         titles = [""] * len(panels)
         if "F" in panels:
-            # A model that failed has no weights, but what it lacks can be seen.
+            # A model that failed has no weights, but its residual can be shown.
             of_surface = main if main is not None else last_of(tree)
             _surface(panels["F"], of_surface, record[["angle"]], run, "right" if wide else "bottom")
             titles[-1] = MISSING_TITLE

@@ -108,7 +108,7 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     _prediction(panels[-1], table, marks)
     style.letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
-        # Names stand once a row; the rows share them.
+        # Names are written once a row; the rows share them.
         panel.tick_params(labelleft=at % across == 0)
     style.legend_above(figure, style.legend_marks(legend | OF_THE_RMS), 6 if wide else 2, 7)
     return figure
@@ -162,7 +162,7 @@ def _with_methods(ax: Axes, table: xr.Dataset) -> None:
 
 # Beyond these runs bars hide the marks.
 MANY_RUNS = 300
-# Runs that stand out are drawn in another colour: standard deviations.
+# Runs are drawn in another colour beyond so many standard deviations.
 FAR = 4.0
 # So many of them are named.
 MOST_NAMES_DRAWN = 8

@@ -25,14 +25,14 @@ from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
 Draw = TypeVar("Draw", bound=Callable[..., Figure])
-# What `kind_of` says of results of records.
+# Kinds of results of records, by `kind_of`.
 RESULTS = ("cross_check", "laws", "driven", "compare", "difference", "discover")
-# These, and commands that show what is no result.
+# These, and commands that show no result.
 RESULT_KINDS = (
     *RESULTS,
     *("look", "backbone", "plan", "response"),
 )
-# What made results of these kinds, and what such a result is called.
+# The origin of results of these kinds, in words.
 NAMED_KINDS = {
     "cross_check": "identify by two methods",
     "driven": "identify by two methods",
@@ -215,7 +215,7 @@ def figures_of(kind: str) -> list[Declared]:
 
 # Of figures of many panels, and of the smallest sign, points: exponents too.
 FONT_SIZE, SMALLEST_SIGN = 7.5, 6.0
-# Of a figure over the whole page, and the least at which two panels stand side by side, inch.
+# Width of a figure over the whole page, and the least at which two panels are side by side, inch.
 FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
 # Of a figure that has a caption below it on a page, inch.
 TALLEST = 9.0

@@ -23,7 +23,7 @@ LAW_LOOKS: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linewidth": 2.2, "alpha": 0.75, "zorder": 3},
     {"color": BLUE, "linewidth": 1.0, "zorder": 4},
 )
-# Room above and below, and that of a continuation, in parts of what the visited range takes.
+# Margin above and below, and that of an extrapolation, relative to the visited range.
 LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12

@@ -26,7 +26,7 @@ from sysid_trib.results.variables import signal_label, signal_symbol, signal_uni
 FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
 DOT_BEYOND = 3.0
-# Effects that a row names beside its own.
+# Competing effects that a row names.
 TIED_IN_A_ROW = 2
 # Heights of the panels, inch: record, residual before, residual after; models without rows; maps over a
 # page and in a column; of a row of a model, and of a line of its text.
@@ -104,7 +104,7 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
-        # Above its line: beside a mark a long name may not have room.
+        # Above its line: next to a mark a long name may not have room.
         words = ax.annotate(text, (1.0, row), (8, 5), **(note | {"va": "bottom"}))
         # A long one would squeeze all panels.
         words.set_in_layout(False)
@@ -172,7 +172,7 @@ LOGARITHMIC_BEYOND = 5.0
 ALL_BEYOND, ROOM_BELOW = 1.5, 0.2
 # Height of a panel, inch: without candidates, and of a candidate.
 RANKING_HEIGHT, CANDIDATE_HEIGHT = 0.75, 0.135
-# For which there is always room: the legend beside takes some.
+# There is always room for these: the legend at the side takes some.
 FEWEST_CANDIDATES = 6
 
 
@@ -248,7 +248,7 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
     high, low = max([threshold, *sizes]), 0.0
     logarithmic = high > LOGARITHMIC_BEYOND * threshold
     if sizes.size and sizes.min() > ALL_BEYOND * threshold:
-        # An axis from zero, or a logarithm, would hide in what the candidates differ.
+        # An axis from zero, or a logarithm, would hide the differences of the candidates.
         logarithmic, low = False, float(sizes.min() - ROOM_BELOW * max(np.ptp(sizes), 0.05 * high))
     elif logarithmic:
         # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.

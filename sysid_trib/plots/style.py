@@ -39,7 +39,7 @@ CANDIDATE_MARKS: dict[str, dict[str, Any]] = {
 }
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
-# A text beside the point that it annotates.
+# A text next to the point that it annotates.
 LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 # Behind a text that may lie on lines.
 WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}

@@ -23,7 +23,7 @@ KIND_COLOURS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a
 SAMPLE_COLOURS = dict(zip(SIDES, (BLUE, ORANGE), strict=True))
 # Inch: of the curves, and of a row of the differences.
 CURVES_HEIGHT, ROW = 2.4, 0.28
-# Differences of more errors stand at the edge.
+# Larger differences (in errors) are drawn at the edge.
 MOST_ERRORS = 8.0
 
 
@@ -130,7 +130,7 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     wide = width >= TWO_COLUMNS
     heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
     figure = new_figure(width, sum(heights))
-    # Texts beside the differences take no room from the curves.
+    # Texts next to the differences take no room from the curves.
     rows = figure.add_gridspec(2, 1, height_ratios=heights)
     curves = rows[0].subgridspec(*((1, 2) if wide else (2, 1)))
     panels = [figure.add_subplot(curves[at]) for at in range(2)]

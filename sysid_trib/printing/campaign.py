@@ -26,7 +26,7 @@ from sysid_trib.results.effects import at_bound, sufficient_forces
 from sysid_trib.results.kinds import identifications_of
 
 REFUSALS, NAMES_LISTED = 5, 6
-# Standard deviations beyond which a record stands out.
+# Standard deviations beyond which a record is an outlier.
 STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "Variation between the records", "Without a result"
 AGAINST = "Coefficients against conditions"

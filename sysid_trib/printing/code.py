@@ -16,9 +16,9 @@ IN_NUMPY = {name: f"np.{name}" for name in ("sign", "abs", "pi", *SMOOTH)}
 IN_NUMPY |= {"min": "np.minimum", "max": "np.maximum"}
 IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
-# Names that the texts have for what is theirs.
+# Names that the programs use themselves.
 NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
-# Languages of `export` that hold the parameters, no program.
+# Languages of `export` that contain the parameters, no program.
 PARAMETER_LANGUAGES = ("toml", "json")
 # By language, for which there is a template.
 FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
@@ -55,7 +55,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
     text = from_template(
         f"{language}.txt",
         {
-            # Units are words of files: what ends a comment or a docstring is no part of them here.
+            # Units are words of files: remove characters that would end a comment or a docstring.
             "equation": _one_line(equation_text(result)),
             "unit": _one_line(signal_units(result)),
             "w": repr(float(model.reference_frequency)),

@@ -115,7 +115,7 @@ def ranking_table(tree: xr.DataTree) -> Table:
         cells = (f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values)
         words, least = {"candidate": symbol, "name": candidate["name"].item()}, "-"
         if symbol in detectable.candidate and np.isfinite(detectable.detectable.sel(candidate=symbol)):
-            # At which it would stand out beside the final model.
+            # Coefficient at which it would be significant in the final model.
             coefficient = detectable.sel(candidate=symbol)
             least = layout.with_unit(f"{coefficient.detectable.item():.2g}", coefficient.unit.item())
         rows.append(words | dict(zip(heads, cells, strict=True)) | {"detectable": least})

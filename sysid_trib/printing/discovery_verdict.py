@@ -27,7 +27,7 @@ UNEXPLAINED_WORDS = {
     "approximate": "The model is approximate",
     "not explained": "The model does not explain the record",
 }
-# Forces of the omnibus test, and candidates, that are named where they stand out.
+# Largest number of forces of the omnibus test, and of candidates, that are named.
 MOST_NAMED = 3
 UNDECIDED = (
     "The record does not determine the forces: no coefficient of the model differs from zero, and no "
@@ -121,7 +121,7 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
     elif not tree["converged"]:
         rivals = "alternatives to these effects" if added else "candidates"
         yield f"Unknown effect: {names}{residual}, but not all {rivals} were compared."
-    # The final model leaves more than noise of the sensor and a random force without cause.
+    # The residual of the final model is more than noise of the sensor and a random force without cause.
     elif float(tree.attrs.get("noise_p_value", 1.0)) < level:
         driven = has_input(tree[record_groups(tree)[0]].to_dataset())
         why = "The residual depends on angle, speed or time, so it is not a random force"

@@ -36,7 +36,7 @@ DRIVEN_VERDICTS = {
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."
-# Motions of the printed table in each sweep, evenly apart, beside the largest.
+# Motions of the printed table in each sweep, evenly spaced, in addition to the largest.
 PRINTED = 4
 CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
 
@@ -57,7 +57,7 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     if own and not others:
         why = f"it is fitted to the {own} itself"
     why = why or "the motion of the other method does not follow the record"
-    # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
+    # If the reference is held, the asymptotic frequency follows from the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
     tested = dict(tree["agreement"].z.to_series()) if "agreement" in tree.children else {}
     z = {label: value if value else np.nan for label, value in tested.items()}
@@ -193,7 +193,7 @@ def response_blocks(response: xr.Dataset) -> Iterator[Block]:
             apart = np.linspace(0, count - 1, PRINTED + 1).round().astype(int)
             places = {*apart.tolist(), int(np.argmax(motions.amplitude.values))}
             rows += [_row(motions.isel(frequency=at), sweep) for at in sorted(places)]
-    # By how much simulations differ, and what the bands hold.
+    # Difference of the simulations, which the bands include.
     limit, ratio = response.left_open.item(), response.simulated_amplitude / response.check_amplitude
     off = np.abs(ratio - 1.0).values
     keep = (
@@ -262,8 +262,8 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
-        runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Not shown: {runs} that {'are' if equal > 1 else 'is'} longer, with the same numbers as another."
+        runs = f"{equal} longer run{'s' if equal > 1 else ''}"
+        yield f"Not shown: {runs} with the same numbers as a shorter one."
 
 
 def _size(run: xr.Dataset) -> str:

@@ -44,7 +44,7 @@ def equation_latex(result: xr.Dataset) -> str:
         if is_sum or written.startswith("-"):
             # It is multiplied whole.
             written = rf"\left({written}\right)"
-        # A number beside a number would read as one.
+        # Two adjacent numbers would read as one.
         times = "\\cdot" if written[:1].isdigit() else "\\,"
         parts.append(f"{_signed(power_of_ten(number))}{times} {written}")
     right = r" \\" "\n" r"    &\quad ".join(parts)
@@ -102,7 +102,7 @@ def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, F
     for force in library_of(result):
         row = result.sel(force=force.symbol)
         acts = row.active.item() and row.coefficient.item() != 0.0 and in_model(result, force.symbol)
-        # Each run's own stands once, by its index.
+        # The force of each run is written once, with its index.
         if acts and (force.run or 1) == 1 and (force.kind == "sensor") is of_sensor:
             number = rounded(row.coefficient.item(), row.standard_error.item())
             number = number if force.run is None else f"{force.symbol.removesuffix('_1')}_i"

@@ -16,7 +16,7 @@ from sysid_trib.printing import equation, layout, verdict
 from sysid_trib.results import judged, kinds, schema, variables
 from sysid_trib.results.kinds import GIVEN, MU, si_of
 
-# Columns of the LaTeX table, beside the methods: what stands in the column `method` of the other one.
+# Columns of the LaTeX table other than the methods: keys of the column `method` of the CSV table.
 SI_COLUMN, DIFFERENCE_ROWS, RECORD_ROWS = "SI units", "first minus second", "record"
 # More methods than this are rows.
 MOST_COLUMNS = 3
@@ -110,7 +110,7 @@ def latex_text(tree: xr.DataTree) -> str:
     named = judged.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
-    # In the order of the methods, whichever forces they hold.
+    # In the order of the methods, whichever forces they have.
     heads: dict[str, None] = {}
     for row in _rows(tree):
         if row["quantity"] in GIVEN:

@@ -29,7 +29,7 @@ BOTH_TITLE = "Position and speed together"
 FORMULAS_SHOWN = 4
 # Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
 SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
-# A motion that is larger by more leaves the visited range.
+# A motion that is larger by this factor leaves the visited range.
 LARGER_MOTION = 1.02
 REMAINING = (
     "The residual is not a function of speed or displacement alone. It may come from a force with memory, "
@@ -304,7 +304,7 @@ def _passivity(tree: xr.DataTree) -> str:
         return "The passivity constraint is not active: friction dissipates energy at every speed shown."
     places = result.speed.values
     largest = float(np.max(places[result.speed_visited.values]))
-    # The constraint also stands just above and below zero speed.
+    # The constraint is also active just above and below zero speed.
     near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
     spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
     return (

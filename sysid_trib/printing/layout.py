@@ -17,7 +17,7 @@ from sysid_trib.results.variables import record_groups, small_units
 
 MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
 FREQUENCY_ROWS = {"reference_frequency": "w (rad/s)", "asymptotic_frequency": "w_inf (rad/s)"}
-# Columns of a row of `quantities`, and the variables of a force that they hold.
+# Columns of a row of `quantities`, and the variables of a force in them.
 COLUMNS = {
     **{"quantity": "force", "name": "name", "formula": "formula", "value": "coefficient"},
     **{name: name for name in ("standard_error", "unit", "refers_to", "error_of_noise", "error_of_model")},
@@ -192,9 +192,9 @@ def name_and_unit(name: str, unit: str) -> str:
 
 # Signs by which a spreadsheet knows a formula.
 FORMULA_SIGNS = ("=", "+", "-", "@")
-# Attributes of a record that JSON holds as they are.
+# Attributes of a record that JSON contains unchanged.
 PLAIN = (str, int, float)
-# By kind of result, or of what is in it.
+# By kind of result, or of its parts.
 KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
 
 

@@ -19,7 +19,7 @@ from sysid_trib.printing import Block, layout
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.validation.drive import FittingModel
 
-# What the table of a library refers to, and characters of its words: it has 100 columns.
+# Reference of the table of a library, and characters of its words: it has 100 columns.
 NORMALISED = (
     "theta'' + w^2 (theta + sum of c h) = 0 with x = theta, v = theta'/w, tau = w t.\n"
     "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
@@ -106,7 +106,7 @@ FEW_SAMPLES = 20.0
 LEAST_FALL = 2.0
 # Amplitudes that an identification needs for each of its forces.
 AMPLITUDES_A_FORCE = 3
-# A drift that counts, beside the last amplitude.
+# A drift counts above this part of the last amplitude.
 DRIFTS = 0.1
 # Power of the amplitude in the rate of decay that speaks for a law: -1 of dry friction, 1 of quadratic drag.
 CLEAR_POWER = 0.25
@@ -202,7 +202,7 @@ def _power_of_rate(decay: xr.Dataset) -> float:
     return float(np.log(first / last) / np.log(fall))
 
 
-# A model that leaves more than this part of the motion does not follow it.
+# A model does not follow the motion if its residual is more than this part of it.
 FOLLOWING_PART = 0.3
 
 

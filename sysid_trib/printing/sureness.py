@@ -126,7 +126,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
             yield NOT_FOUND.format(_allowed_for(force, of_density))
             if walk > 1.0:
                 yield TOO_SHORT.format(walk)
-    # Nothing is known of what is left where not even with such a force the model follows the record.
+    # If the model does not follow the record even with such a force, nothing is known of the residual.
     elif not not_followed(tree):
         given, explained = not force.standard_error > 0.0, judged.verdict_of(tree).startswith("explained")
         size = (

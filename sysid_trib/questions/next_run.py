@@ -22,7 +22,7 @@ Span: TypeAlias = tuple[float | None, float | None]
 RELEASES, DURATIONS = 7, 4
 # Without limits: these parts of the release and the duration of the record.
 AMPLITUDE_LIMITS, DURATION_LIMITS = (0.3, 1.5), (0.5, 2.0)
-# A run has no more samples than this in the design: what it tells grows with them alike in all.
+# A run has no more samples than this in the design: its information grows with them equally for all runs.
 MOST_SAMPLES_PLANNED = 4000
 
 
@@ -120,7 +120,7 @@ def _planned(
         raise UsageError("The result keeps no record; give the sampling rate of the next run.")
     if np.isnan(kept):
         kept = measured = rate
-    # What is learnt grows with the rate, as white noise lets it, and with the repeats.
+    # The information grows with the rate, as the noise is white, and with the repeats.
     every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
@@ -129,7 +129,7 @@ def _planned(
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
         given = (release, 0.0), noise, (known.model, push)
-        # It may stop in what is held out.
+        # It may stop in the held-out part.
         stated, stop = _longest(known, [_times(end, kept, every) for end in durations], given)
         lengths = np.unique(np.minimum(durations, stop))
         times = [_times(end, kept, every, in_part=in_part) for end in lengths]
@@ -250,7 +250,7 @@ def _best_first(values: Mapping[str, Array], limits: Array, rivals: int) -> Inde
     learnt = np.round(np.log(np.prod(errors / np.nanmin(errors, axis=0), axis=1)), 2)
     order = [length, np.round(entropy, 3) if rivals > 1 else learnt]
     if np.isfinite(limits).any():
-        # First how far a run is from what is wanted.
+        # First the distance of a run from the wanted errors.
         lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
         order += [np.where(values["meets"], length, 0.0), np.where(values["meets"], 0.0, lacking)]
     ranked = np.lexsort(order)

@@ -22,12 +22,12 @@ from sysid_trib.validation import random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
-# Of what each model may make a run, its parameters and the noise, as many are drawn.
+# Number of draws from each model's run: its parameters and the noise.
 DRAWINGS = 400
 
 
-# A motion and what may move it, over the noise, (sample, 1 + direction + 3): the angle; by one standard error
-# of each direction of the model; and by the start and the sensor's zero, of which nothing is known.
+# A motion and its derivatives over the noise, (sample, 1 + direction + 3): the angle; by one standard error
+# of each direction of the model; and by the start and the sensor's zero, which are unknown.
 RunPrediction = Array
 
 
@@ -207,7 +207,7 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
     """Return the log weights of competing models after a run, (truth, drawing, rival)."""
     rng, (rivals, runs) = np.random.default_rng(0), zip(*pairs, strict=True)
     apart = [np.column_stack([run[:, 0] - runs[0][:, 0], run[:, 1:]]) for run in runs]
-    # What is outside of these columns is noise that all rivals share.
+    # The part outside of these columns is noise that all models share.
     axes = random_force_test.orthonormal(np.column_stack(apart))
     inside = [axes.T @ run for run in apart]
     spaces = [_explained_space(run) for run in inside]

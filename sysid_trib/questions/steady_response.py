@@ -22,11 +22,11 @@ from sysid_trib.simulation.simulate import trajectory
 SWEEPS = ("up", "down", "unstable")
 # Draws of the parameters for a band of 95 %.
 PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
-# Of each sweep so many motions are simulated, in so many samples a period, until what they began with has
-# fallen to this part, and their amplitude is that of the last periods.
+# Number of simulated motions in each sweep, and of samples a period. The simulation lasts until the transient
+# has fallen to this part; the amplitude is that of the last periods.
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
-# What is said of each frequency, and of each simulation.
+# Variables at each frequency, and of each simulation.
 RESPONSE_CURVES = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
 SIMULATED_CHECKS = ("check_frequency", "check_amplitude", "simulated_amplitude")
 
@@ -130,7 +130,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     # Where no draw has a motion there is none, and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
-    # Lines are off by as much in each draw, and all by what simulations left open.
+    # The error of the lines is the same in each draw; all have the difference from the simulations.
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]

@@ -175,7 +175,7 @@ def _assumed_unit(
     if radius is not None and meant in (None, "", "displacement"):
         text, why = _on_circle(time, values, radius)
     elif meant == "displacement" or (not meant and half > 180.0):
-        # In degrees: what is not named as an angle and swings farther is none.
+        # In degrees: a signal that is not named as an angle and swings farther is no angle.
         text, why = "au", "coefficients are in its unit, au"
     elif meant in (None, "", "angle"):
         text, why = _of_angle(time, values, half) if gravity else _of_angle_without_gravity(signal, half)

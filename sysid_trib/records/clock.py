@@ -213,7 +213,7 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
     lack = f"{missing} row{'s' * (missing > 1)} missing" if missing else ""
     if np.all(np.abs(steps - usual * counts) <= UNEVEN_PART * usual + 4e-16 * np.abs(given).max()):
         return given, lack
-    # A line through all stamps, its steps counted again by what it says.
+    # A line through all stamps; its steps are counted again by this line.
     for _ in range(3):
         slope, start = np.polyfit(index, given, 1)
         if slope <= 0.0:

@@ -14,7 +14,7 @@ from sysid_trib.errors import RecordError
 from sysid_trib.records import units as lab
 from sysid_trib.records.signal import LARGEST_NUMBER
 
-# By what a clock counts (see `clock.CLOCKS`).
+# The clock by which a column counts (see `clock.CLOCKS`).
 ClockKind = Literal["dates", "universal", "day", "stamps", "rows"]
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
@@ -141,7 +141,7 @@ class Column:
 
         A sentinel is one of theirs that no other value comes near.
         """
-        # What loggers write where they have no value: it is at least twice as large as any other value.
+        # Marks of loggers for a missing value: at least twice as large as any other value.
         for sentinel in (-999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -999.25):
             marked = self.numbers == sentinel
             others = np.abs(self.numbers[~marked & np.isfinite(self.numbers)])

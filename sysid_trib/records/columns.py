@@ -99,7 +99,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     first = runs[0][1]
     at = first.index(_chosen(table, first, times, how).signal) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
-    # Runs that hold no decay where others do are left out, and named.
+    # Runs without a decay are left out, and named, if others have one.
     swings = [signal for time, signal in pairs if _swings(signal, time)] or signals
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
@@ -145,7 +145,7 @@ def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[
     Each has as many columns as the others, of the same names but for their numbers or letters.
     """
     runs = [(time, [c for c in signals if _time_of(table, c, times) is time]) for time in times]
-    # What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
+    # Common name of the columns of all runs: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
     bare = re.compile(r"#?\d+|(?<=[ _])[a-d](?=$| )")
     patterns = {tuple(bare.sub("", c.base) for c in (time, *group)) for time, group in runs}
     fit = all(c.cells.size == time.cells.size for time, group in runs for c in group)
@@ -174,7 +174,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     # Columns that are looked at.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
     swings = {signal: swing for signal, swing in made.items() if swing is not None}
-    # Where each of them holds a text, the refusal says where.
+    # If each of them contains a text, the error says where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
     return ChosenColumns(own[chosen], chosen, why)
 
@@ -252,7 +252,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     pool = [c for c in moving if swings[c].swing] or moving
     if signal is not None:
         pool = [c for c in pool if c.quantity == signal] or pool
-    # A position is worth more than its rate, and that than its acceleration: what need not be integrated.
+    # A position is preferred to its rate, and that to its acceleration: they need fewer integrations.
     integrations = {c: lab.INTEGRATIONS.get(c.quantity, 0) for c in pool}
     pool = [c for c in pool if integrations[c] == min(integrations.values())]
     named = [c for c in pool if c.quantity == lab.names_quantity(c.base) == "angle"]

@@ -114,7 +114,7 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
     rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
     # In the rest itself there may be no noise at all, and on the way to it no repeated value.
     noise = half_periods.noise_level(time[first:last], angle[first:last])
-    # Of the largest swing: what is as near to where it rests does not move, where there is no noise at all.
+    # In parts of the largest swing: samples this near to rest do not move, in a record without noise.
     still = 3e-9 * float(swing.peaks.max())
     allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
     # Motion that a single sample's noise hides still shows in the averages: a sample long after is noise.
@@ -245,7 +245,7 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
         except (RuntimeError, ValueError):
             continue
     residuals = [float(np.std(y - motion(at, *values))) for values, _ in fits]
-    # Part of the motion that a damped sine may leave: what leaves more is no swing.
+    # Largest residual of a damped sine, relative to the motion: otherwise there is no swing.
     if not fits or min(residuals) > 0.5:
         return None
     values, covariance = fits[int(np.argmin(residuals))]

@@ -19,9 +19,11 @@ FEWEST_IN_PART, SHORTEST_RUN = 20, 2.0
 MOST_GAPS = 0.1
 # Degree of the spline through the samples that are there.
 DEGREE = 7
-# An input whose range is not so many times its noise is no smooth signal: none of its samples is an outlier.
+# An input is smooth if its range is more than so many times its noise; otherwise none of its samples is an
+# outlier.
 RANGE_OVER_NOISE = 15.0
-# An outlier leaps by so many times what any other sample is off the cubic through its neighbours.
+# An outlier deviates from the cubic through its neighbours by so many times the deviation of any other
+# sample.
 LEAP = 3.0
 # Samples at either end that have too few others beyond them to be filled: a bad one there is cut off.
 AT_END = 4
@@ -102,7 +104,7 @@ def driven_parts(
     return [_described(_own_quantity_apart(filled), [*said, *also]) for filled, also in whole]
 
 
-# What was measured of a driven record whose angle is its integral, and its times, as methods take them.
+# The measured quantity of a driven record whose angle is its integral, and its times, as methods take them.
 MEASURED_ITSELF, OWN_TIMES = "measured", "measured_time"
 
 

@@ -75,8 +75,8 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
     travels = max(swings, key=lambda swing: float(swing.peaks.sum()), default=None)
     if travels is None:
         return None
-    # Mains hum travels far on small ways: the swing is what moves several times as far as the line of the
-    # most travel, in some half periods.
+    # Mains hum has a long travel of small movements: the swing is the motion several times as large as the
+    # line of the most travel, in some half periods.
     period, far = travels.oscillation.period, 2.0 * _largest(travels)
     larger = [s for s in swings if s.peaks.size >= 5 and s.oscillation.period > period and _largest(s) > far]
     return max(larger, key=_largest, default=travels)
@@ -186,7 +186,7 @@ def samples_between(low: Index, high: Index) -> tuple[Index, Index, Index]:
 def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Array:
     """Return sums of cos cos, cos sin, sin sin, cos y and sin y over half periods that start at `first`."""
     sums = np.empty((5, len(first)))
-    # Some at a time: what is between stays in the cache, however long the record is.
+    # In blocks: the intermediate arrays stay in the cache, however long the record is.
     for start in range(0, len(first), HALF_PERIODS_AT_ONCE):
         begin = first[start : start + HALF_PERIODS_AT_ONCE]
         # One without samples, as the next one starts where it does, takes the next one's first.

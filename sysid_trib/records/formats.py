@@ -13,11 +13,11 @@ import pandas as pd
 from sysid_trib.errors import RecordError
 from sysid_trib.records.text import read_text, table_in
 
-# Attributes of HDF5 that hold a unit.
+# Attributes of HDF5 that contain a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
 # Vectors of fewer numbers are no signal.
 FEWEST_OF_A_RECORD = 20
-# Objects of MATLAB that hold no signal.
+# Objects of MATLAB without a signal.
 WITHOUT_NUMBERS = ("string", "categorical", "datetime", "duration", "function_handle", "containers.Map")
 # Texts of a list that are taken as a note.
 MOST_TEXTS = 100
@@ -51,7 +51,7 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
     """
     with path.open("rb") as file:
         head = file.read(1024)
-    # HDF5 may stand behind a block of 512 bytes.
+    # HDF5 may begin after a block of 512 bytes.
     head = head[512:] if head[512:516] == b"\x89HDF" else head
     if not head.strip():
         raise RecordError(f"{path.name}: the file is empty.")

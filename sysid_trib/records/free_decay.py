@@ -18,8 +18,8 @@ from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-150
-# What is left of a record is searched for another decay if it is of this part of the first one's amplitude,
-# of the same period, and lasts for some periods.
+# The rest of a record is searched for another decay if it has this part of the first amplitude, the same
+# period, and some periods.
 SMALLEST_FURTHER = 0.2
 
 
@@ -279,7 +279,7 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     )
     bounds = np.flatnonzero(np.diff(left_out)) + 1
     parts = [part for part in np.split(np.arange(swing.time.size), bounds) if not left_out[part[0]]]
-    # The part that is the likeliest to be a decay says it.
+    # The reason is that of the part that most resembles a decay.
     longest = max(range(len(parts)), key=lambda at: parts[at].size)
     mended = [swing.mended] * len(parts)
     mended[longest] = "; ".join(text for text in (swing.mended, said) if text)

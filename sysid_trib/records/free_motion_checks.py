@@ -10,7 +10,7 @@ from sysid_trib.records.equilibrium import Swing
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
-# A drive holds the amplitude for so many half periods at least.
+# Least number of half periods in which a drive holds the amplitude.
 DRIVEN_HALF_PERIODS = 8
 # A beat rises over so many half periods at least.
 FEWEST_RISING = 5

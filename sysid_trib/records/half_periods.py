@@ -152,8 +152,8 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     return []
 
 
-# A record in which no line stands out is searched in parts that are so many times shorter each, down to so
-# many samples.
+# A record without a strong line is searched in parts that are so many times shorter each, down to so many
+# samples.
 PART, SHORTEST_PART = 4, 32
 
 
@@ -161,7 +161,7 @@ def _periods_of_lines(signal: Array, interval: float) -> list[float]:
     """Return the periods of `dominant_periods` of samples with so much time between them."""
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
-    # Few lines stand out: what follows is done with these alone.
+    # Few lines are strong: the next steps are done with these only.
     out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
     spectrum, index = spectrum[out], out + 1
     if not spectrum.size:
@@ -272,8 +272,8 @@ def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
     # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half
-    # period alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has
-    # 2.
+    # period by itself has 1.77; it shares 7 % with either neighbour, and a slow variation over many of them
+    # has 2.
     error: Array = np.sqrt(2.0 / samples)
     return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
 
@@ -284,7 +284,7 @@ def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     span = crossing[-1] - crossing[0]
     count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
     grid = crossing[0] + (np.arange(count) + 0.5) * span / count
-    # Steady amplitude first: what a decaying one would leak from the record's start to its end is gone.
+    # Steady amplitude first: this removes the leakage of a decaying one from the record's start to its end.
     trend = _log_trend(halves, grid)
     steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
     # Odd about both ends, as the motion itself is about a zero crossing but for its decay.

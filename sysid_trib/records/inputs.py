@@ -17,12 +17,12 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.records import half_periods
 from sysid_trib.records.signal import checked_signal, unit_of_signal
 
-# The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
+# The input that acts by itself, an acceleration; every other one acts through the forces with its name.
 INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # Suffix of the signal's unit in the unit of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
-# The library whose forces hold inputs.
+# The library of the forces of inputs.
 SHIPPED = "inputs"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
@@ -85,7 +85,7 @@ class KnownInput:
         polynomial, degree = self._polynomials[order], BETWEEN_SAMPLES[self.between]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
         if degree > 1:
-            # A derivative at the last sample is that before it, not that of what is held from there on.
+            # A derivative at the last sample is that before it, not that of the held value after it.
             inside = np.where(inside == self.elapsed[-1], np.nextafter(inside, -np.inf), inside)
         values = polynomial(inside)
         if degree <= order:

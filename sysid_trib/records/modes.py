@@ -40,7 +40,7 @@ def modes(time: Array, signal: Array) -> list[float]:
     time, signal = time[start:], signal[start:]
     interval = (time[-1] - time[0]) / (time.size - 1)
     size = next_fast_len(signal.size, real=True)
-    # The end fades out: what is left there would leak.
+    # The end fades out: a jump there would leak.
     fade = np.ones(signal.size)
     fade[-(signal.size // 10) :] = 0.5 + 0.5 * np.cos(np.linspace(0.0, np.pi, signal.size // 10))
     spectrum = np.abs(rfft(signal * fade, size))[FIRST_LINE:]

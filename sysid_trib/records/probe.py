@@ -99,7 +99,7 @@ def _ask(reader: str, path: Path) -> tuple[str, str]:
         pass
     finally:
         timer.cancel()
-        # One whose answer was not waited for is of no use: the next file would get that answer.
+        # A process whose answer was not awaited is of no use: the next file would get that answer.
         if not answer.endswith(b"\n"):
             _end(process, os.getpid())
     if answer.endswith(b"\n"):
@@ -205,7 +205,7 @@ def _read(reader: str, path: str) -> tuple[str, str]:
         if reader != "read_tree":
             getattr(formats, reader)(Path(path))
     except RecordError:
-        # The reader knows what is wrong: the process that asked meets it as well.
+        # The reader knows the fault: the process that asked meets it as well.
         return WHOLE, ""
     except MemoryError:
         return DAMAGED, "it needs far more memory than its size suggests"

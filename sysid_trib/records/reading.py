@@ -20,7 +20,7 @@ from sysid_trib.records.tables import FileTable
 
 # Variables of a record that no input may be.
 TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
-# Numbers that may be given: the least, the largest, and what is to be given.
+# Numbers that may be given: the least, the largest, and their description.
 GIVEN_NUMBERS = {
     "sampling_rate": (1e-9, 1e9, "a positive number of samples a second"),
     "length": (1e-300, 1e6, "the pendulum's length in m"),
@@ -106,7 +106,7 @@ class Reading:
 
 
 _STATED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)\s*")
-# How near to the factor between two units a factor is that stands for it.
+# Relative difference between a factor and the factor of two units for which it counts.
 CONVERTED = 2e-3
 
 

@@ -14,7 +14,7 @@ from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.signal import checked_signal
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
-# What may stand for a record in Python: a Dataset with angle(time), or times and angles in any usual form.
+# Forms of a record in Python: a Dataset with angle(time), or times and angles in any usual form.
 RecordLike: TypeAlias = (
     xr.Dataset
     | xr.DataArray

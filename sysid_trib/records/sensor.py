@@ -70,7 +70,7 @@ def _explains(step: float, spacing: Array, fewest: int) -> bool:
     return count.size >= fewest and bool(np.mean(whole & (count > ROUNDED)) >= 0.9)
 
 
-# Motions that are rounded to know what rounding leaves.
+# Motions that are rounded to simulate the rounding error.
 ROUNDED_MOTIONS = 40
 
 
@@ -93,7 +93,7 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
     if int(decay.attrs.get("integrations", 0)):
         return 0.0
     signal = decay.angle.values.astype(float)
-    # Most values of a fine sensor differ from the last by more than what their spacing could be.
+    # Most values of a fine sensor differ from the last by more than the largest possible spacing.
     if not np.any(np.diff(signal) == 0.0):
         return 0.0
     step = sensor_step(signal)

@@ -18,7 +18,7 @@ LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
 ANGLE_UNIT = "rad"
 SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
-# Attribute with the name of the variable whose noise is white, of a record that was integrated from it.
+# Attribute with the name of the variable with white noise, of a record that was integrated from it.
 NOISE_IS_WHITE_IN = "white_noise_in"
 
 
@@ -89,7 +89,7 @@ def _check_units(record: xr.Dataset, source: str) -> None:
         raise DecayError(f'{source}: its angle is in {angle_unit}, not in rad; convert it, with units="rad".')
 
 
-# A gap of more than this part of a period parts a record: no polynomial knows what was in it.
+# A gap of more than this part of a period divides a record: no polynomial predicts the motion in it.
 LONGEST_FILLED = 0.25
 FILL_DEGREE = 7
 # A step longer than this many usual ones has samples missing in it.
@@ -230,7 +230,7 @@ def _drift(time: Array, signal: Array, period: float) -> Array:
     normal = design.T @ design
     width = len(waves) * (DRIFT_DEGREE + 1)
     band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(width)])
-    # Where samples are few a wave may be a sum of others: what is this small does not count.
+    # With few samples a wave may be a sum of others: smaller parts than this are ignored.
     band[0] += SMALLEST_PIVOT * band[0].max()
     solution = solveh_banded(band, design.T @ signal, lower=True)
     return np.asarray(slow @ solution[:: len(waves)])

@@ -26,8 +26,8 @@ SAMPLES_PER_KNOT = 2
 MOST_KEPT = 100_000
 
 
-# What a sample moves of the spline falls by a third with each knot (the root -0.666 of the Euler-Frobenius
-# polynomial of degree 11): so many away it is below rounding.
+# The influence of a sample on the spline falls to a third with each knot (the root -0.666 of the
+# Euler-Frobenius polynomial of degree 11): so many knots away it is below rounding.
 FELT_KNOTS = 100
 
 
@@ -276,7 +276,8 @@ def sensor_noise(decay: xr.Dataset) -> float:
         by_spline = sensor_noise(xr.Dataset({"angle": measured.rename(measured_time="time")}))
         at, values = (of.values.astype(float) for of in (measured.measured_time, measured))
         by_differences = half_periods.noise_of_record(at, values)
-        # Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
+        # Dry friction makes an acceleration jump, which no spline follows: its residual is so many times the
+        # noise.
         noise = by_spline if by_spline < 1.2 * by_differences else by_differences
         return float(noise / swing_frequency(decay) ** integrations)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)

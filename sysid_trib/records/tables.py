@@ -70,7 +70,7 @@ class FileTable:
         rising = [column for column in first if column.rises and not column.counts_rows]
         if not rising and filled and filled[0].starts_anew:
             return filled[:1]
-        # A number of the row stands before the time.
+        # A row number precedes the time.
         if len(rising) > 1 and len(filled) > 2 and np.median(np.diff(rising[0].cells.astype(float))) == 1:
             rising = rising[1:]
         return self._of_the_name(rising[0]) if rising else []

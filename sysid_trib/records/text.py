@@ -23,11 +23,11 @@ from sysid_trib.records.units import (
 )
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
-# Rows in which facts may stand next to the numbers.
+# Rows in which facts may be next to the numbers.
 MOST_FACTS = 40
 DELIMITERS = (";", "\t", "|", ",", None)
-# Numbers that are written otherwise: what they look like, what the text must hold besides, or must not, and
-# the signs in them with what stands for these.
+# Numbers in other notations: their pattern, a pattern that the text must or must not contain, and their signs
+# with the replacements.
 _WRITTEN_OTHERWISE = (
     # Figures parted by narrow blanks or apostrophes; `"5,123"` alone may be a decimal comma.
     (r"(?<=\d)[\u00a0\u2009\u202f'’](?=\d{3}(?!\d))", "", None, r"\D", ""),
@@ -274,11 +274,11 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 # Cells may be empty, but for the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
-                # `data:` stands below a fact.
+                # `data:` below a fact.
                 goes_on = goes_on and not below.rstrip().endswith(":")
                 # A lone number above the header is no row.
                 single = len(fields) == 1 and any(sign in below for sign in ",;\t")
-                # Facts that stand above a head are no rows.
+                # Facts above a head are no rows.
                 partly = any(map(is_number, fields)) and (
                     not below or any(map(is_number, _fields(below, delimiter)))
                 )
@@ -307,7 +307,7 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
     return start
 
 
-# Lines above the numbers that may name columns: names, units, what they measure, and groups of them.
+# Lines above the numbers that may name columns: names, units, quantities, and groups of them.
 HEAD_LINES = 6
 
 

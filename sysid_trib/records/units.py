@@ -230,7 +230,7 @@ def noted_rate(notes: Sequence[str], rows: int) -> float | None:
 
     So many rows have one over a duration that it states, too.
     """
-    # `dt:` may stand alone above its number.
+    # `dt:` may be alone above its number.
     two_lines = [f"{key} {value}" for key, value in pairwise(notes) if not re.search(r"\d", key)]
     for note in (_without_accents(note) for note in [*notes, *two_lines]):
         for pattern in _RATES:

@@ -31,13 +31,12 @@ from sysid_trib.printing import (
 from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups
 
-# A part of a page as `page.html` reads it.
-# A section has a title, sentences, tables, figures.
-# Figures have one caption, which says what a footnote of theirs would say, and are drawn by Matplotlib.
-# A table has a title, heads, rows, and numbers, its columns that are set to the right.
+# A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
+# one caption, which includes the text of their footnotes, and are drawn by Matplotlib. A table has a title,
+# heads, rows, and the columns of numbers that are set to the right.
 Part = dict[str, Any]
 
-# After the caption of what is drawn over time.
+# After the caption of figures over time.
 DECIMATED = (
     "The curves are decimated: each is drawn by {points:,} of {samples:,} samples, the least and the largest "
     "of each stretch, so that none of its peaks is lost."

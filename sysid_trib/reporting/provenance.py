@@ -132,7 +132,7 @@ def _asked(options: Mapping[str, Any]) -> str:
 
 def _decay(tree: xr.DataTree) -> list[str]:
     if kind_of(tree) == "identify":
-        # An identification alone keeps neither its record nor how it was cut.
+        # A single identification keeps neither its record nor the cut.
         reads = [f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"]]
     else:
         decays = (_one_decay(tree[group].to_dataset()) for group in record_groups(tree))
@@ -151,7 +151,7 @@ def _one_decay(data: xr.Dataset) -> str:
         read = "st.records.paper_twin()" if synthetic else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
-    # The record of a discovery ends where what was held out begins.
+    # The record of a discovery ends where the held-out part begins.
     window = tuple(np.asarray(attrs.get("kept_window", data.time.values[[0, -1]])).tolist())
     if "input_columns" in attrs:
         first, last = window

@@ -4,7 +4,7 @@ import xarray as xr
 
 from sysid_trib.results.variables import record_groups
 
-# The preferred model in SI units, with what these were made with, and its coefficient of friction.
+# The preferred model in SI units, with the measured values used, and its coefficient of friction.
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
 CONSEQUENCES = "consequences"

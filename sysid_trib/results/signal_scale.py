@@ -30,7 +30,7 @@ R = TypeVar("R")
 # rad; amplitudes for which a computation in radians loses no digit that counts.
 USUAL_ANGLES = 1e-4, 1e4
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2": 2, "(rad/s^2)^2/Hz": 2}
-# Units of what is counted by coefficients.
+# Units of variables over coefficients.
 PER_FORCE = (PER_FORCE_UNIT, "1; rad/s for the frequency")
 UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
 
@@ -145,7 +145,7 @@ class _SignalScale:
                 values = variable.values * factor**power
                 changed[name] = (variable.dims, values, attrs | {"units": units.replace(old, new)})
             elif units in PER_FORCE or scaling in ("coefficient", "shape"):
-                # Of the shapes of what competes, those of each step are in one row.
+                # The shapes of competing effects of each step are in one row.
                 dims = variable.dims[-1:] if scaling == "shape" else variable.dims
                 changed[name] = (variable.dims, (variable * self._factors(data, dims, factor)).values, attrs)
         dims = data["unit"].dims if "unit" in data.variables else ()

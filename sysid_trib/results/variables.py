@@ -133,7 +133,7 @@ def record_groups(tree: xr.DataTree) -> list[str]:
     return group_names("record", max(1, count))
 
 
-# Variables in the unit of the signal, one of which each part of a result has.
+# Variables in the unit of the signal; each part of a result has one of them.
 STATED_IN = ("angle", "noise", "innovation", "measured", "amplitude", "force")
 
 

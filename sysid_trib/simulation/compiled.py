@@ -31,7 +31,8 @@ NUMBA_OPTIONS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "_nrt": False,
 }
-# Of what only compiled functions call: a way in from Python would take a third of the time to compile.
+# For functions that only compiled functions call: an entry from Python would take a third of the time to
+# compile.
 inner: Any = njit(**NUMBA_OPTIONS, fastmath={"contract"}, no_cpython_wrapper=True)
 
 
@@ -50,7 +51,7 @@ class _RebuiltCache(FunctionCache):
         except Exception:
             if sys.stderr.isatty():
                 print(_COMPILING, file=sys.stderr, flush=True)
-            # An index without entries: what is compiled now is written anew.
+            # An index without entries: functions compiled now are written anew.
             with suppress(OSError):
                 self.flush()
             return None
@@ -100,8 +101,8 @@ def _folder() -> Path:
     return base / "sysid_trib" / f"engine-{digest}"
 
 
-# The functions below are called most often. They take the arrays that they need one by one: a call costs each
-# number of the tuples, of which there are seventy in a program.
+# The functions below are called most often. They take the arrays that they need one by one: a call takes
+# time for each entry of the tuples, and a program has seventy.
 @inner
 def _row_by_row(code, c, J, first, last, live):
     """Compute slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
@@ -112,7 +113,7 @@ def _row_by_row(code, c, J, first, last, live):
         elif o == op.SUB:
             J[s, 0] = J[p, 0] - J[q, 0]
         elif o == op.LINEAR:
-            # What is off does not act even where it is singular.
+            # A branch that is off does not act even where it is singular.
             factor = c[s] * J[d, 0]
             J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
         elif o == op.SCALE:
@@ -258,7 +259,7 @@ def _derivatives(code, c, J, T, k, s):
             here[i] = (here[i] + T[p, k, i] - w[0] * of_u[k, i]) / u[0]
         return
     for m in range(k + 1):
-        # What multiplies the derivatives of the operands, and of the slot itself, at order m.
+        # The factors of the derivatives of the operands, and of the slot itself, at order m.
         of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
         if o in (op.LOG, op.POWER):
             of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]

@@ -44,7 +44,7 @@ FAR_START = 1e-2
 # with friction the start goes to and fro.
 NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
-# A direction that moves the motion by this part of what another does is not told from rounding.
+# A direction is lost in rounding if it moves the motion by this part of the other directions.
 SINGULAR = 1e-7
 # A motion that does not come near the record in so many rounds has slipped out of phase.
 NEARBY_ROUNDS = 4
@@ -236,7 +236,7 @@ def measured_motion(
     return motion, residual
 
 
-# A start whose motion leaves more than this part of the record's (RMS) may be in a local minimum.
+# A start may be in a local minimum if its residual (RMS) is more than this part of the record's.
 LOCAL_MINIMUM = 0.3
 # Sizes of the swing and phases of a period at which others then begin; the nearest of them are fitted.
 SWING_SIZES, START_PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4

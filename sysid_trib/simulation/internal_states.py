@@ -21,7 +21,7 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import Forcing, integrate
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
-# rad/s; at such a frequency `t` stands still, whatever the length of the motion.
+# rad/s; at such a frequency `t` is constant, whatever the length of the motion.
 FROZEN = 1e300
 
 

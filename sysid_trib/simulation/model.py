@@ -18,9 +18,10 @@ from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 
 Vector = NDArray[np.float64]
 RATE = parse("v", frozenset("v"), frozenset(), "v")
-# What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
+# Names of parameters of derivatives other than symbols of forces and names of shape parameters: they have a
+# space.
 FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
-# What all rates are multiplied by: 1 but for its derivative, which is that by the frequency at given times.
+# Common factor of all rates: 1, but its derivative is that by the frequency at given times.
 PACE = "pace of time"
 
 

@@ -204,7 +204,7 @@ def _jumps(knots: Vector, held: Vector) -> Mask:
     steps = np.diff(knots)[:, None, None] ** np.arange(held.shape[2])
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
-    # Of what is given before and behind a knot: a larger difference is a jump.
+    # Relative difference of a value before and after a knot: a larger one is a jump.
     return np.append(False, (rises > 1e-9 * largest).any(axis=1))
 
 
@@ -257,7 +257,7 @@ def run(
     state.J[slots, 0] = state.aside[:, slots, 0] = parameters[0]
     state.T[slots, 0] = parameters[1]
     if FREQUENCY in by:
-        # What is seen over w^p is less by p/w of itself where w is larger.
+        # A quantity over w^p decreases by p/w of itself with w.
         powers = np.array([channel.power for channel in motion.channels])
         state.of_drive[:, by.index(FREQUENCY)] = -powers / model.reference_frequency
     turns, rest, outcome = _engine()(program, given, state, (DIVERGED, *limits))

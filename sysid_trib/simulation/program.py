@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from sysid_trib.forces.formulas import Functions, divided
 
-# Operations. PARTNER is the second of two rows that need each other: cos beside sin.
-# LINEAR is a + c d b with d that does not change: most of an equation of motion.
+# Operations. PARTNER is the second of two rows that need each other: cos with sin. LINEAR is a + c d b with
+# constant d: most of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
-# Below this distance from a surface (rad), what is infinite there is smoothed.
+# Below this distance from a surface (rad), infinite values are smoothed.
 SMOOTHED = 1e-9
-# What is given over time is a polynomial in tau between knots, of so many numbers at most.
+# A function of time is a polynomial in tau between knots, of so many numbers at most.
 FORCING_NUMBERS = 8
 
 
@@ -135,7 +135,7 @@ class Listing:
         kept = np.array(sorted(needed))
         table = np.array(self.rows, dtype=float)[kept]
         code = table[:, :4].astype(np.int64)
-        # Where a slot stands among those that are kept.
+        # New place of a slot among the kept ones.
         code[:, 1:] = np.searchsorted(kept, code[:, 1:])
         changing = [i for i in kept if self.inputs <= i < main and not self.still[i]]
         places = [np.searchsorted(kept, output).astype(np.int64) for output in (changing, *outputs)]
@@ -151,7 +151,7 @@ class Listing:
         )
 
 
-# What NumPy's functions make of slots.
+# Results of NumPy's functions on slots.
 ROWS_OF: dict[np.ufunc, Callable[..., int]] = {
     np.add: Listing.sum,
     np.subtract: lambda rows, a, b: rows.sum(a, b, -1.0),

@@ -203,9 +203,9 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
     # A stream of its own: noise that is added with the same seed is independent of it.
     of_v, of_x = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
     increment_v = np.sqrt(per_tau * h) * of_v
-    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
+    # Three quarters of the variance h^3/3 of x are due to the gain of v, a quarter is independent.
     increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * of_x
-    # Nothing at the start, and what is added by the end comes too late.
+    # Nothing at the start; the increment at the end comes too late.
     added = np.pad(np.stack([increment_x, increment_v], axis=1), ((1, 0), (0, 0)))
     return instants[:-1], added[:-1]
 

@@ -179,7 +179,7 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
     return whole
 
 
-# Speeds of equal probability that stand for the normal law.
+# Speeds of equal probability that represent the normal law.
 SPEEDS = 8
 _QUANTILES = ndtri((np.arange(SPEEDS) + 0.5) / SPEEDS)
 NORMAL = _QUANTILES / np.sqrt(np.mean(_QUANTILES**2))

@@ -20,7 +20,7 @@ from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_paramete
 PASSED = 1e-9
 # Of the size of the motion: no further from a surface than rounding.
 AT_ZERO = 1e-14
-# Of what is held, upwards and downwards: table, way, memory and signs.
+# For held bodies, upwards and downwards: table, way, memory and signs.
 HELD_SIDES = ((at.UP, 1.0, at.MEMORY_UP, at.SIGNS_UP), (at.DOWN, -1.0, at.MEMORY_DOWN, at.SIGNS_DOWN))
 # Rates of states that are less do not change them.
 UNCHANGED = 1e-14

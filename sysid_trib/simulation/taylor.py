@@ -79,8 +79,8 @@ def first_crossing(series, n, h, side, zero, work):
     n -= low
     start = 0.0
     if g[0] < 0.0:
-        # Where it goes is known before it has gone: just before its zero it is no longer on the wrong side,
-        # nor where it grazes the surface and is soon back.
+        # The side after the zero is known: just before its zero the series is no longer on the wrong side,
+        # nor where it grazes the surface and soon returns.
         if n == 0 or not g[1] > 0.0:
             return 0.0
         start = -2.0 * g[0] / g[1]
@@ -129,7 +129,7 @@ def _reduced(series, n, h, side, zero, work):
     if not 0.0 < size < np.inf:
         return -1
     low = 0
-    # `near` is what rounding leaves of a difference.
+    # `near` is the rounding error of a difference.
     while low < n and (low < known or abs(work[4, low]) <= ZERO_PART * size or abs(series[low]) <= near):
         low += 1
     for k in range(n - low + 1):
@@ -191,7 +191,7 @@ def series(program, c, h, held):
         derivatives_at_once(program, J, T, program.main)
     small, power = 0, h
     for k in range(at.ORDER):
-        # What would move it where it is held, which only the rates tell, needs all orders.
+        # The acceleration of a held body, which only the rates contain, needs all orders.
         ends = k > degree and held == at.FREE
         for i in range(size):
             stays, rate = held == at.RESTS and i < 2, program.rates[i]
@@ -220,7 +220,8 @@ def series(program, c, h, held):
         if small == 2:
             return k + 1
     if held != at.FREE:
-        # What friction holds is accelerated as its surface is, whatever the rates with these signs say.
+        # A body held by friction has the acceleration of its surface, whatever the rates with these signs
+        # are.
         for k in range(at.ORDER + 1):
             J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < at.ORDER else 0.0
             for q in range(count):

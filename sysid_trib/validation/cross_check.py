@@ -44,13 +44,13 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     }
 
 
-# Where models are incomplete averaging is immune to most of what they lack: the other method is the answer
-# where it predicts better by more than this.
+# If models are incomplete, averaging is insensitive to most missing forces: the other method is preferred
+# only if it predicts better by more than this.
 CLEARLY_BETTER = 1.1
 # Predictions are this far ahead at most, and this close to each other (periods).
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
-# Part of the first method's errors that stands for terms of second order: where two methods are nearly the
-# same to first order, these decide.
+# Part of the first method's errors that represents terms of second order: these dominate if two methods are
+# nearly the same to first order.
 SECOND_ORDER_PART = 0.1
 # Stated errors of so many times those by the noise allow for more than it.
 EXCESS = 1.5
@@ -152,7 +152,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     if moving and not biased:
         covariance, errors = _covariance(pair, moving[0], kept)
     error = np.sqrt(np.diag(covariance))
-    # Quantities that both hold do not differ.
+    # Quantities that both methods hold do not differ.
     z = np.divide(difference, error, out=np.zeros_like(difference), where=error != 0.0)
     chi_square = float("nan")
     if np.all(np.isfinite(covariance)):

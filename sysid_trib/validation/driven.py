@@ -46,7 +46,7 @@ from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
 
-# A model that leaves more of the record than this has not followed it.
+# A model has not followed the record if its residual is more than this part of it.
 SLIPPED_PART = 0.3
 
 
@@ -117,7 +117,7 @@ def identified_driven(
         best = min(pair, key=lambda of: _sizes(of)["tested_rms"])
     slipped, models = not _follows(best), {"direct": best}
     tell("trajectory")
-    # The errors of a fit of the free motion do not know a random force, whose effect lasts long.
+    # The errors of a fit of the free motion do not include a random force, whose effect lasts long.
     noise: RandomForceOption = "estimated" if random_explains else "off"
     begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force=noise)
     if not slipped and not trajectory.start:
@@ -133,7 +133,7 @@ def identified_driven(
             raise
     kept = {name: of for name, of in models.items() if _follows(of)}
     if own_quantity and "trajectory" in kept:
-        # Direct is of the integral, whose noise is not white.
+        # Direct uses the integral, whose noise is not white.
         kept = {"trajectory": kept["trajectory"]}
     if stochastic is not None and not random_explains and _follows(stochastic):
         for name, of in kept.items():
@@ -439,7 +439,7 @@ def _predict(
     if starts == "measured":
         return _from_measured_start(record, model)
     model, record = with_own_sensor(result, model, record, fitted)
-    # A spline knows nothing of what is in a gap.
+    # A spline has no information in a gap.
     gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
     before = slice(gaps[0] + 1 if gaps.size else None)
     start = first_guess(time[before], angle[before], model.reference_frequency)

@@ -14,7 +14,7 @@ from sysid_trib.results.variables import described
 
 # Significance level of a residual that is not white noise.
 RESIDUAL_LEVEL = 1e-3
-# A model is approximate that leaves no more than this part of the motion (RMS).
+# A model is approximate if its residual (RMS) is at most this part of the motion.
 APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
 # A motion that grows beyond so many times the largest angle of the record is none of it.

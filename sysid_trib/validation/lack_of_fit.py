@@ -123,7 +123,7 @@ def _against(
         difference = there - backbone[f"period_{name}"].values
         smoothed = weights[name] @ np.where(np.isfinite(difference), difference, 0.0)
         reached = (log_amplitude >= model[0][0]) & (log_amplitude <= model[0][-1])
-        # Both go through the same averages: what these leave open is the same of both.
+        # Both go through the same averages, which have the same error for both.
         half = bands.half_width(backbone, name) - bands.left_open(name, curve, backbone.damping_ratio.values)
         smoothed = np.where(reached, smoothed, np.nan)
         against[name] = curve + smoothed, smoothed / half
@@ -246,14 +246,14 @@ def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
 
 # The level about a line is that of so many neighbours on either side, beyond those into which it leaks.
 LEVEL_LINES, LEAK = 48, 4
-# Up to this harmonic what is left of a motion is the motion's.
+# Up to this harmonic the residual of a motion belongs to the motion.
 MOTION_HARMONICS = 7
 SLOWEST = 4.0
 NO_LINE = (float("nan"), float("nan"))
 # Significance level of a line.
 LINE_LEVEL = 1e-6
-# Of what harmonics leave, a line leaves no more than this part of the square; samples of the longest record
-# that is looked at so, and degrees of freedom at least.
+# Largest part of the square that remains after a line is removed from the residual without harmonics; samples
+# of the longest record that is searched, and least degrees of freedom.
 LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 
 
@@ -287,7 +287,7 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     frequency = resolution * (at + (right / (peak + right) if right > left else -left / (peak + left)))
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
     line = waves @ np.linalg.lstsq(waves, residual, rcond=None)[0]
-    # A line counts whose RMS is beyond this part of that of the rest: a fainter one changes nothing.
+    # A line counts if its RMS is beyond this part of that of the rest: a weaker one changes nothing.
     marked = np.std(line) > 0.5 * np.std(residual - line)
     return (frequency, float(np.sqrt(2.0) * np.std(line))) if marked else NO_LINE
 

@@ -146,7 +146,8 @@ def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], state
     stated : (number,) array of float
         Standard errors of the whole by the noise.
     """
-    # Each part counts by what it knows of a coefficient; one that a bound holds there has no error.
+    # Each part is weighted by its information on a coefficient; one that is held at a bound there has no
+    # error.
     largest = np.max(errors, axis=0)
     known = np.where(np.array(errors) > 0.0, errors, np.where(largest > 0.0, largest, 1.0))
     weights = 1.0 / known**2
@@ -185,7 +186,7 @@ def _held_out(
     kept, size = refits.between(run, limits), run.sizes["time"]
     earlier, later = slice(0, kept.start), slice(kept.stop, size)
     for held_out in (later,) if later_only else (earlier, later):
-        # Fewer samples tell nothing of a motion whose start and zero are fitted.
+        # Fewer samples do not test a motion whose start and zero are fitted.
         if held_out.stop - held_out.start < 8:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))

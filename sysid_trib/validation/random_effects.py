@@ -150,7 +150,7 @@ class RandomEffects:
     def _without_each(self) -> tuple[Array, Array]:
         """Return each value's distance from the fit of all others, standardised, and their chi-square."""
         leverage = self.weights * self._of_fitted()
-        # A value whose leverage lacks this of one has no others that predict it.
+        # A value with a leverage this near to one is not predicted by the others.
         free = np.where(leverage < 1.0 - 1e-9, 1.0 - leverage, np.nan)
         size = (self.values - self.fitted) * np.sqrt(self.weights / free)
         return size, self.chi_square[..., None] - size**2

@@ -89,7 +89,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     """
     places = np.asarray(columns, dtype=int)
     squares = sum(np.einsum("gii->i", run.of(places)) for run in runs)
-    # A column without effect keeps its size; the ridge holds it.
+    # A column without effect keeps its size; the ridge bounds it.
     size = np.where(squares > 0.0, np.sqrt(np.maximum(squares, 0.0)), 1.0)
     size[0] = 1.0
     parts = [run.of(places) / np.outer(size, size) for run in runs]
@@ -194,7 +194,7 @@ def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, flo
 
 # Of a likely ratio, 0 where none is known; see `products_of`.
 ProductsNear: TypeAlias = Callable[[float], RunProducts]
-# Rounds in which the likeliest ratios of several runs are looked for together.
+# Rounds of the joint search for the most likely ratios of several runs.
 TURNS = 6
 
 

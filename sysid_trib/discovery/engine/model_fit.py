@@ -22,8 +22,8 @@ WHOLE_STEPS = 3
 ROUNDS_AGREE = 1.0
 # Last rounds of a fit that does not come to rest, which are alike but for the errors of its parameters.
 LAST_ROUNDS = 4
-# Parts of the random force by which paths are smoothed at first where an error of the sensor is new: beside
-# all of it a path follows the record, errors and all, and a strong one is taken for forces.
+# Parts of the random force by which paths are first smoothed after an error of the sensor was added: with all
+# of it a path follows the record and its errors, and a large error is mistaken for forces.
 CONTINUATION = (1e-2, 1e-4, 1e-6, 1e-8)
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
@@ -69,7 +69,7 @@ def fit_model(
     # Largest step of a shape in a round, in parts of its range.
     reach = longest = part * settings.shape_step
     rounds, before, unphysical = list[FittedModel](), 0.0, 0
-    # Has it an error of the sensor of which nothing is known yet?
+    # True if it has an error of the sensor that no fit has estimated yet.
     if any(t.force.kind == "sensor" and not c for t, c in zip(trials, guess[:-1], strict=True)):
         model = _continued(model, reach, part, worst)
         if not model.settled:
@@ -78,7 +78,7 @@ def fit_model(
         guess = guess + part * (model.estimate - guess) if turn else model.estimate
         after = _next_round(model, guess, reach, part, of_any_ratio=turn + 1 < WHOLE_STEPS)
         if after is None:
-            # The likeliest round of a path that ran away.
+            # The most likely round of a path that diverged.
             best = min([*rounds, model], key=lambda fitted: fitted.likelihood.deviance)
             return replace(best, settled=False)
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after

@@ -21,7 +21,7 @@ from sysid_trib.records import equilibrium, sensor, signal, smoothing
 
 # Samples per period that are kept at least for a sensor with coarse steps.
 FEWEST_PER_PERIOD = 10
-# Least rise of what a sensor shows with the angle.
+# Least slope of the sensor's reading with the angle.
 LEAST_SENSOR_GAIN = 0.05
 # Variance, over the largest by the sensor's noise, of rows that say nothing.
 SAYS_NOTHING = 1e8

@@ -20,8 +20,8 @@ from sysid_trib.records.inputs import inputs_of, values_of_inputs
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
-# Factor by which the reference changes at most in each. A model whose own frequency is lower than by that, or
-# none at all since forces of the motion hold it up, keeps the reference.
+# Factor by which the reference changes at most in each. A model with a lower frequency, or with none because
+# forces of the motion provide the stiffness, keeps the reference.
 MOST_RESCALED = 2.0
 
 
@@ -58,9 +58,11 @@ ABOVE = 0.5 * smoothing.KNOTS_PER_PERIOD + 2.0
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
 # By which a partial autocorrelation is changed for the slope of the deviance.
 LITTLE_COLOUR = 0.05
-# Of the sensor's noise: what the rates of a motion and of a surface that it sticks to may differ by (rad).
+# In units of the sensor's noise: largest difference of the rates of a motion and of the surface to which it
+# sticks (rad).
 STICKING_ERRORS = 3.0
-# Of the motion's RMS rate: the least acceleration (of tau) of what passes the rate of a surface.
+# In units of the motion's RMS rate: least acceleration (by tau) of a motion that crosses the rate of a
+# surface.
 PASSING = 0.2
 
 
@@ -157,7 +159,7 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
                 best, filter_ = score, tried
             elif order >= len(known):
                 break
-    # An autoregression may be the likeliest of its kind where noise is as 1/f.
+    # An autoregression may be the most likely one of its kind for 1/f noise.
     if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
     return sensor_noise.NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
@@ -267,7 +269,7 @@ def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
         first, end = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).T
         stay = tau[end - 1] - tau[first]
         stays = np.abs(slip[end - 1] - slip[first]) < slowest * stay
-        # A surface that moves is known to be there; what never rests for long only turns slowly.
+        # A moving surface is known to exist; a body that never rests for long only reverses slowly.
         if stay[stays].max(initial=0.0) > shortest:
             for begin, after in zip(first[stays], end[stays], strict=True):
                 sticking[begin:after] = True
