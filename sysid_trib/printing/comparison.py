@@ -209,7 +209,7 @@ def _as_good(table: xr.Dataset) -> Iterator[str]:
     as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
     good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
     if labels := others.model.values[good].tolist():
-        yield f"As good (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
+        yield f"Equally good (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
 
 
 def _noise(table: xr.Dataset) -> str:

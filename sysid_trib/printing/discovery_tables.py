@@ -19,8 +19,9 @@ ROWS, LAST = 10, 3
 # Candidates that are named with an effect which cannot be separated from them.
 TIES_NAMED = 2
 RANKING = (
-    "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested), and "
-    "the coefficient of five standard errors, at the shapes and frequencies of the highest score"
+    "|z| of the named and the strongest candidates before each step and at the end (-: in the model, or not "
+    "tested). Last column: the coefficient of five standard errors. Shapes and frequencies are those of the "
+    "highest score"
 )
 UNKNOWN = "The residual does not follow the motion: it is external vibration, or noise of another kind."
 # Places that a sentence names; a residual that is everywhere needs none.

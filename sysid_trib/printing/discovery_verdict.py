@@ -221,7 +221,7 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
         stands[-1] += f" ({likelier})" if likelier else ""
     if stands:
         parts = ", ".join(PARTS_OF_RECORD)
-        yield f"Most likely effect when fitted to parts of the record ({parts}): {'; '.join(stands)}."
+        yield f"In parts of the record ({parts}), the 95 % set contains {'; '.join(stands)}."
 
 
 def _model(tree: xr.DataTree) -> Iterator[str]:

@@ -244,16 +244,16 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     if len(models) > 1:
         yield (
             f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
-            f"{data.attrs['odds']:g} to 1 against each other model with probability "
+            f"{data.attrs['odds']:g} to 1 against each other model, with probability "
             f"{best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
         parts = [
-            f"{symbol} ± {best.standard_error.sel(force=symbol).item():.2g} "
-            f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
+            f"{symbol} {best.standard_error.sel(force=symbol).item():.2g} "
+            f"(now {stated.standard_error.sel(force=symbol).item():.2g})"
             for symbol in [*wanted] or data.force.values.tolist()
         ]
-        yield f"{run}: {', '.join(parts)}, from all records together."
+        yield f"{run}. Standard errors from all records together: {', '.join(parts)}."
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())

@@ -252,7 +252,8 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
     if parts:
         bounded = list(dict.fromkeys(symbol for result in results for symbol in at_bound(result)))
         allowed = f", but treat those at a bound ({', '.join(bounded)}) as free" if bounded else ""
-        yield f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors assume them{allowed}."
+        listed = "; ".join(dict.fromkeys(parts))
+        yield f"Constraints: {listed}. Standard errors assume these constraints{allowed}."
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:

@@ -424,8 +424,8 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
             f"{name} {value:.3f}" for name, value in zip(names, separate.shape.real, strict=True)
         )
         said.append(
-            f"{len(names)} sensors combined by the shape {shape}, which leaves "
-            f"{100 * separate.residual:.2g} % (their noise alone {100 * separate.expected:.2g} %)"
+            f"{len(names)} sensors combined by the shape {shape}, residual "
+            f"{100 * separate.residual:.2g} % ({100 * separate.expected:.2g} % from their noise alone)"
         )
         behind = float(np.max(np.abs(separate.shape.imag)))
         if behind > 0.05:
@@ -438,7 +438,7 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
     ]
     if large:
         said.append(
-            f"all modes together leave more than the white noise of the sensors (times {', '.join(large)})"
+            f"the residual of all modes exceeds the white noise of the sensors (times {', '.join(large)})"
         )
     return said
 

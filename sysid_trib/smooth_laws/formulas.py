@@ -49,8 +49,8 @@ def law_formulas(
         `coefficient`, nan of a force that is not in the formula, and its `standard_error`; `chi_square`,
         `information` (Akaike's, less the least), `largest_deviation` from the law over the half width of its
         band; and the law by each formula, `friction(alternative, speed)` or `restoring(alternative,
-        displacement)`, over the inertia. Empty over `alternative` where no formula of up to three terms stays inside. The fitted value of
-        a shape parameter is in the force's `formula`.
+        displacement)`, over the inertia. Empty over `alternative` where no formula of up to three
+        terms stays inside. The fitted value of a shape parameter is in the force's `formula`.
 
     Raises
     ------
