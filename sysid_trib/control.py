@@ -177,7 +177,8 @@ def _refuse_memory(model: Model) -> None:
     for force in model.forces:
         if force.memory:
             raise UsageError(
-                f"Force '{force.symbol}' holds values from its reversals, as python-control cannot; leave it "
+                f"Force '{force.symbol}' keeps values from its reversals, which "
+                f"python-control cannot do; leave it "
                 "out, or linearise at an amplitude."
             )
 

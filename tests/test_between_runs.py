@@ -123,7 +123,7 @@ def test_identifications_are_compared_at_one_frequency_and_a_worn_run_scatters()
         ),
         ({"load": [1.0, 2.0, 3.0, 4.0]}, "place", "no column 'place'"),
         ({"place": list("abcd")}, "place", "one of which has several runs"),
-        (pd.DataFrame({"place": list("aaaa")}), "place", "two laboratories at least"),
+        (pd.DataFrame({"place": list("aaaa")}), "place", "at least two laboratories"),
     ],
 )
 def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sentence):

@@ -159,7 +159,7 @@ def test_what_has_not_been_seen_is_predicted_from_its_start() -> None:
     assert whole.residual_rms == pytest.approx(1e-4, rel=0.1)
     assert begun.residual_rms < 2e-4
     assert begun.attrs["warm_up"] == 1.5
-    with pytest.raises(UsageError, match="warm-up of 90 s holds"):
+    with pytest.raises(UsageError, match="warm-up of 90 s contains"):
         st.predict(result, other, warm_up=90.0)
     with pytest.raises(UsageError, match="contains the input u, which this record lacks"):
         st.predict(result, other.drop_vars("u"))

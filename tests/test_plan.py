@@ -214,7 +214,7 @@ def test_rivals_of_a_discovery_part_at_a_larger_release():
     assert best.entropy.item() < smallest.entropy.item()
     stands = found["steps"].symbol.item()
     other = ({"epsilon", "gravity"} - {stands}).pop()
-    with pytest.raises(UsageError, match=f"'{other}' may be the truth in the place of '{stands}'"):
+    with pytest.raises(UsageError, match=f"'{other}' competes with '{stands}'"):
         plan(found, wanted={other: 0.1})
 
 

@@ -111,7 +111,7 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
         for column in table:
             if set(table[column].astype(str)) & base_names:
                 raise UsageError(
-                    f"{path.name}: column '{column}' holds names of records; call it '{RECORD}'."
+                    f"{path.name}: column '{column}' contains names of records; call it '{RECORD}'."
                 )
         if len(table) != len(records):
             rows = f"{len(table)} row{'s' * (len(table) != 1)}"

@@ -68,7 +68,9 @@ def _response_of_mode(tell: Tell, given: ResponseOptions, limits: tuple[float, f
     tell("reading")
     decays, sources = read_decays(RecordOptions(records=[given.result], **reading))
     if len(decays) > 1:
-        raise UsageError(f"{given.result} holds {len(decays)} decays of this mode; choose one by --window.")
+        raise UsageError(
+            f"{given.result} contains {len(decays)} decays of this mode; choose one by --window."
+        )
     tell("frequency and damping against amplitude")
     curves = backbone(decays[0])
     tell("response")

@@ -181,7 +181,7 @@ def decays_within(
     count = "1 decay" if len(those) == 1 else f"{len(those)} decays"
     if given.decay is not None and given.decay > len(those):
         raise UsageError(
-            f"--decay {given.decay}: {record or 'the example'} holds {count}; give 1 to {len(those)}."
+            f"--decay {given.decay}: {record or 'the example'} contains {count}; give 1 to {len(those)}."
         )
     chosen = those if given.decay is None else [those[given.decay - 1]]
     taken = ", one of them taken" if len(chosen) == 1 else ""
@@ -211,7 +211,7 @@ def constants_of_records(given: RecordOptions) -> list[dict[str, str | float]]:
         values = _constants(name, text, records)
         if len(values) not in (1, len(records)):
             raise UsageError(
-                f"--constant '{name}={text}' holds {len(values)} values for {len(records)} records; give "
+                f"--constant '{name}={text}' contains {len(values)} values for {len(records)} records; give "
                 "one, or one a record."
             )
         for at, of in enumerate(of_each):

@@ -238,8 +238,8 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
     least, change, other = min(fits)
     if least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
         yield (
-            f"the frequency of mode {number} depends on the amplitude of mode {other}: by {change:+.2g} Hz "
-            "at the largest, beyond what it does by its own amplitude"
+            f"the frequency of mode {number} depends on the amplitude of mode {other}, in addition to its "
+            f"own: by {change:+.2g} Hz at the largest amplitude"
         )
 
 

@@ -53,7 +53,7 @@ FORCE_KEYS: Checks = {
     "run": (lambda v: is_number(v) and isinstance(v, int) and v > 0, "the number of a run, from 1"),
     "uses": (
         lambda v: isinstance(v, list) and all(isinstance(k, str) and SHORT_WORD.fullmatch(k) for k in v),
-        "a list of symbols of forces whose coefficients the formula holds",
+        "a list of symbols of forces whose coefficients are in the formula",
     ),
     **dict.fromkeys(TABLE_KEYS, (lambda v: isinstance(v, dict), "a table such as { z = ... }")),
 }

@@ -78,13 +78,13 @@ def _checked(
             pass
         case ast.Constant(value=int() | float() as value):
             if value > LARGEST_CONSTANT:
-                raise LibraryError(f"{where} holds a number above 1e100; rescale the formula.")
+                raise LibraryError(f"{where} contains a number above 1e100; rescale the formula.")
             return ast.Constant(float(value))
         case ast.Name(id=name):
             if name in allowed or name == "pi":
                 return ast.Name(name)
             known = ", ".join(sorted(allowed))
-            raise LibraryError(f"{where} holds the unknown name '{short(name)}'; known are {known}, pi.")
+            raise LibraryError(f"{where} contains the unknown name '{short(name)}'; known are {known}, pi.")
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
             return ast.UnaryOp(op, inner(operand))
         case ast.BinOp(op=ast.Pow(), right=right) if not _is_exponent(right, exponents):
@@ -112,7 +112,7 @@ def _checked(
     match node:
         case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):
             advice = " (write ** for a power, sign for sgn)"
-    wrong = f"{where} holds something other than numbers, names, + - * / ** and functions"
+    wrong = f"{where} contains something other than numbers, names, + - * / ** and functions"
     raise LibraryError(f"{wrong} {' '.join((*SWITCHING, *SMOOTH))}{advice}.")
 
 

@@ -191,8 +191,9 @@ def check_measured(names: Set[str]) -> None:
     """
     if ("inertia" in names) == ("mass" in names) or ("radius" in names) != ({"inertia", "load"} <= names):
         raise UsageError(
-            "SI units take the inertia of an angle or mass of a displacement; the coefficient of friction "
-            "takes the load too, and of an angle the radius at which the contact rubs."
+            "SI units need the inertia for an angle, or the mass for a displacement; the "
+            "coefficient of friction "
+            "also needs the load and, for an angle, the friction radius."
         )
 
 

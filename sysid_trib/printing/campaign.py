@@ -148,7 +148,7 @@ def _outliers(compared: xr.Dataset) -> list[str]:
     z = abs(compared.z.transpose("run", "quantity").to_pandas()).fillna(0.0)
     largest = z.max(axis=1).sort_values(ascending=False, kind="stable")
     sentences = [
-        f"{run} stands out: {z.loc[run].idxmax()} by {distance:.1f} standard deviations."
+        f"{run} is an outlier: {z.loc[run].idxmax()} by {distance:.1f} standard deviations."
         for run, distance in largest[largest > STANDS_OUT].items()
     ]
     return layout.first_and_more(sentences, REFUSALS)

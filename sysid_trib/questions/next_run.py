@@ -167,8 +167,8 @@ def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str
     for symbol, error in wanted.items():
         if symbol in names and symbol not in known.model.coefficients:
             raise UsageError(
-                f"'{symbol}' may be the truth in the place of '{known.name}', which stands in this model and "
-                f"has the errors: ask for {known.name}, or first for the run that separates them (no --want)."
+                f"'{symbol}' competes with '{known.name}', which is in this model: give the wanted error of "
+                f"{known.name}, or first plan the run that separates them (no --want)."
             )
         if symbol not in known.model.coefficients:
             there = ", ".join(known.fitted)
@@ -176,7 +176,7 @@ def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str
         if symbol not in known.fitted:
             raise UsageError(f"The coefficient '{symbol}' is held in this model: no run changes its error.")
         if not error > 0.0:
-            raise UsageError(f"An error of {error:g} of '{symbol}' cannot be had; give one above zero.")
+            raise UsageError(f"The wanted error of '{symbol}', {error:g}, must be positive.")
 
 
 def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float, float]:

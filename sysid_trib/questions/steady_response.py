@@ -210,8 +210,8 @@ def _refuse_mixed(force: Force, channel: Channel, rise: float) -> None:
         there, here = (force.value(**points, hidden={channel.name: factor * given}) for given in (1.0, 0.0))
         if force.state or not np.allclose(there - here, factor * rise, rtol=1e-9, atol=1e-12):
             raise UsageError(
-                f"Force '{force.symbol}' holds the input {channel.input} other than in proportion beside the "
-                "others: its drive has no describing function; simulate it (st.simulate)."
+                f"Force '{force.symbol}' does not contain the input {channel.input} as a proportional, added "
+                "term: its drive has no describing function; simulate it (st.simulate)."
             )
 
 

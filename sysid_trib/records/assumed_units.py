@@ -225,9 +225,10 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
     rest = float(np.median(values))
     if abs(abs(rest) / lab.STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
         raise UsageError(
-            f"{column.source}: nothing says what column {column.name} holds; it swings about {rest:.3g}, as "
-            "an accelerometer in m/s^2 under gravity does: say so, --units m/s^2, or what else it is, "
-            "--units deg (units= in Python)."
+            f"{column.source}: the quantity of column {column.name} is not stated; it swings about "
+            f"{rest:.3g}, like an accelerometer in m/s^2 under gravity: give --units "
+            f"m/s^2, or its true unit, "
+            "such as --units deg (units= in Python)."
         )
 
 

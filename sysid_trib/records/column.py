@@ -81,7 +81,7 @@ class Column:
         wrong = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
         if wrong.size:
             row, infinite = wrong[0], np.isinf(values)
-            said = f"holds {values[row]:g}, too much for an oscillation or its time; scale it."
+            said = f"contains {values[row]:g}, too much for an oscillation or its time; scale it."
             if infinite[row]:
                 count = np.count_nonzero(infinite)
                 said = f"is infinite ({count} such rows); cut them out, or keep the part between them."
@@ -131,7 +131,7 @@ class Column:
                 text = str(value).replace(",", ".").replace(MINUS, "-")
                 values.append(np.nan if is_missing(text) else float(text))
             except ValueError:
-                wrong = f"{self.source}: row {row} of column {self.name} holds {str(value)[:30]!r}"
+                wrong = f"{self.source}: row {row} of column {self.name} contains {str(value)[:30]!r}"
                 raise RecordError(f"{wrong}, not a number; correct it or cut it out.") from None
         return np.array(values)
 

@@ -84,7 +84,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
         signals, acting = _without_drives(signals, times, table)
     if not signals:
         _refuse_levels(numeric)
-        raise RecordError(f"{table.source}: there is no column for the angle beside the time.")
+        raise RecordError(f"{table.source}: there is no column for the angle, only the time.")
     if not (how.sampling_rate or table.rate or times):
         # Without a clock it cannot be seen which column swings.
         raise RecordError(table.no_clock)
@@ -112,7 +112,8 @@ def _refuse_levels(columns: list[Column]) -> None:
     if level is not None:
         raise RecordError(
             f"{level.source}: column {level.name} is a level in dB, the logarithm of an amplitude: it shows "
-            "how fast a motion fades, but holds no oscillation; record the signal itself, such as the sound "
+            "how fast a motion fades, but contains no oscillation; record the signal "
+            "itself, such as the sound "
             "pressure or the acceleration."
         )
 

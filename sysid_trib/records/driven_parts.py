@@ -68,7 +68,7 @@ def driven_parts(
         return [record]
     part = _own_quantity_at_samples(record).sel(time=slice(*window))
     if part.sizes["time"] < FEWEST_SAMPLES:
-        raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
+        raise DecayError(f"The window contains {part.sizes['time']} samples; give a longer one.")
     said: list[str] = []
     if not keep_outliers:
         part, said = _without_outliers(part)

@@ -177,7 +177,9 @@ def _checked_record(given: Any, function: str) -> xr.Dataset:
         names = [str(name) for name, values in record.data_vars.items() if values.ndim == 1]
         remedy = f"rename its signal: record.rename({names[0] if len(names) == 1 else 'NAME'}='angle')"
         held = ", ".join(map(str, record.data_vars)) or "nothing"
-        raise UsageError(f"{function} takes a Dataset with angle(time), and this one holds {held}; {remedy}.")
+        raise UsageError(
+            f"{function} takes a Dataset with angle(time), and this one contains {held}; {remedy}."
+        )
     return record
 
 
@@ -318,7 +320,7 @@ def _in_numbers(record: xr.Dataset) -> xr.Dataset:
     if dated and len(dated) < len(clocks):
         others = ", ".join(name for name in clocks if name not in dated)
         raise UsageError(
-            f"In this record {dated[0]} holds dates and {others} none: nothing says when these begin; give "
+            f"In this record {dated[0]} contains dates and {others} none: their start is unknown; give "
             "both in s from one instant."
         )
     made = {}

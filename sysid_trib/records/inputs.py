@@ -251,7 +251,7 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
     """
     for name in inputs:
         if name != INPUT and name not in library.inputs:
-            held = f"they contain {', '.join(library.inputs)}" if library.inputs else "they hold none"
+            held = f"they contain {', '.join(library.inputs)}" if library.inputs else "they contain none"
             wrong = f"No force contains the input {name} ({held})"
             shipped = load_library(SHIPPED)
             taking = [force.symbol for force in shipped if force.inputs == (name,)]

@@ -83,7 +83,9 @@ class Reading:
             raise UsageError(f"{min(both)} is given as an input and as a constant; choose one.")
         for name in (*self.inputs, *self.constants):
             if not name.isidentifier() or name in TAKEN_NAMES:
-                raise UsageError(f"{name!r} cannot name an input; write u=COLUMN, as forces hold it.")
+                raise UsageError(
+                    f"{name!r} cannot name an input; write u=COLUMN, as in the formulas of forces."
+                )
         if self.time_units is not None and self.time_units not in lab.TIME_UNITS:
             raise UsageError(f"time units {self.time_units!r} are unknown: give {lab.OFFERED_TIME_UNITS}.")
         if self.units is not None and lab.signal_unit(self.units) is None:
@@ -162,11 +164,13 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
         for name, value in stated.items():
             parts = [with_instead(part, name, repr(value)) for part in parts]
     except LibraryError as error:
-        raise UsageError(f"{table.source}: {error} Columns that it may hold: {', '.join(names)}.") from None
+        raise UsageError(
+            f"{table.source}: {error} Columns that it may contain: {', '.join(names)}."
+        ) from None
     used = {name for part in parts for name in part.names & names.keys()}
     held = {name: _single(names[name], name, f"{flag} '{text}'") for name in sorted(used)}
     if not held:
-        wrong = f"{flag} '{text}' holds no column of numbers; it may hold {', '.join(names)}."
+        wrong = f"{flag} '{text}' contains no column of numbers; it may contain {', '.join(names)}."
         raise UsageError(f"{table.source}: {wrong}")
     columns = {name: column.numbers for name, column in held.items()}
     sizes = {column.size for column in columns.values()}
@@ -202,7 +206,7 @@ def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> d
     for match in filter(None, (_STATED.fullmatch(note.lower()) for note in table.notes)):
         name, value = match["name"], match["value"]
         if name in words and stated.setdefault(name, float(value)) != float(value):
-            wrong = f"{flag} '{text}' holds {name}, which the file states as {stated[name]:g} and {value}"
+            wrong = f"{flag} '{text}' contains {name}, which the file states as {stated[name]:g} and {value}"
             raise UsageError(f"{table.source}: {wrong}; write the number itself.")
     return stated
 
@@ -216,7 +220,7 @@ def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
             "rename one in the file."
         )
     if not columns[0].is_numeric:
-        holds = f"column '{columns[0].name}' of {expression} holds no numbers."
+        holds = f"column '{columns[0].name}' of {expression} contains no numbers."
         raise UsageError(f"{columns[0].source}: {holds}")
     return columns[0]
 

@@ -54,7 +54,7 @@ def checked_signal(record: Any, *names: str) -> None:
         if variable is None or variable.dims != ("time",):
             raise UsageError(f"{source}: a record has {name}(time), one number a sample; this one has none.")
         if variable.dtype.kind not in "fiu":
-            raise UsageError(f"{source}: {name}(time) holds {variable.dtype}; give numbers in s and rad.")
+            raise UsageError(f"{source}: {name}(time) contains {variable.dtype}; give numbers in s and rad.")
         # A value that is not finite is not below the limit either.
         # In double precision: single has no numbers as large as the limit.
         bad = np.flatnonzero(~(np.abs(variable.values.astype(float)) <= LARGEST_NUMBER))

@@ -244,5 +244,5 @@ def _opened(path: Path) -> Iterator[Path]:
         except (OSError, EOFError, zlib.error) as error:
             raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
         if copy.stat().st_size > LARGEST_CONTENT:
-            raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
+            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
         yield copy

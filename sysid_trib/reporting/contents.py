@@ -193,7 +193,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     title = f"Coefficients {by}; off by: distance from the others in standard deviations"
     numbers = range(2 + len(known.columns), len(heads) - 1)
     table = {"title": title, "heads": heads, "rows": rows, "numbers": numbers}
-    return {"title": "Records, those that stand out first", "sentences": said, "tables": [table]}
+    return {"title": "Records, outliers first", "sentences": said, "tables": [table]}
 
 
 def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:

@@ -114,5 +114,5 @@ def _blocks_of(result: xr.Dataset | xr.DataTree | ForceLibrary) -> Iterable[Bloc
         return driven.response_blocks(data)
     names = ", ".join([*map(str, tree.children), *sorted(held)][:6]) or "nothing"
     raise UsageError(
-        f"show takes a result of identify, laws, compare, discover or difference; this one holds {names}."
+        f"show takes a result of identify, laws, compare, discover or difference; this one contains {names}."
     )

@@ -163,7 +163,7 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     else:
         preferred = main_result(result)
     if preferred is None:
-        raise UsageError("This result holds no preferred identification; give one of identify or laws.")
+        raise UsageError("This result contains no preferred identification; give one of identify or laws.")
     return preferred
 
 

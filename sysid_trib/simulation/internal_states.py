@@ -89,7 +89,8 @@ def states_along(
         return {}
     if any(channel.name in f.names for channel in force.channels for f in force.formulas[1:]):
         raise LibraryError(
-            f"Force '{force.symbol}': its states hold an input, which only methods.Trajectory follows, from "
+            f"Force '{force.symbol}': its states contain an input, which only "
+            f"methods.Trajectory follows, from "
             "a start= that is given; take that method."
         )
     tau, x, v = (np.asarray(a, dtype=float) for a in (tau, x, v))

@@ -431,8 +431,9 @@ def _predict(
     counted = time >= time[0] + (warm_up or 0.0)
     if warm_up is not None and not FEWEST_FITTED <= np.count_nonzero(~counted) < len(time):
         raise UsageError(
-            f"A warm-up of {warm_up:g} s holds {np.count_nonzero(~counted)} of {len(time)} samples; it takes "
-            f"{FEWEST_FITTED} or more, and not all."
+            f"A warm-up of {warm_up:g} s contains {np.count_nonzero(~counted)} of "
+            f"{len(time)} samples; it must "
+            f"contain {FEWEST_FITTED} or more, but not all."
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted

@@ -254,8 +254,9 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     p, n = len(counts), len(values)
     if p < 2 or n == p:
         raise UsageError(
-            f"{n} results of {p} laboratories have no repeatability and reproducibility; name a column with "
-            "two laboratories at least, one of which has several runs."
+            f"{n} results of {p} laboratories do not determine repeatability and "
+            f"reproducibility; name a column "
+            "with at least two laboratories, one of which has several runs."
         )
     means = np.bincount(group, values) / counts
     within = float(np.sum((values - means[group]) ** 2)) / (n - p)
