@@ -136,7 +136,7 @@ def _place(
     if mode is not None:
         if not 1 <= mode <= len(modes):
             count = "1 mode" if len(modes) == 1 else f"{len(modes)} modes"
-            raise UsageError(f"{source}: --mode {mode} does not exist; there are {count} ({listed}).")
+            raise UsageError(f"{source}: --mode {mode} does not exist; the record has {count} ({listed}).")
         return ringing.components.index(modes[mode - 1])
     assert band is not None
     low, high = 0.0 if band[0] is None else band[0], np.inf if band[1] is None else band[1]
@@ -144,7 +144,7 @@ def _place(
         raise UsageError(f"--band {low:g}:{high:g} must be LOW:HIGH in Hz, the lower one first.")
     inside = [component for component, value in zip(modes, frequencies, strict=True) if low <= value <= high]
     if not inside:
-        raise UsageError(f"{source}: no mode is in --band {low:g}:{high:g} Hz; there are {listed}.")
+        raise UsageError(f"{source}: no mode is in --band {low:g}:{high:g} Hz; the record has {listed}.")
     strongest = max(
         inside,
         key=lambda component: float(np.max(np.abs(component.envelope_at(np.zeros(1)))) + component.level[0]),
