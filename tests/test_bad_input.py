@@ -43,7 +43,7 @@ def refused(folder):
 # Content of the file (text, bytes, or a signal), and what is said of it.
 RECORDS = {
     "binary": (bytes(range(256)) * 8, "binary content"),
-    "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle holds"),
+    "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle contains"),
     "huge": ((TIME, linear(amplitude=1e300)), "too much for an oscillation"),
 }
 
@@ -87,7 +87,7 @@ def test_forces_that_come_along_are_simulated_by_their_names(symbol, tmp_path):
 
 
 LIBRARIES = {
-    "__import__('os').system('touch X')": "holds something other than",
+    "__import__('os').system('touch X')": "contains something other than",
     "-v^2": "(write ** for a power, sign for sgn)",
     "exp(800*x)": "is not a finite number",
     "v": "z and g are the same force",

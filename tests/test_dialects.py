@@ -195,7 +195,7 @@ def test_the_unit_of_columns_is_that_of_a_formula(tmp_path, headers, formula, un
         # By hand in rad.
         (["a (deg)"], "a*pi/180", "does not follow"),
         (["a (g)"], "9.81*a", "does not follow"),
-        (["a (deg)"], "2*c", "Columns that it may hold: time, a"),
+        (["a (deg)"], "2*c", "Columns that it may contain: time, a"),
         (["a (deg)"], "__import__('os')", "__import__"),
         (["a (deg)"], "atan2(a)", "atan2"),
     ],

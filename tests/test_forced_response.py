@@ -133,7 +133,7 @@ def test_what_is_no_drive_is_refused(linear, drive, frequencies, said):
 
 def test_a_response_that_nothing_bounds_is_refused(linear):
     undamped = linear.assign(coefficient=0.0 * linear.coefficient)
-    with pytest.raises(DecayError, match="No damping"):
+    with pytest.raises(DecayError, match="Without damping"):
         st.forced_response(undamped, 0.1, around(linear, 1.0, 1.0 + 1e-9, 2))
 
 

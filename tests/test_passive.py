@@ -70,7 +70,7 @@ def test_a_passive_law_stays_as_it_is():
 
 def test_held_forces_that_feed_energy_in_are_refused():
     result = identified(ACTIVE, **{"lambda": -0.01})
-    with pytest.raises(DecayError, match="held feed energy in"):
+    with pytest.raises(DecayError, match="Held forces feed energy in"):
         made_passive(result, LARGEST)
 
 

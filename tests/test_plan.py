@@ -139,7 +139,7 @@ def test_motions_that_a_rival_can_make_tell_nothing():
         ({"amplitude": (0.5, 0.1)}, "lower one first"),
         ({"duration": (0.0, 5.0)}, "above zero"),
         ({"wanted": {"gravity": 1.0}}, "no coefficient 'gravity'"),
-        ({"wanted": {"zeta": 0.0}}, "above zero"),
+        ({"wanted": {"zeta": 0.0}}, "must be positive"),
     ],
 )
 def test_what_cannot_be_planned_is_refused(tree, options, words):
