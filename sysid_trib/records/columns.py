@@ -35,7 +35,7 @@ class ChosenColumns(NamedTuple):
 
 # Advice where several modes oscillate together.
 ONE_MODE = (
-    "take one of them, from all sensors together (--mode 1, or one_mode in Python), or record one alone."
+    "separate one mode, from all sensors together (--mode 1, or one_mode in Python), or record only one mode."
 )
 
 
@@ -205,7 +205,7 @@ def _chosen_of_driven(
         # A name says it where a unit is any number's: of a position in V no torque or temperature is one.
         named = [c for c in known if c.quantity == lab.names_quantity(c.base)] or known
         if len(named) == 1:
-            reason = f"the one {quantity} of {len(signals)} columns"
+            reason = f"the only {quantity} of {len(signals)} columns"
             return ChosenColumns(_time_of(table, named[0], times), named[0], reason)
         if len(named) > 1:
             pool = named
@@ -260,7 +260,9 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     others = f"of {len(swings)} columns" if len(swings) > 1 else ""
     if len(pool) == 1:
         _ask_of_larger(pool[0], moving, swings)
-        return pool[0], f"the one {others} that swings as a decay" if others and swings[pool[0]].swing else ""
+        return pool[0], f"the only one {others} that swings as a decay" if others and swings[
+            pool[0]
+        ].swing else ""
     if len(named) == 1:
         return named[0], f"named as an angle, {others}"
     axes = _without_smaller_axes(named or pool)

@@ -215,8 +215,8 @@ def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
         return refusal
     reason = re.split(r";|, at least", said)[0].rstrip(".")
     return DecayError(
-        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); take one "
-        "of them (--mode 1, or one_mode in Python), or record one alone."
+        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); separate "
+        "one of them (--mode 1, or one_mode in Python), or record only one."
     )
 
 

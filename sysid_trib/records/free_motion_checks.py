@@ -87,7 +87,10 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         raise DecayError(f"{wrong}, or {AS_IT_IS}.")
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
-        wrong = f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period"
+        wrong = (
+            f"{source}: the oscillation does not decay: from {peak[first]:.3g} on it changes "
+            f"by {change:+.2g} % a period"
+        )
         raise DecayError(f"{wrong}; is it driven? Name what drives it (--input), or give a free decay.")
     swing = _without_rises(peak[first:], replace(swing, run=slice(run.start + first, run.stop)), source)
     _refuse_beats(swing, source)
