@@ -126,7 +126,7 @@ direct = results["direct"]
 described(results)
 
 # %% [markdown]
-# The two methods, held against each other. They saw the same noise, so that their errors do not simply add:
+# The two methods, cross-checked. They saw the same noise, so that their errors do not simply add:
 # the error of their difference follows from how the noise of each sample moves both.
 
 # %%

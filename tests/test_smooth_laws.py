@@ -165,7 +165,7 @@ def test_parts_of_a_curve_share_one_table_of_averages():
 
 def test_a_result_without_laws_is_refused():
     result = st.identify(record("paper"), st.load_library().select(["zeta"]), st.methods.Direct())
-    with pytest.raises(DecayError, match="holds no laws"):
+    with pytest.raises(DecayError, match="contains no laws"):
         st.physics.law_formulas(result)
 
 

@@ -1,4 +1,4 @@
-"""The laws themselves: friction against speed, and what bends the restoring force, with bands."""
+"""The laws: friction against speed, and the nonlinear part of the restoring force, with bands."""
 
 from typing import Any
 
@@ -23,7 +23,7 @@ LAW_LOOKS: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linewidth": 2.2, "alpha": 0.75, "zorder": 3},
     {"color": BLUE, "linewidth": 1.0, "zorder": 4},
 )
-# Room above and below, and that of a continuation, in parts of what the visited range takes.
+# Margin above and below, and that of an extrapolation, relative to the visited range.
 LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
@@ -116,7 +116,7 @@ def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
 
 
 def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
-    """The curves of each method with their bands, those in `odd` mirrored, and where the record ends."""
+    """Draw the curves of each method with their bands, those in `odd` mirrored, and the record's ends."""
     ends: list[float] = []
     looks = LAW_LOOKS[-len(curves) :] if curves else ()
     for (name, curve), look in zip(curves.items(), looks, strict=True):
@@ -165,13 +165,13 @@ def _draw_formulas(ax: Axes, formulas: xr.Dataset, law: str, result: xr.Dataset)
 
 
 def _at_edge(seen: Mask) -> Mask:
-    """Visited places beside one that is not."""
+    """Return the visited places beside one that is not."""
     padded = np.concatenate([[True], seen, [True]])
     return np.asarray(seen & ~(padded[:-2] & padded[2:]))
 
 
 def _sides(curve: Curve) -> list[Curve]:
-    """The parts of a law at each sign: friction may leap in between."""
+    """Return the parts of a law at each sign: friction may jump in between."""
     signs = [curve.places < 0.0, curve.places > 0.0]
     return [
         Curve(
