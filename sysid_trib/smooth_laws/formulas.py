@@ -67,7 +67,7 @@ def law_formulas(
     if law not in VARIABLE_OF_LAW:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
     if law not in result:
-        raise DecayError("This identification holds no laws; make one by laws.")
+        raise DecayError("This identification contains no laws; identify them by laws.")
     variable = VARIABLE_OF_LAW[law]
     of = NAME_IN_FORMULAS[variable]
     part = result.isel({variable: np.flatnonzero(result[f"{variable}_visited"].values)})
@@ -107,7 +107,7 @@ def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
         and len(force.shape) < 2
     ]
     if not kept:
-        raise UsageError(f"The candidates hold no force of {of} alone; offer some.")
+        raise UsageError(f"The candidates contain no force of {of} alone; offer some.")
     return kept
 
 
