@@ -175,7 +175,7 @@ def test_no_page_selects_by_an_argument_that_xarray_has_itself():
 
 @pytest.mark.slow
 def test_json_keys_are_those_documented(generated):
-    page = (DOCS / "files.md").read_text(encoding="utf-8")
+    page = (DOCS / "json.md").read_text(encoding="utf-8")
     results = generated.small_results()
     printed = {
         "identify": identification_json(results["identify"]),
@@ -190,18 +190,22 @@ def test_json_keys_are_those_documented(generated):
     driven = results[generated.DRIVEN]
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
+    sections = re.split(r"^## ", page, flags=re.MULTILINE)
+    documented = {part.partition("\n")[0]: _documented(part) for part in sections}
+    shared, used = documented["Several commands"], set()
     for command, data in printed.items():
-        section = re.split(r"^### ", page.split("## JSON")[1], flags=re.MULTILINE)
-        table = next(part for part in section if part.startswith(f"{command}\n"))
-        rows = re.findall(r"^\| (`.+?`) \| (.+) \|$", table, re.MULTILINE)
-        documented = {
-            key
-            for cells, words in rows
-            if "several runs" not in words
-            for key in re.findall(r"`(.+?)`", cells)
-        }
-        keys = {_general(path, documented) for path in _paths(data)}
-        assert sorted(keys - documented) == sorted(documented - keys) == []
+        own = documented[command]
+        keys = {_general(path, own | shared) for path in _paths(data)}
+        assert sorted(keys - own - shared) == sorted(own - keys) == []
+        used |= keys
+    assert sorted(shared - used) == []
+
+
+def _documented(section):
+    """Keys of a section, without those that only several runs have."""
+    rows = re.findall(r"^\| (`.+?`) \| (.+) \|$", section, re.MULTILINE)
+    cells = [cell for cell, words in rows if "several runs" not in words]
+    return {key for cell in cells for key in re.findall(r"`(.+?)`", cell)}
 
 
 def _paths(data, path=""):
