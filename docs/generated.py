@@ -31,6 +31,7 @@ from typer.testing import CliRunner
 import sysid_trib as st
 from sysid_trib.commands.app import app
 from sysid_trib.cycles.signatures import exactly_dependent, without_signature
+from sysid_trib.discovery.engine.trials import Settings
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
 from sysid_trib.printing.looked import loses_power, signature_text
@@ -322,8 +323,15 @@ def methods() -> str:
     return "\n".join(lines)
 
 
+def settings() -> str:
+    """Every setting of `discover`: its value, what it decides, and the source of its default."""
+    rows = [f"| `{name}` | {' | '.join(words)} |" for name, *words in Settings.table()]
+    head = ["| setting | value | what it decides | derivation or source |", "| --- | --- | --- | --- |"]
+    return "\n".join([*head, *rows])
+
+
 PARTS: dict[str, Callable[..., str]] = {
-    part.__name__: part for part in (api, commands, forces, methods, results, ties)
+    part.__name__: part for part in (api, commands, forces, methods, results, settings, ties)
 }
 
 
