@@ -264,6 +264,7 @@ def small_results() -> dict[str, xr.DataTree]:
         "identify": st.cross_check(decay, *identified),
         "compare": st.compare(decay, start, methods),
         "discover": st.discover(decay, start, candidates, max_effects=1),
+        "laws": st.laws(decay),
         DRIVEN: driven_result(time),
     }
 
@@ -283,12 +284,12 @@ def results() -> str:
     lines = []
     shown: dict[tuple[str, ...], str] = {}
     for command, tree in small_results().items():
-        lines += [f"### Of {command}", ""]
+        lines += [f"### Result of {command}", ""]
         for group, node in tree.children.items():
             variables = node.to_dataset().variables
             lines += [f"#### `{group}`", ""]
             if before := shown.get(names := tuple(map(str, variables))):
-                lines += [f"As {before}.", ""]
+                lines += [f"The same variables as {before}.", ""]
                 continue
             shown[names] = f"`{group}` of {command}"
             lines += ["| variable | over | unit | what |", "| --- | --- | --- | --- |"]
