@@ -268,9 +268,9 @@ verdicts = others | {number: found}
 
 # %%
 def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
-    """Truth against verdict; gaps are those of the held-out third, in noise levels."""
+    """Truth against verdict; residuals are those of the held-out third, in noise levels."""
     truth = {symbol: c for symbol, c in hidden.coefficients.items() if symbol not in BASE}
-    steps, gaps = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
+    steps, residuals = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     each = [steps.isel(step=at) for at in range(steps.attrs["count"])]
     named = [one["symbol"].item() for one in each]
     classes = [one.candidate.values[one.credible.values].tolist() for one in each]
@@ -280,8 +280,8 @@ def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
         "verdict": tree.attrs["verdict"],
         "named": "; ".join(" ".join(pair) for pair in zip(named, coefficients, strict=True)),
         "competing": "; ".join(", ".join(s for s in tied if s not in named) for tied in classes),
-        "gap before": gaps[0],
-        "after": gaps[-1],
+        "residual before": residuals[0],
+        "after": residuals[-1],
         "exact": set(named) == set(truth),
         "in the set": len(named) == len(truth) and all(set(truth) & set(tied) for tied in classes),
     }

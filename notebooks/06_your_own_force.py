@@ -291,8 +291,8 @@ seen = st.discover(filmed, camera.select(["viscous"]), camera.select(["chord", "
 step, held = seen["steps"].ds.isel(step=0), seen["holdout"].ds
 value, error = step["coefficient"].item(), step["standard_error"].item()
 print(f"{seen.attrs['verdict']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
-gaps = (held.rms / held.residual_noise).values.round(2)
-print("Gap on the held-out third, over the noise, before and after:", gaps)
+residuals = (held.rms / held.residual_noise).values.round(2)
+print("Residual of the held-out third, over the noise, before and after:", residuals)
 display(st.plots.ranking(seen))
 
 # %% [markdown]
