@@ -291,9 +291,9 @@ table = pd.DataFrame({n: row_of(verdicts[n], records[n][1]) for n in records}).T
 display(table.round(2))
 something = table.hidden != "nothing"
 exact, tied = (table[something][column].sum() for column in ("exact", "in the set"))
-print(f"Of {something.sum()} hidden effects {exact} were named exactly, {tied} are in a credible set.")
+print(f"{exact} of {something.sum()} hidden effects were named exactly, {tied} are in a credible set.")
 alarms = (table[~something].verdict != "nothing missing").sum()
-print(f"Of {(~something).sum()} records with nothing hidden {alarms} raised an alarm.")
+print(f"{alarms} of {(~something).sum()} records with nothing hidden raised an alarm.")
 
 # %% [markdown]
 # The residual can fall to one noise level, not further. A row whose effect is not in the set is a wrong

@@ -69,14 +69,14 @@ def identified(decay: xr.Dataset, symbols: str) -> xr.DataTree:
 
 
 def searched(decay: xr.Dataset, start: str, effects: int, holdout: xr.Dataset | None = None) -> xr.DataTree:
-    """What a start model of one force lacks; residuals are in noise levels."""
+    """Find the forces that a start model lacks, and print residuals in noise levels."""
     unseen = () if holdout is None else holdout
     most = 1 if QUICK else effects
     tree = st.discover(decay, contact.select([start]), candidates, max_effects=most, holdout=unseen)
     display(tables.effects_found(tree))
     residuals = tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     print(
-        f"Verdict: {tree.attrs['verdict']}. On what was held out ({tree.attrs['held_out']}) the start model"
+        f"Verdict: {tree.attrs['verdict']}. On the held-out part ({tree.attrs['held_out']}) the start model"
     )
     print(
         f"has a residual of {residuals[0]:.3g} times the noise, the final one of {residuals[-1]:.3g} times."
