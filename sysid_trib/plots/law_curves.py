@@ -28,6 +28,9 @@ LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
+# The best formulas are drawn, no more than so many: further ones lie on top of them.
+MOST_FORMULAS = 3
+FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 1.5)), "zorder": 5}
 
 
 @shows("laws", block="Friction against speed")
@@ -36,7 +39,8 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
 
     Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
     by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
-    visited by the record; the dashed lines there are continuations.
+    visited by the record; the dashed lines there are continuations. Thin dotted lines: the simplest formulas
+    that stay within the band of the preferred method.
 
     Parameters
     ----------
@@ -61,6 +65,8 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
             }
         odd = {name for name in curves if np.all(results[name][shown.LAW_PLACES[law]] > 0.0)}
         _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
+        if f"{law}_formulas" in tree:
+            _draw_formulas(ax, tree[f"{law}_formulas"].to_dataset(), law, main)
     panels[0].set(xlabel=f"speed ({unit}/s)")
     panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")
     if len(panels) > 1:
@@ -112,6 +118,14 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
     low = min(low, max(float(main.values.min()), low - most)) - room
     high = max(high, min(float(main.values.max()), high + most)) + room
     ax.set(xlim=(-last if both else 0.0, last), ylim=(low, high))
+
+
+def _draw_formulas(ax: Axes, formulas: xr.Dataset, law: str, result: xr.Dataset) -> None:
+    """Draw the simplest formulas of a law over the visited range."""
+    places = formulas[shown.LAW_PLACES[law]].values
+    known = shown.known_part(result, places)[0] if law == "restoring" else np.zeros_like(places)
+    for at, values in enumerate(formulas[law].values[:MOST_FORMULAS]):
+        ax.plot(places, values - known, label="" if at else "formulas", **FORMULA)
 
 
 def _at_edge(seen: Mask) -> Mask:
