@@ -78,7 +78,8 @@ def test_what_a_page_says_is_printed_is_printed(page, command, generated):
 
 def _sentences(text):
     """Sentences of a page, without code, tables' lines and addresses."""
-    text = re.sub(r"^```.*?^```$|<!--.*?-->|^    .*$|^#.*$", "\n\n", text, flags=re.MULTILINE | re.DOTALL)
+    hidden = r"^```.*?^```$|<!--.*?-->|^    [^\n]*$|^#[^\n]*$"
+    text = re.sub(hidden, "\n\n", text, flags=re.MULTILINE | re.DOTALL)
     for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.)\s)|\|", re.sub(r"\]\([^)]*\)", "]", text)):
         yield from re.split(r"(?<=[.!?:])\s+|(?<=[.:?]\*\*)\s+", " ".join(block.split()))
 
