@@ -29,7 +29,7 @@ LAW_MARGIN, CONTINUED = 0.06, 0.45
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
 # The best formulas are drawn, no more than so many: further ones lie on top of them.
-MOST_FORMULAS = 3
+FORMULAS_DRAWN = 3
 FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 1.5)), "zorder": 5}
 
 
@@ -160,7 +160,7 @@ def _draw_formulas(ax: Axes, formulas: xr.Dataset, law: str, result: xr.Dataset)
     """Draw the simplest formulas of a law over the visited range."""
     places = formulas[shown.LAW_PLACES[law]].values
     known = shown.known_part(result, places)[0] if law == "restoring" else np.zeros_like(places)
-    for at, values in enumerate(formulas[law].values[:MOST_FORMULAS]):
+    for at, values in enumerate(formulas[law].values[:FORMULAS_DRAWN]):
         ax.plot(places, values - known, label="" if at else "formulas", **FORMULA)
 
 
