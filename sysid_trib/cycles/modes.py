@@ -84,7 +84,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "first_amplitude": variable(("mode", "sensor"), [end[0] for end in ends], "first amplitude", units),
         "last_amplitude": variable(("mode", "sensor"), [end[1] for end in ends], "last amplitude", units),
         "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
-        "residual": variable("sensor", ringing.residual, "RMS of what all modes leave", units),
+        "residual": variable("sensor", ringing.residual, "RMS residual of all modes", units),
     }
     second = ringing.second_blow
     start = float(sensors.time.values[0] + ringing.start * ringing.interval)
@@ -106,7 +106,7 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 
 def _close_modes(ringing: Ringing) -> Iterator[str]:
-    """Warn of neighbouring modes that the record, or its sensors, do not separate reliably."""
+    """Warn about neighbouring modes that the record, or its sensors, do not separate reliably."""
     for number, own in enumerate(ringing.modes, 1):
         for other in unresolved(own, ringing):
             frequency = central_frequency(other, ringing.interval)
@@ -190,8 +190,8 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
     fits_to_noise = least < LARGEST_A_POINT * history.time.size
     if fits_to_noise and least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
         yield (
-            f"the frequency of mode {number} depends on the amplitude of mode {other}: by {change:+.2g} Hz "
-            "at the largest, beyond what it does by its own amplitude"
+            f"the frequency of mode {number} depends on the amplitude of mode {other}, in addition to its "
+            f"own: by {change:+.2g} Hz at the largest amplitude"
         )
 
 

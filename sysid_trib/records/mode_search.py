@@ -315,7 +315,7 @@ def unresolved(component: Component, ringing: Ringing) -> list[Component]:
 
 def second_blow_at(time: float) -> str:
     """Describe a jump of the signals at a time (s)."""
-    return f"the signals jump at {time:.4g} s, as by a second blow: what comes after it is left out"
+    return f"the signals jump at {time:.4g} s, as after a second blow: later samples are left out"
 
 
 def not_separated(ringing: Ringing) -> str:

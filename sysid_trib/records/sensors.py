@@ -177,7 +177,7 @@ def _columns(table: tables.FileTable, how: reading.Reading) -> tuple[list[Column
     moving = [c for c in numeric if not c.is_level and drives.moves(c)]
     sensors = [c for c in moving if not drives.is_named_as_drive(c)] or moving
     if not sensors:
-        raise RecordError(f"{table.source}: there is no column of a sensor beside the time.")
+        raise RecordError(f"{table.source}: there is no column of a sensor, only the time.")
     kinds = {column: _quantity(table, column, how) for column in sensors}
     chosen = next((kind for kind in SENSOR_QUANTITIES if kind in kinds.values()), "")
     said = [
