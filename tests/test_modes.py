@@ -200,7 +200,7 @@ def test_close_modes_at_one_sensor_are_a_warning():
     assert st.modes(two_modes().isel(sensor=[1])).attrs["close_modes"] == []
 
 
-@pytest.mark.parametrize("apart", [1.03, 1.05])
+@pytest.mark.parametrize("apart", [1.04, 1.05])
 def test_shapes_separate_close_modes(apart):
     source = close_modes(3, apart)
     for number, law in source.laws.items():
@@ -214,6 +214,12 @@ def test_close_modes_of_similar_shapes_are_a_warning():
     similar = two_modes(second=(84.0, 0.002, 40.0), shapes=np.array([[0.5, 0.45], [1.0, 0.9], [-0.8, -0.7]]))
     assert "shapes at these sensors are too similar" in st.modes(similar).attrs["close_modes"][0]
     assert "shapes at these sensors are too similar" in st.one_mode(similar, 1).attrs["separation"]
+
+
+def test_modes_that_even_shapes_do_not_separate_are_a_warning():
+    close = close_modes(3, 1.03).record(0)
+    assert "even different shapes do not separate" in st.one_mode(close, 2).attrs["separation"]
+    assert "even different shapes do not separate" in st.modes(close).attrs["close_modes"][0]
 
 
 def test_a_mode_that_beats_with_an_unresolved_one_is_a_warning():

@@ -20,11 +20,10 @@ from sysid_trib.records.mode_history import (
 from sysid_trib.records.mode_search import (
     Ringing,
     amplitude_at,
-    are_close,
     central_frequency,
     find_ringing,
-    not_separated,
     second_blow_at,
+    too_close,
     unresolved,
 )
 from sysid_trib.records.one_mode import nothing_decays
@@ -116,11 +115,11 @@ def _close_modes(ringing: Ringing) -> Iterator[str]:
                 "where one of them does not move"
             )
     for number, (low, high) in enumerate(pairwise(ringing.modes), 1):
-        if are_close(low, high, ringing):
+        if reason := too_close(low, high, ringing):
             ratio = central_frequency(high, ringing.interval) / central_frequency(low, ringing.interval)
             yield (
                 f"the frequencies of modes {number} and {number + 1} differ by {100 * (ratio - 1.0):.2g} %: "
-                f"{not_separated(ringing)}; measure at several places where the two modes move differently"
+                f"{reason}; strike, or measure, where one of them does not move"
             )
 
 

@@ -46,8 +46,9 @@ LEAST_AMPLITUDE = 0.003
 MULTIPLE_TOLERANCE, LARGEST_HARMONIC, MOST_MULTIPLE = 4e-3, 0.1, 9
 # A line is steady if it keeps more than this part of its amplitude from the first third to the last.
 STEADY = 0.7
-# Frequencies alone do not separate modes reliably that differ by a smaller part.
-CLOSE_FREQUENCIES = 0.07
+# Modes are not separated reliably whose frequencies differ by a smaller part: by their frequencies alone, and
+# by different shapes at several sensors.
+CLOSE_FREQUENCIES, CLOSE_WITH_SHAPES = 0.07, 0.033
 # Two oscillations are resolved if they beat so often.
 FEWEST_BEATS = 3.0
 # Noise of a signal, beside its range, below which modes are not separated.
@@ -290,13 +291,20 @@ def is_multiple(ratio: float) -> bool:
     return 2 <= whole <= MOST_MULTIPLE and abs(ratio / whole - 1.0) < MULTIPLE_TOLERANCE
 
 
-def are_close(component: Component, other: Component, ringing: Ringing) -> bool:
-    """Return whether two modes are too close to be separated reliably, in frequency and in shape."""
+def too_close(component: Component, other: Component, ringing: Ringing) -> str:
+    """Describe why two modes are too close to be separated reliably; empty if they are not."""
     frequency, second = (central_frequency(part, ringing.interval) for part in (component, other))
-    if abs(second / frequency - 1.0) > CLOSE_FREQUENCIES:
-        return False
+    apart = abs(second / frequency - 1.0)
+    if apart > CLOSE_FREQUENCIES:
+        return ""
+    if ringing.noise.size == 1:
+        return "one sensor does not separate such close modes reliably"
     own, shape = (component_shape(part, ringing.noise).real for part in (component, other))
-    return noise_of_cancelling(own, [shape], ringing.noise) > MOST_CANCELLING
+    if noise_of_cancelling(own, [shape], ringing.noise) > MOST_CANCELLING:
+        return "their shapes at these sensors are too similar to separate such close modes reliably"
+    if apart < CLOSE_WITH_SHAPES:
+        return "even different shapes do not separate such close modes reliably"
+    return ""
 
 
 def unresolved(component: Component, ringing: Ringing) -> list[Component]:
@@ -316,13 +324,6 @@ def unresolved(component: Component, ringing: Ringing) -> list[Component]:
 def second_blow_at(time: float) -> str:
     """Describe a jump of the signals at a time (s)."""
     return f"the signals jump at {time:.4g} s, as after a second blow: later samples are left out"
-
-
-def not_separated(ringing: Ringing) -> str:
-    """Describe why the sensors do not separate two close modes."""
-    if ringing.noise.size == 1:
-        return "one sensor does not separate such close modes reliably"
-    return "their shapes at these sensors are too similar to separate such close modes reliably"
 
 
 def _kinds(components: Sequence[Component], interval: float) -> list[str]:

@@ -14,12 +14,11 @@ from sysid_trib.records.mode_history import RISE_MEANS, history_of, rise_of
 from sysid_trib.records.mode_search import (
     FEWEST_BEATS,
     Ringing,
-    are_close,
     central_frequency,
     find_ringing,
     is_multiple,
-    not_separated,
     second_blow_at,
+    too_close,
     unresolved,
 )
 from sysid_trib.records.ringing import (
@@ -487,12 +486,13 @@ def _close_modes(ringing: Ringing, place: int) -> list[str]:
     frequency = central_frequency(own, ringing.interval)
     said = []
     for other in ringing.modes:
-        if other is not own and are_close(own, other, ringing):
+        reason = "" if other is own else too_close(own, other, ringing)
+        if reason:
             second = central_frequency(other, ringing.interval)
             said.append(
                 f"the mode of {second:.4g} Hz differs by {100 * abs(second / frequency - 1.0):.2g} % in "
-                f"frequency; {not_separated(ringing)}: curves can be wrong by more than their bands; measure "
-                "at several places where the two modes move differently"
+                f"frequency; {reason}: curves can be wrong by more than their bands; strike, or measure, "
+                "where one of them does not move"
             )
     return said
 
