@@ -278,8 +278,8 @@ def _several_modes(given: RecordOptions, run: xr.Dataset) -> str:
     if band_or_mode(given) or given.input_ is not None or int(run.attrs.get("integrations", 0)) != 2:
         return ""
     measured = run[str(run.attrs["measured"])]
-    found = modes.modes(run.time.values, measured.values)
-    return modes.listed(found) if len(found) > 1 else ""
+    frequencies = modes.modes(run.time.values, measured.values)
+    return modes.listed(frequencies) if len(frequencies) > 1 else ""
 
 
 def band_or_mode(given: RecordOptions) -> bool:
