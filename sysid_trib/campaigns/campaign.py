@@ -63,7 +63,8 @@ def campaign(
         Processes on this machine; 0: this process alone, without dask. Or the address of a scheduler of dask
         (tcp://...), whose workers see the files under the same names.
     memory : str
-        Of each process on this machine ("2GB"), by default its part of all; one that needs more is replaced.
+        Limit of each process on this machine ("2GB"), by default its share of all; a process that needs more
+        is replaced.
     tell : Tell, optional
         Called with what is done and what failed.
 

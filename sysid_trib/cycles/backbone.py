@@ -42,7 +42,7 @@ def period_rows(
     Parameters
     ----------
     measured : Dataset
-        Of `envelope`; four half periods at least.
+        Result of `envelope`; four half periods at least.
     slopes : mapping of str to (row,) array, optional
         Derivatives of both curves by the log amplitude: an amplitude that is off moves a row along its curve.
 

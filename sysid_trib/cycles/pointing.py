@@ -417,7 +417,7 @@ def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float
     Parameters
     ----------
     curves : Dataset
-        Of `backbone`.
+        Result of `backbone`.
     held : sequence of (Force, float)
         The forces, and their coefficients.
     least : float

@@ -20,7 +20,7 @@ def with_consequences(tree: xr.DataTree) -> xr.DataTree:
     Parameters
     ----------
     tree : DataTree
-        Of `identify`. Any other result, and one that has the group, is returned as it is.
+        Result of `identify`. Any other result, and one that has the group, is returned as it is.
 
     Returns
     -------

@@ -212,14 +212,14 @@ def in_si_units(
     result : Dataset
         An identification: of an angle, with an inertia, or of a displacement, with a mass.
     inertia : (float, float), kg m^2
-        Moment of inertia and its standard error; each of these is so given.
+        Moment of inertia and its standard error; likewise for the others.
     mass : (float, float), kg
-        Of a displacement in a unit of length.
+        Mass, for a displacement in a unit of length.
     load : (float, float), N
         Normal load of the contact.
     radius : (float, float), m
-        Of an angle: at which radius the contact rubs. It is 2/3 of the contact's own where that turns about
-        its centre under an even pressure, and 3 pi/16 of it under Hertz's.
+        Friction radius, for an angle: 2/3 of the radius of the contact if it turns about its centre under
+        uniform pressure, and 3 pi/16 of it under Hertz's pressure.
 
     Returns
     -------

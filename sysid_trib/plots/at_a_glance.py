@@ -75,7 +75,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     run : int
         Which of several runs, from 0.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     if is_of_driven(tree):
         # Its motion has no half periods.

@@ -27,7 +27,7 @@ def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
     data : Dataset
         Group `interaction` of a result of `laws`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     figure = new_figure(min(width, TWO_COLUMNS), MAP_HEIGHT)
     ax = figure.subplots()

@@ -45,9 +45,9 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     Parameters
     ----------
     tree : DataTree
-        Of `laws`.
+        Result of `laws`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     unit = signal_units(tree)
     inertia = "inertia" if unit == "rad" else "mass"
@@ -90,7 +90,7 @@ def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
     data : Dataset
         The group `own_laws` of a result of `laws`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     own = [law for law in shown.LAW_PLACES if np.ptp(data[law].values, axis=0).any()]
     figure, panels = style.grid(len(own), 2, width, LAW_HEIGHT)

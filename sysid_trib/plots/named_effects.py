@@ -52,7 +52,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     run : int
         Which of several runs, from 0.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     wide = width >= TWO_COLUMNS
     texts = ["", *_texts_of_effects(tree, width)]
@@ -188,7 +188,7 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     tree : xr.DataTree
         Result of `discover`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     # The selection step at which each effect was chosen: 0 before the first.
     chosen = [step.selection_step.item() for step in steps_taken(tree)]

@@ -128,9 +128,9 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
     Parameters
     ----------
     tree : DataTree
-        Of `look`.
+        Result of `look`.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     next_command : str
         To copy.
     """
@@ -158,7 +158,7 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     Parameters
     ----------
     tree : DataTree
-        Of `look`.
+        Result of `look`.
     system : str or None
         What moves, if the user has said it.
     """
@@ -216,7 +216,7 @@ def driven_look_blocks(
     tree : DataTree
         The records, with their inputs.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     models : sequence of FittingModel
         The best one first.
     next_command : str
@@ -366,7 +366,7 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
     backbones : mapping of str to Dataset
         That of each run, of `backbone`.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     """
     yield Block(list(dict.fromkeys(sources)))
     for run, data in enumerate(backbones.values(), 1):

@@ -30,7 +30,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
+        Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
 
     Returns
     -------

@@ -38,7 +38,7 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
     Parameters
     ----------
     first, second : Dataset or DataTree
-        Of `laws`, of different records in one unit; several runs of a sample share their laws.
+        Result of `laws`, of different records in one unit; several runs of a sample share their laws.
 
     Returns
     -------

@@ -26,7 +26,7 @@ def response_of_mode(
     Parameters
     ----------
     backbone : Dataset
-        Of `backbone`, of the record of one mode.
+        Result of `backbone`, of the record of one mode.
     drive : float
         Amplitude of the force on the mode: in N if its modal mass is given, else over the modal mass, in the
         unit of the displacement over s^2.

@@ -74,7 +74,7 @@ def show(result: xr.Dataset | xr.DataTree | ForceLibrary, *, explain: bool = Fal
     Parameters
     ----------
     result : Dataset, DataTree or ForceLibrary
-        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign`, `backbone`,
+        Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign`, `backbone`,
         `forced_response`, or a force library.
     explain : bool
         Whether all is said, as by `--explain`.

@@ -144,7 +144,7 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, or an identification itself.
+        Result of `identify`, `laws`, `compare`, `discover`, or an identification itself.
 
     Returns
     -------

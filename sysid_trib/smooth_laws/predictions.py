@@ -24,7 +24,7 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
     Parameters
     ----------
     listed : mapping of str to Dataset
-        Of `law_formulas`, by law.
+        Result of `law_formulas`, by law.
     fit : LawFit
         The laws.
 
