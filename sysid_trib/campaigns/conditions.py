@@ -41,7 +41,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
     Parameters
     ----------
     store : Dataset
-        Of a campaign.
+        Store of a campaign.
     method : str
         Label of the identification.
 

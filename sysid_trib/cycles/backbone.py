@@ -49,7 +49,7 @@ def period_rows(
     Returns
     -------
     log_amplitude : (row,) array of float
-        Of the geometric mean of the extrema at the ends of each period.
+        Log amplitude of the geometric mean of the extrema at the ends of each period.
     rows : dict of str to CurveRows
         ``damping_ratio``, the logarithmic decrement over 2 pi, and ``frequency`` (rad/s).
     """

@@ -114,7 +114,7 @@ class Fits:
     kept : dict of frozenset of str to FittedModel
         The likeliest of each set of effects.
     screenings : dict of frozenset of str to Screening
-        Of the candidates with a model of each set of effects.
+        Screenings of the candidates with a model of each set of effects.
     failed : list of str
         What could not be fitted.
     by_chance : set of frozenset of str
@@ -127,7 +127,7 @@ class Fits:
     predict : callable
         How a model predicts what was held out.
     best : FittedModel or None
-        Of the models that a search came to by adding the one that predicts best.
+        Best of the models that a search came to by adding the one that predicts best.
     plain : PlainStart or None
         The start model fitted without a random force, where its motion is nearer to the records.
     """

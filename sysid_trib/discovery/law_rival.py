@@ -30,7 +30,7 @@ def held_out_by_laws(
     named : ForceLibrary
         The forces of the start model, which stay outside of the penalty.
     constraints : mapping
-        Of their coefficients.
+        Constraints of their coefficients.
     learnt, later : sequence of RecordPart
         What the laws are identified from, and what they predict.
 

@@ -199,7 +199,7 @@ def _p_value_by_simulation(
     tested : sequence of (row, column) array of float
         The columns, of each run.
     products : sequence of RunProducts
-        Of the target, the model's columns and those that are tested.
+        Products of the target, the model's columns and those that are tested.
 
     Notes
     -----

@@ -26,7 +26,7 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     Parameters
     ----------
     models : sequence of FittedModel
-        Of several runs each; the last is the final one.
+        Models of several runs each; the last is the final one.
 
     Returns
     -------

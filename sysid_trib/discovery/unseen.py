@@ -161,7 +161,7 @@ def predicted(
     runs : sequence of int
         Whose noises are those of each.
     frequency : float, rad/s
-        Of the test functions, the same for models that are compared.
+        Frequency of the test functions, the same for models that are compared.
 
     Notes
     -----

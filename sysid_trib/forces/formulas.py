@@ -110,7 +110,7 @@ class Formula:
         Parameters
         ----------
         powers : mapping of str to float
-            Of each variable that grows.
+            Powers of each variable that grows.
         points : mapping of str to (point,) array of float
             Values of the variables.
         factors : sequence of float

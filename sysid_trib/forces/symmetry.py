@@ -76,7 +76,7 @@ class Channel(NamedTuple):
     input : str
         Its name.
     order : int
-        Of the derivative.
+        Order of the derivative.
     kind : str
         One of `INPUT_KINDS`; other than "" it is in the unit of the signal, or that over s or s^2.
     """

@@ -54,7 +54,7 @@ class Lines:
     line : (line,) array of float
         Cycles a sample.
     power : (line,) array of float
-        Of white noise the variance of a sample.
+        Power; for white noise the variance of a sample.
     count : (line,) array of float
         How many are in each.
     """

@@ -90,7 +90,7 @@ def average_over_ratios(
     estimate : VarianceRatio
         As `variance_ratio` gives it of these rows.
     samples : int
-        Of the record.
+        Samples of the record.
     solved : callable
         Parameters and their covariance with a ratio and its variance.
 

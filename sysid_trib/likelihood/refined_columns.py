@@ -44,7 +44,7 @@ def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -
     linear_about : tuple of RunRegression
         About whose paths the rows are linear; about each motion itself where that does not settle.
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
 
     Returns
     -------
@@ -63,11 +63,11 @@ def refine_from(runs: Runs, start: Model, most: int, constraints: ConstraintMap)
     runs : tuple of RunRegression
         About any paths.
     start : Model
-        Of nearly the same forces; those that it lacks are zero.
+        Identification of nearly the same forces; missing ones are zero.
     most : int
         Motions at most: of one the estimate is a step of Gauss and Newton from the start.
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
 
     Returns
     -------

@@ -144,9 +144,9 @@ class Solution:
     coefficients : (force,) array of float
         Of the rows, at the frequency that they were made with; zero where a force is not in the model.
     steps : (run,) or (run + 1,) array of float
-        Of the nuisances: the sensor's zero in each run (rad), the stiffness.
+        Steps of the nuisances: the sensor's zero in each run (rad), the stiffness.
     covariance : (force + 1, force + 1) array of float
-        Of the coefficients and the reference frequency (rad/s).
+        Covariance of the coefficients and the reference frequency (rad/s).
     noise : float, rad
         RMS residual of the white rows.
     lags : int

@@ -43,7 +43,7 @@ def regress_stochastic(
     runs : tuple of RunRegression
         With a first estimate.
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
         A number is the one-sided density, held.
 
@@ -103,7 +103,7 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
     ----------
     weighed : sequence of WeighedRun
     solution : Solution
-        Of their rows.
+        Solution of their rows.
 
     Returns
     -------

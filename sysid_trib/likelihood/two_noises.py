@@ -126,7 +126,7 @@ def with_noises(
     ----------
     run : RunRegression
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
         A number is the one-sided density, held.
     colour : bool

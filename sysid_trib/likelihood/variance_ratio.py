@@ -42,7 +42,7 @@ class WhiteRows:
     target : (row,) array of float
     design : (row, column) array of float
     log_determinant : float
-        Of the covariance in units of the variance.
+        Log determinant of the covariance in units of the variance.
     further : float
         Number of samples that a row stands for beyond itself: of noise alone one row may have the squares of
         many.
@@ -109,7 +109,7 @@ class VarianceRatio:
     ratio : float
         0 where the likelihood is greatest there.
     variance : float
-        Of the sensor's noise.
+        Variance of the sensor's noise.
     relative_error : float
         Standard error of ratio * variance over itself; where that is 0, nan.
     upper : float

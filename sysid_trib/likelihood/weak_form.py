@@ -143,7 +143,7 @@ def points_between(tau: Array, intervals: int, per_period: float) -> tuple[Splin
     tau : (sample,) array of float
         Of the weak form.
     intervals : int
-        Of the weak form.
+        Intervals of the weak form.
     per_period : float
         Points wanted in 2 pi of tau, at least.
 
@@ -152,7 +152,7 @@ def points_between(tau: Array, intervals: int, per_period: float) -> tuple[Splin
     splines : SplinesAt
         On the knots of the test functions, at the points: each step of `tau` in equal parts.
     integrals : (row, point) sparse array of float
-        Of the same rows as `WeakForm.value`.
+        Integrals of the same rows as `WeakForm.value`.
     """
     step = float(np.median(np.diff(tau)))
     parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))

@@ -79,9 +79,9 @@ class AuxiliaryModel:
     curve : {"half-sines", "analytic-signal"}
         What extrema are taken from.
     rule : Rule
-        Of least squares (see `solve`).
+        Rule of least squares (see `solve`).
     names : tuple of str
-        Of the first parameters, for what is refused.
+        Names of the first parameters, for errors.
     curves : tuple of arrays of int
         Parameters of each smooth curve, which are penalised (see `solve_curves`).
     means : callable, optional
@@ -204,7 +204,7 @@ def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Datase
     noise : float
         Standard deviation of a sample, in the unit of the decay.
     density : float
-        Of the random force, (rad/s^2)^2/Hz.
+        Density of the random force, (rad/s^2)^2/Hz.
     """
     return _at_noise(measured, noise).assign({half_periods.DENSITY: density} if density else {})
 
@@ -242,7 +242,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
     Parameters
     ----------
     groups : sequence of HalfPeriodEquations
-        Of one run, the rate of the amplitude and the frequency at each instant.
+        Equations of one run: the rate of the amplitude and the frequency at each instant.
     measured : Dataset
         Their envelope.
 

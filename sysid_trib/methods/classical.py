@@ -105,11 +105,11 @@ def decrement(
     Parameters
     ----------
     name : str
-        Of the class.
+        Name of the class.
     relation : callable
         From extrema and times to design and target (see `Equations`). Its docstring is that of the method.
     label : str
-        Of the method in tables and sentences.
+        Label of the method in tables and sentences.
     forces : mapping of str to float
         Formulas of the forces, in the order of the parameters, and coefficients of a decay that has nothing
         else. The parameter of `2*v` gives zeta.

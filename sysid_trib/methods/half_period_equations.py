@@ -169,7 +169,7 @@ def solve(
     rule : {"weighted", "plain", "last"}
         Generalised least squares, or plain ones; with `last` the last parameter is the last target.
     names : sequence of str
-        Of the first parameters.
+        Names of the first parameters.
 
     Returns
     -------
@@ -217,11 +217,11 @@ def solve_curves(
     measured : sequence of Dataset
         The envelope of each run.
     names : sequence of str
-        Of the first parameters.
+        Names of the first parameters.
     curves : sequence of arrays of int
         Parameters of each curve (see `smooth_least_squares`).
     penalty : Penalty, optional
-        Of the curves; estimated from the equations where left out.
+        Penalty of the curves; estimated from the equations where left out.
 
     Returns
     -------

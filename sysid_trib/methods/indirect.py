@@ -56,13 +56,13 @@ class IndirectEstimate:
     covariance : (value, value) array of float
         Scaled by the Birge ratios.
     birge_ratios : Mapping of str to float
-        Of each group of equations, and of all by an empty name.
+        Birge ratios of each group of equations, and of all by an empty name.
     bias_removed : bool
         Whether the bias was taken off.
     bias_reason : str
         Why it was not, where that was tried.
     random_forces : list of RandomForce
-        Of each run; none where the motion is not pushed.
+        Random forces of each run; none where the motion is not pushed.
     """
 
     values: Array

@@ -154,7 +154,7 @@ class LinearModel:
         Parameters
         ----------
         ratio : float
-            Of the random force's growth of the variance of v to the variance of the sensor's noise.
+            Ratio of the random force's growth of the variance of v to the variance of the sensor's noise.
         parameters : (column,) array of float, optional
             Deviations at which the record is filtered; where left out, it and each column are for themselves.
 
@@ -162,7 +162,7 @@ class LinearModel:
         -------
         predicted : (sample, state, signal) array of float
         innovations : (sample, signal) array of float, rad
-            Of the record, minus what each column adds to it.
+            Innovations of the record, minus those of each column.
         variance : (sample,) array of float
         """
         gain, variance = self.gains(ratio)
@@ -197,7 +197,7 @@ class LinearModel:
         Parameters
         ----------
         gain : (sample, state) array of float
-            Of the prediction; zero for the motion that no record corrects.
+            Gain of the prediction; zero for the motion that no record corrects.
         source : (sample, state, column) array of float
         backward : bool
             The transposed recursion from the last sample, r[k] = (transition - gain observed)' r[k + 1] +

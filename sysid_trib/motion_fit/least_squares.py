@@ -234,7 +234,7 @@ def fitted(
     ridge : float
         Weight of the distance from the first guess, of the sizes of the sensitivities there (Tikhonov).
     most_evaluations : int
-        Of the residuals.
+        Largest number of evaluations of the residuals.
     """
     parameters = problem.parameters
     tolerance = tolerance or (CONVERGED_DRIVEN if problem.driven else CONVERGED)

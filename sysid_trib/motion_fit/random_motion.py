@@ -59,7 +59,7 @@ class Iterate:
     linear : sequence of LinearModel
         The runs about their filtered paths, with columns for the free parameters.
     ratios : sequence of VarianceRatio
-        Of each run: per_tau of the random force over the variance of the sensor's noise.
+        Ratios of each run: per_tau of the random force over the variance of the sensor's noise.
     """
 
     parameters: Parameters

@@ -31,7 +31,7 @@ def contact_stiffness(
     inertia : float, kg m^2
         Moment of inertia.
     frequency_standard_error : float, rad/s
-        Of a w_inf given as a number.
+        Standard error of a w_inf given as a number.
     omega0_standard_error : float, rad/s
         Standard error of `omega0`.
     inertia_standard_error : float, kg m^2

@@ -178,7 +178,7 @@ def against_condition(
     compared : Dataset
         Result of `between_runs`.
     name : str
-        Of the condition.
+        Name of the condition.
     condition : (run,) array_like
         Its value in each run, numbers or texts.
     width : float, inch

@@ -245,7 +245,7 @@ def by_variables(data: xr.Dataset) -> dict[str, Any]:
     Parameters
     ----------
     data : Dataset
-        Of one dimension with labels, beside dimensions without.
+        Data of one dimension with labels, beside dimensions without.
     """
     dims = [dim for dim in data.dims if dim in data.coords]
     along = {name: next((dim for dim in dims if dim in data[name].dims), "") for name in data.data_vars}

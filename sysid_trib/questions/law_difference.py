@@ -134,7 +134,7 @@ def p_value(z: Array, covariance: Array) -> float:
     z : (place,) array of float
         The curve over its standard errors.
     covariance : (place, place) array of float
-        Of the curve.
+        Covariance of the curve.
     """
     largest, draws = float(np.max(np.abs(z))), bands.largest_of_draws(covariance)
     if not len(draws):

@@ -33,7 +33,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     run : int
         Which run's motion and envelope.
     seed : int
-        Of the draws.
+        Seed of the draws.
 
     Returns
     -------

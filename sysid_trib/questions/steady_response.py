@@ -56,7 +56,7 @@ def forced_response(
     base : bool
         Of a model without inputs: `drive` is the displacement of a base, from which the signal is counted.
     seed : int
-        Of the draws for the bands.
+        Seed of the draws for the bands.
 
     Returns
     -------

@@ -152,7 +152,7 @@ def _assumed_unit(
     ----------
     table : FileTable
     signal : Column
-        Of its columns the signal.
+        Signal among its columns.
     time, values : (sample,) array of float, s and the column's unit
         The signal without bad samples.
     meant : str, optional

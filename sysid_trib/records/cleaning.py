@@ -170,7 +170,7 @@ def outliers(time: Array, signal: Array, period: float) -> Index:
     signal : (sample,) array of float
         In any unit.
     period : float, s
-        Of the swing.
+        Period of the swing.
 
     Notes
     -----

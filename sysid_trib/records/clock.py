@@ -93,7 +93,7 @@ def read_clock(
     stamps : (row,) array of float
         In the unit of the file; nan where one is missing.
     factor : float
-        Of that unit, in s.
+        Factor of that unit, in s.
     source : str
         Name of the file, for messages.
     values : (row,) array of float
@@ -167,7 +167,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str, remedy: s
     whole : bool
         Whether the stamps are whole numbers.
     source : str
-        Of whom the question speaks.
+        Source that the error names.
     remedy : str
         What to give.
 

@@ -60,7 +60,7 @@ class Ringing:
     components : tuple of Component
         By rising frequency.
     kinds : tuple of str
-        Of each of them: ``mode``, ``harmonic``, ``line`` (steady), ``weak``.
+        Kind of each: ``mode``, ``harmonic``, ``line`` (steady), ``weak``.
     residual : (sensor,) array of float
         RMS of what they leave.
     second_blow : int or None
@@ -96,7 +96,7 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
     ----------
     signals : (sensor, sample) array of float
     interval : float, s
-        Of the samples.
+        Interval of the samples.
     """
     onset, start, second = _free_part(signals)
     noise = np.maximum(_white_noise(signals[:, start:second]), LEAST_NOISE * np.ptp(signals, axis=1))

@@ -70,8 +70,8 @@ def read_record(
         Length of a pendulum: a displacement in a unit of length becomes an angle.
     input : str, sequence of str, or mapping of str to str, optional
         Columns of the inputs that drive the motion: `"V1"` is the input `u` of formulas,
-        `{"u": "V1", "b": "V2"}` are several by their names; `"base.mat:y"` is a column of another file, with its own clock, and
-        `"*_y.mat:y"` of that whose name is most like the record's.
+        `{"u": "V1", "b": "V2"}` are several by their names. `"base.mat:y"` is a column of another file, with
+        its own clock; `"*_y.mat:y"` is one of the file with the most similar name.
     between : {"smooth", "linear", "held", "cubic"}, optional
         Interpolation of inputs between their samples: smooth, like a signal measured without aliasing; held,
         like the output of a converter. By default smooth, or held if they move in steps.

@@ -24,7 +24,7 @@ def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     Parameters
     ----------
     columns : sequence of Column
-        Of one file.
+        Columns of one file.
     """
     said: list[str] = []
     columns = tuple(columns)

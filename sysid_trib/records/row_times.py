@@ -50,7 +50,7 @@ class RowTimes(NamedTuple):
     clock : Clock
         Times in s, and the rows that they belong to.
     unit : str
-        Of the times in the file.
+        Unit of the times in the file.
     said : list of str
         What is to be said of it.
     origin : Origin
@@ -70,10 +70,10 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
     ----------
     table : FileTable
     time : Column or None
-        Of its columns the time, if any.
+        Time among its columns, if any.
     signal : Column
     values : (row,) array of float
-        Of the signal.
+        Values of the signal.
     how : Reading
 
     Returns
@@ -233,7 +233,7 @@ def with_inputs(
     table : FileTable
         That it is from.
     rows : (time,) array of int
-        Of the table, one for each time.
+        Rows of the table, one for each time.
     how : Reading
         `inputs` are columns by name or number, formulas of them, or of another file as `base.mat:y`;
         `between` is what is between their samples.

@@ -82,7 +82,7 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
     decay : Dataset
         `angle(time)`.
     noise : float, rad
-        Of a sample.
+        Noise of a sample.
 
     Notes
     -----

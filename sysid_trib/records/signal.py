@@ -133,7 +133,7 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
         Rising, in any steps.
     signal : (sample,) array of float
     period : float, s
-        Of the oscillation: a gap of more than a quarter of it parts the record.
+        Period of the oscillation: a gap of more than a quarter of it parts the record.
     breaks : tuple of float, s
         Further times at which a piece starts.
 
@@ -196,7 +196,7 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
         Rising.
     signal : (sample,) array of float
     period : float, s
-        Of the oscillation.
+        Period of the oscillation.
 
     Returns
     -------
@@ -243,7 +243,7 @@ def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any,
     ----------
     time, measured : (sample,) array of float
     period : float, s
-        Of the oscillation.
+        Period of the oscillation.
     attrs : mapping
         `integrations`, how often it is integrated; `felt_per_sine` of an accelerometer on a pendulum, which
         feels so much times the sine of the angle.

@@ -286,7 +286,7 @@ def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0)
     ----------
     notes : sequence of str
     place : int, optional
-        Of the signal among the columns that are no times.
+        Place of the signal among the columns that are no times.
     signals : int
         How many of these there are: of a list of so many units it is that at its place.
     """

@@ -125,7 +125,7 @@ def fit_start(
     offset : float or None, rad
         First guess of the sensor's zero; None holds it at zero.
     sensitivity : (sample, 2) array of float, optional
-        Of a model nearby; its own where left out.
+        Sensitivity of a model nearby; by default its own.
     near : bool
         Whether the motion need only be near the record, not the best of all: the last step is then taken by
         its start alone.

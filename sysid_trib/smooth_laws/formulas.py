@@ -121,7 +121,7 @@ class LawFormula:
         Shape parameters are written into their formulas.
     coefficients, errors : (force,) array of float
     chi_square : float
-        Of the law minus the formula, in the metric of the law's covariance.
+        Chi square of the law minus the formula, in the metric of the law's covariance.
     values : (place,) array of float
         The law by this formula over the inertia.
     deviation : float

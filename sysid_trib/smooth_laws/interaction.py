@@ -123,7 +123,7 @@ def readings(fit: LawFit, amplitude: float) -> xr.Dataset | None:
     fit : LawFit
         By Direct.
     amplitude : float
-        Of the cycle over which forces are averaged, rad.
+        Amplitude of the cycle over which forces are averaged, rad.
 
     Returns
     -------

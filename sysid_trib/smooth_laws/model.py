@@ -30,7 +30,7 @@ class LawModel:
     named : ForceLibrary
         Forces outside of the penalty, and those that are held.
     constraints : mapping
-        Of coefficients.
+        Constraints of coefficients.
     odd, even : tuple of str
         Curves of `libraries/curves.toml`; none where the record decides no curve.
     own : tuple of str

@@ -177,7 +177,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     trials : mapping of str to Trial
         What came of each method, by its label.
     noises : sequence of float, rad
-        Of each run, the same for all methods.
+        Noises of each run, the same for all methods.
     blocks : sequence of int
         Samples of a period of each run.
     """

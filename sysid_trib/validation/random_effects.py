@@ -29,7 +29,7 @@ class RandomEffects:
     values, errors : (value,) array of float
         Errors above zero.
     design : (value, column) array of float
-        Of full rank, with fewer columns than values.
+        Design of full rank, with fewer columns than values.
     scatter : float, or (tau,) array of float
         The tau with which they are weighted; of several all that follows has a row each.
     """

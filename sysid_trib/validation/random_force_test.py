@@ -47,7 +47,7 @@ def random_force_dependence(
     run : int
         Which of the result's runs the decay is.
     seed : int
-        Of the simulated records that calibrate the test.
+        Seed of the simulated records that calibrate the test.
 
     Returns
     -------

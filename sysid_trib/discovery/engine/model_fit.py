@@ -53,7 +53,7 @@ def fit_model(
     possible : callable
         What physics allows: a fit that has left that for two rounds is given up.
     part : float
-        Of the way that a round goes at first.
+        Part of the way that a round goes at first.
 
     Notes
     -----

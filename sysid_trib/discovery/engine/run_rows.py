@@ -166,11 +166,11 @@ class RunRows:
         residual : (row,) array of float
             What a model leaves of the rows.
         errors : (sample,) array of float, rad
-            Of the sensor, its zero among them.
+            Errors of the sensor, its zero among them.
         slopes : pair of (sample,) array of float
             By which these errors grow with the angle and with its rate.
         ratio : float
-            Of the random force to the noise of the sensor.
+            Ratio of the random force to the noise of the sensor.
         part : float
 
         Notes
