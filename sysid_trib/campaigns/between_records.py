@@ -66,7 +66,7 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
     Returns
     -------
     table : DataFrame
-        Those whose effects a fit can tell apart.
+        Conditions with separable effects.
     collinear : dict of str to str
         Each of the others, and with which it goes: `'load'`, or `'load', 'speed' together`.
     """

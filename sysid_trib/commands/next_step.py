@@ -276,7 +276,7 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
     tree : DataTree
         Result of a command.
     given : RecordOptions
-        What the command was given; the next command takes over the options that it knows.
+        Options of the command; the next command takes over those that it knows.
     """
     step = next_step(tree)
     if kind_of(tree) == "driven" and (after := _after_driven(tree, given)) is not None:

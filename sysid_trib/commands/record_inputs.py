@@ -133,7 +133,7 @@ def read_decays(
     decays : list of xr.Dataset
         The decays: those of a file that holds several are runs as well.
     sentences : list of str
-        What each of them is.
+        Descriptions of them.
     """
     named = isinstance(given, ForcesOptions) and bool(given.forces)
     sources = read_sources(given, driven=driven)

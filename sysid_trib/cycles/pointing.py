@@ -60,7 +60,7 @@ class ElasticModel:
     systems : tuple of str
         Systems that have these elastic forces, and no others.
     remains : float
-        What is left of the parts that were predicted, over what a constant leaves.
+        Residual of the predicted parts, over that of a constant.
     errors : float
         The same of the errors of the curve: less tells no models apart.
     within_band : bool
@@ -133,7 +133,7 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
     Returns
     -------
     Pointed
-        Of the columns alone if there are too few half periods for a backbone.
+        Forces and system; by the columns alone if there are too few half periods for a backbone.
 
     Notes
     -----
@@ -400,7 +400,7 @@ def _fits(model: ElasticModel, least: float) -> bool:
     ----------
     model : ElasticModel
     least : float
-        What remains of the best model with free coefficients.
+        Residual of the best model with free coefficients.
     """
     if model.within_band or model.remains <= max(
         HELD_REMAINS, min(HELD_REMAINS_MOST, HELD_OVER_FREE * least)

@@ -116,7 +116,7 @@ class Fits:
     screenings : dict of frozenset of str to Screening
         Screenings of the candidates with a model of each set of effects.
     failed : list of str
-        What could not be fitted.
+        Models that could not be fitted.
     by_chance : set of frozenset of str
         Effects of models where chance does as well as one: a search does not come back to them.
     tried : dict

@@ -93,7 +93,7 @@ def omnibus(
     along : sequence of (row, trial_force) array of float
         The trial forces in each run.
     testable : (trial_force,) array of bool
-        Those that differ from the model's columns.
+        Columns that differ from those of the model.
     model : FittedModel
     whole : Likelihood
         Of its columns among the products.
@@ -192,7 +192,7 @@ def _p_value_by_simulation(
     Parameters
     ----------
     gain : float
-        By how much they lower the deviance of the record.
+        Decrease of the deviance of the record by the columns.
     model : FittedModel
     null : Likelihood
         Of the model.

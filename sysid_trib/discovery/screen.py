@@ -35,7 +35,7 @@ class Screening:
     reasons : list of str
         Why a trial cannot be tested, else empty.
     gains : (trial,) array of float
-        By how much its column lowers the deviance, both variances of each run at their most likely values
+        Decrease of the deviance by its column, both variances of each run at their most likely values
         with and without it; 0 where physics forbids the sign of its coefficient.
     coefficients, errors, effective_rows : (trial,) array of float
         And the rows that tell the error.

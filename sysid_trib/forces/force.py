@@ -229,7 +229,7 @@ class ForceLibrary:
     Parameters
     ----------
     title : str
-        What the library is.
+        Title of the library.
     forces : tuple of Force
         In their order, each with a symbol of its own.
     source : str

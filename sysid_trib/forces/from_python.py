@@ -24,7 +24,7 @@ def library(
         Libraries or their names (`contact_forces`), library files, forces or their symbols (`zeta`), or
         formulas by symbol: `{"lambda": "sign(v)"}`, as `lambda` is a word of Python.
     title : str, optional
-        What the library is; by default the symbols of its forces.
+        Title of the library; by default the symbols of its forces.
     inputs : iterable of str, optional
         Names of the known inputs that the formulas contain; `u` need not be named.
     **formulas : str, Force or mapping

@@ -147,7 +147,7 @@ def derivatives_along(
     motion : three (sample,) arrays of float
         Time since the first sample (s), x and v (rad).
     given : mapping of str to (sample,) array of float, optional
-        What formulas hold of inputs.
+        Inputs in the formulas.
     kind : {"force", "sensor"}
         Stiffness and damping by forces; or by which errors of the sensor grow with the angle and its rate.
 

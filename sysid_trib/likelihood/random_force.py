@@ -99,7 +99,7 @@ def average_over_ratios(
     shift : (parameter,) array of float
         From the parameters at the most likely ratio to their mean.
     covariance : (parameter, parameter) array of float
-        What the open ratio adds to the covariance at the most likely one.
+        Increase of the covariance at the most likely ratio due to the open ratio.
 
     Notes
     -----

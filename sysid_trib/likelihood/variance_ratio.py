@@ -115,7 +115,7 @@ class VarianceRatio:
     upper : float
         Where the ratio is 0: the ratio at which the deviance has risen by one, one standard error as it were.
     gain : float
-        By how much the deviance is lower than without the second part.
+        Decrease of the deviance by the second part.
     deviance : float
         Minus twice the logarithm of the restricted likelihood.
     """

@@ -77,7 +77,7 @@ class AuxiliaryModel:
     wandering : tuple of str
         Groups of equations that a random force is estimated from.
     curve : {"half-sines", "analytic-signal"}
-        What extrema are taken from.
+        Curve that gives the extrema.
     rule : Rule
         Rule of least squares (see `solve`).
     names : tuple of str
@@ -165,7 +165,7 @@ class AuxiliaryModel:
         measured : sequence of Dataset
             The envelopes, of half-sines.
         decays : sequence of Dataset
-            What they were measured of.
+            Decays of the envelopes.
         """
         parameters = np.concatenate([group.parameters for group in groups.values()])
         of_errors = np.concatenate([group.influence for group in groups.values()])

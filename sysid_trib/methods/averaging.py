@@ -60,7 +60,7 @@ class Averaging(Constrained):
     shapes : Mapping of str to float
         Values of shape parameters, which are held.
     curve : {"half-sines", "analytic-signal"}
-        What gives the extrema (see `envelope`).
+        Curve that gives the extrema (see `envelope`).
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run besides the sensor's noise, by the
         restricted likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to

@@ -124,7 +124,7 @@ class EquationSolution:
     fitted : float
         Number of parameters; of curves, which are penalised, the effective number.
     precision : (parameter,) array of float, optional
-        That of the `Penalty`, where there are curves.
+        Parameters of the `Penalty`, if there are curves.
     """
 
     parameters: Array

@@ -92,7 +92,7 @@ def indirect_estimate(
     Parameters
     ----------
     auxiliary : AuxiliaryModel
-        What is fitted.
+        Auxiliary model to fit.
     decays : sequence of Dataset
         The runs.
     correct : bool

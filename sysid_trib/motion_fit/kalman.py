@@ -29,7 +29,7 @@ class LinearModel:
         From each state of the path.
     path : (sample, state) array of float
     record : (sample,) array of float, rad
-        What was measured, minus what the sensor would show on the path.
+        Measured value minus the sensor's reading on the path.
     observed : (sample, state) array of float
         Derivative of what the sensor shows by the state.
     observed_parameters : (sample, column) array of float

@@ -154,7 +154,7 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     Returns
     -------
     by_column : (step, 2, column) array of float
-        What each acceleration adds to x and v by the end of a step; the first is the angle itself.
+        Increment of x and v by each acceleration at the end of a step; the first is the angle itself.
     on : (column,) array of str
         What each depends on: `angle` in phase with the angle (a stiffness), `speed` in phase with the speed
         (a friction), `time` at the same amplitude.

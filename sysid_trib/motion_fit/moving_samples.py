@@ -27,7 +27,7 @@ class MovingSamples:
     Attributes
     ----------
     names : mapping of str to (sample,) array of float
-        What formulas hold: x, v, t and inputs.
+        Variables of formulas: x, v, t and inputs.
     acceleration : (sample,) array of float, rad
         Second derivative of the angle by tau.
     frequency : float, rad/s

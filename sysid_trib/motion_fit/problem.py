@@ -42,11 +42,11 @@ class WhitenedRecord:
     weight : float, 1/rad
         One over the standard deviation of the whitened noise.
     sensor : (str, float)
-        What was measured (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
+        Measured values (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
     swing : float, rad, optional
         Largest angle, where that was not measured.
     inputs : mapping of str to KnownInput
-        What drives the motion.
+        Inputs that drive the motion.
     uncounted : int
         First samples, until which the motion forgets with what states and memory it began.
     """
@@ -176,9 +176,9 @@ class FitProblem:
     Parameters
     ----------
     parameters : Parameters
-        What the vector of values holds.
+        Parameters in the vector of values.
     records : tuple of WhitenedRecord
-        What was measured of the runs.
+        Measured values of the runs.
     runs : sequence of xarray.Dataset
         The decays themselves.
     offered : ForceLibrary

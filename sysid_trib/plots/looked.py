@@ -84,7 +84,7 @@ def draw_curve(
     models : Dataset, optional
         Result of `lack_of_fit`.
     colour, label : str
-        Of the band and its curve.
+        Colour and label of the band and its curve.
     """
     amplitude = data.amplitude.values
     low, high = (data[f"{name}_{end}"].values for end in ("low", "high"))

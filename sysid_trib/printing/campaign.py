@@ -46,7 +46,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
     counts : mapping of str to int
         How many records have which status.
     compared : Dataset, optional
-        What varies between its records; None of too few.
+        Variation between its records; None if there are too few.
     """
     # A message on a file begins with its name.
     reasons = [

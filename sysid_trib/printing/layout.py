@@ -210,7 +210,7 @@ def mapped(
     table : str or mapping
         One of `keys.toml` by its name; or by key what is said there.
     computed : mapping of str to data
-        What stands at other keys of the table.
+        Values at other keys of the table.
     """
     rows = KEYS[table] if isinstance(table, str) else table
     if "of" in rows:

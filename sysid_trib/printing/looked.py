@@ -160,7 +160,7 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     tree : DataTree
         Result of `look`.
     system : str or None
-        What moves, if the user has said it.
+        System, if the user has named it.
     """
     decays = _decays(tree)
     library = load_library()
@@ -364,7 +364,7 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
     Parameters
     ----------
     backbones : mapping of str to Dataset
-        That of each run, of `backbone`.
+        Result of `backbone` of each run.
     sources : sequence of str
         Descriptions of the records.
     """

@@ -94,7 +94,7 @@ def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, i
     -------
     whole : (sample,) array of float
     turn : float
-        What was added or taken off at each cut; nan where there is none.
+        Step that was added or removed at each cut; nan where there is none.
     cuts : int
     """
     if turn is None:

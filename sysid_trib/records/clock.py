@@ -63,7 +63,7 @@ class Clock(NamedTuple):
     breaks : tuple of float, s
         Times at which the clock was set back: what comes after is a piece of its own.
     seen : tuple of str
-        What was seen of it.
+        Observations on the clock.
     counted_from : float, s
         By the stamps, what the record calls 0 s.
     """
@@ -169,7 +169,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str, remedy: s
     source : str
         Source that the error names.
     remedy : str
-        What to give.
+        Option to give.
 
     Raises
     ------

@@ -148,7 +148,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     swing : Swing
         Found in the angle, or in what was measured.
     said : str
-        What was done to the samples before.
+        Earlier changes of the samples.
 
     Returns
     -------

@@ -227,7 +227,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     int
         0 where nothing is clipped.
     str
-        What is left out, and why.
+        Description of the samples left out, with the reason.
 
     Raises
     ------

@@ -77,7 +77,7 @@ def sample_responses(decay: xr.Dataset, extremum_time: Array) -> sp.csr_matrix:
     decay : Dataset
         `angle(time)` about its equilibrium, as `envelope` takes it.
     extremum_time : (half_period,) array of float, s
-        Those of its half periods that are wanted, one after the other.
+        Half periods to compute, one after the other.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Datas
         ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as
         it is.
     curve
-        What gives the extrema: ``half-sines``, or the ``analytic-signal`` (see `analytic_extrema`).
+        Curve that gives the extrema: ``half-sines``, or the ``analytic-signal`` (see `analytic_extrema`).
 
     Returns
     -------

@@ -128,7 +128,7 @@ def values_of_inputs(
     ----------
     inputs : mapping of str to KnownInput
     channels : iterable of Channel
-        What is wanted.
+        Inputs to return.
     elapsed : array of float, s
     frequency : float, rad/s
         Reference frequency.

@@ -52,9 +52,9 @@ class RowTimes(NamedTuple):
     unit : str
         Unit of the times in the file.
     said : list of str
-        What is to be said of it.
+        Sentences on the times.
     origin : Origin
-        What these times call 0 s.
+        Instant that these times call 0 s.
     """
 
     clock: Clock
@@ -238,7 +238,7 @@ def with_inputs(
         `inputs` are columns by name or number, formulas of them, or of another file as `base.mat:y`;
         `between` is what is between their samples.
     origin : Origin
-        What the times of the record call 0 s.
+        Instant that the times of the record call 0 s.
 
     Returns
     -------

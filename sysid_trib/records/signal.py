@@ -105,7 +105,7 @@ class Piece(NamedTuple):
         In steps that differ by 2 % at most.
     signal : (sample,) array of float
     changes : str
-        What was done to make the steps even; empty if they were.
+        Changes that made the steps even; empty if they were even.
     """
 
     time: Array

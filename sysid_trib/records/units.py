@@ -51,7 +51,7 @@ class SignalUnit:
     text : str
         By its usual name; one that is not known as the file has it.
     quantity : {"angle", "displacement", "rate", "acceleration"}
-        What is measured in it.
+        Quantity measured in it.
     position : str
         Unit of the angle (rad) or displacement that it is, or becomes when it is integrated over s.
     factor : float

@@ -69,7 +69,7 @@ def sections_of(
     Parameters
     ----------
     blocks : iterable of Block
-        Those of `--explain` are shown.
+        Blocks; those of `--explain` are shown.
     figures : mapping of str to sequence of Part
         By the titles of sections.
 
@@ -140,11 +140,11 @@ def campaign_contents(
     store : Dataset
         As `campaign` returns it.
     compared : Dataset, optional
-        What varies between its records; None of too few.
+        Variation between its records; None if there are too few.
     conditions : DataFrame, optional
         A row a record.
     command : str
-        What made it.
+        Command that made it.
     """
     figures: dict[str, list[Part]] = {}
     if compared is not None and conditions is not None:

@@ -30,7 +30,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
     Parameters
     ----------
     tree : DataTree
-        What netCDF gave back.
+        Tree that netCDF returned.
     path : path
         Its file, for the message.
 

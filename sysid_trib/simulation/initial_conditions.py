@@ -207,7 +207,7 @@ def measured_motion(
     -------
     motion : SimulatedMotion
     residual : (sample,) array of float
-        What was measured minus motion and bias, in the unit of the sensor.
+        Measured signal minus motion and bias, in the unit of the sensor.
 
     Raises
     ------

@@ -124,7 +124,7 @@ def law_and_jacobian(
     library : ForceLibrary
         Its forces.
     forces : sequence of Force
-        Those of the law.
+        Forces of the law.
     of : {"v", "x"}
     places : (place,) array of float
     run : int or None

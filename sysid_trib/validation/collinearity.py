@@ -38,7 +38,7 @@ class Combination:
     inflation : float
         The largest ratio of an error to the one that the parameter would have alone.
     advice : str
-        What motion separates them; empty where there is none.
+        Motion that separates them; empty if there is none.
     """
 
     members: tuple[str, ...]

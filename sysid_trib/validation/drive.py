@@ -42,7 +42,7 @@ class FittingModel:
     forces : tuple of str
         Symbols of its forces.
     residual : float
-        What its motion leaves, over the RMS of what was measured; infinite where it has no motion.
+        Residual of its motion, over the RMS of the measured signal; infinite without a motion.
     """
 
     system: str

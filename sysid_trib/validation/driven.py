@@ -348,7 +348,7 @@ def predict(
         The start is fitted to so much of the beginning, which does not count for the residual; to all of the
         record where left out, and all of it counts.
     run : int
-        Of the result's runs, from 0, the one whose own coefficients are taken.
+        Run of the result, from 0, whose coefficients are taken.
     starts : {"fitted", "measured"}
         `measured` takes angle and rate of the smoothed record at its first sample, and no zero of the sensor:
         nothing is fitted to the record.

@@ -156,7 +156,7 @@ class Trial(NamedTuple):
     result : Dataset or None
         Its identification.
     row : dict
-        What the method says of itself and of its result, by the name of the column.
+        Texts of the method on itself and its result, by the name of the column.
     motions : dict of str to list of Dataset
         Of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
     followed : FollowedRuns or None
@@ -175,7 +175,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     Parameters
     ----------
     trials : mapping of str to Trial
-        What came of each method, by its label.
+        Result of each method, by its label.
     noises : sequence of float, rad
         Noises of each run, the same for all methods.
     blocks : sequence of int

@@ -28,10 +28,10 @@ class Refit(NamedTuple):
     kind : str
         window, start, sampling, noise or method.
     label : str
-        What is other in it.
+        Difference from the original fit.
     method : Method
     parts : list of Dataset
-        What it is fitted to.
+        Runs to which it is fitted.
     """
 
     kind: str

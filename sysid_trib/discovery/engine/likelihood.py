@@ -51,7 +51,7 @@ class Likelihood:
     ratio_errors : (run,) array of float
         Standard errors of their logarithms, nan of a ratio of 0.
     gains : (run,) array of float
-        By how much the random force of a run lowers the deviance.
+        Decrease of the deviance by the random force of each run.
     """
 
     deviance: float

@@ -51,7 +51,7 @@ def fit_model(
     worst : float
         A deviance: a fit that will not reach it, by what its last round gained, is given up.
     possible : callable
-        What physics allows: a fit that has left that for two rounds is given up.
+        Physical range: a fit that has been outside of it for two rounds is given up.
     part : float
         Part of the way that a round goes at first.
 

@@ -71,7 +71,7 @@ class RecordPath:
     held : Terms
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     inputs : mapping of str to KnownInput
-        What drives it.
+        Inputs that drive it.
     before : RecordPath, optional
         The record up to the first sample, and with it, of which forces remember.
     """

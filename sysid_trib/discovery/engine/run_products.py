@@ -166,7 +166,7 @@ def unresolved(
     form : WeakForm
     tau : (point,) array of float
     stiffness, damping : (point,) array of float
-        Of small deviations.
+        Operators of small deviations.
     operator : (row, sample) sparse array of float
         Operator of these deviations.
 

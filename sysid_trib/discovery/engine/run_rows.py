@@ -164,7 +164,7 @@ class RunRows:
         Parameters
         ----------
         residual : (row,) array of float
-            What a model leaves of the rows.
+            Residual of the rows.
         errors : (sample,) array of float, rad
             Errors of the sensor, its zero among them.
         slopes : pair of (sample,) array of float
@@ -192,7 +192,7 @@ class RunRows:
         Parameters
         ----------
         deviation : float, rad
-            Of the sensor's innovations.
+            Standard deviation of the sensor's innovations.
         slopes, ratio
             As of `smoothed_motion`.
         random : Generator

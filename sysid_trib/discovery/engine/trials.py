@@ -161,7 +161,7 @@ def trials_of(
     ----------
     candidates : iterable of Force
     frequencies : sequence of float, rad/s
-        At which a force that is periodic in time is tried, and a resonance too.
+        Frequencies at which a force that is periodic in time, or a resonance, is tried.
     w : float, rad/s
         Reference frequency, in units of which a resonance is.
     settings : Settings
