@@ -14,7 +14,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
 from sysid_trib.validation.refits import at_reference
 
-# Of each quantity, over all of them (Bonferroni): below it a condition acts, or runs scatter.
+# Family-wise level of each quantity (Bonferroni): below it a condition acts, or runs scatter.
 VARIES_LEVEL = 0.01
 COMMON, UNDECIDED_RUNS = "common", "too few runs"
 

@@ -41,7 +41,7 @@ VARIABLES = {
     name: (tuple(dims.split()), units, meaning)
     for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
 }
-# As numpy has what is no number, texts with their length: a million records of 400 letters are 1.6 GB.
+# NumPy's nan for missing numbers; texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
     **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},

@@ -29,7 +29,7 @@ from sysid_trib.campaigns.task import (
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 
 FINGERPRINT = "task_fingerprint"
-# Of numbers, texts and small integers; no other kind is read, as it may run code.
+# Kinds of arrays: numbers, texts and small integers; another kind is not read, as it could run code.
 KINDS = "fUi"
 # Bytes of the names that all records share; more is no name of a force or a method.
 LARGEST_LABELS = 2**24
@@ -56,8 +56,8 @@ class Store:
         self.path, self.group = path, zarr.open_group(path, mode="r")
         if FINGERPRINT not in self.group.attrs:
             raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
-        # One after the other: of several at once those that are not waited for complain at exit. And once:
-        # each time takes as long as to write a record.
+        # One after the other: several at once complain at exit if they are not awaited. And only once: each
+        # time takes as long as writing a record.
         folders = [place.parent for place in sorted(path.glob("*/.zarray"))]
         self.arrays: dict[str, Any] = {at.name: zarr.open_array(at, mode="r") for at in folders}
         count, self.block = self.arrays["status"].shape[0], int(self.arrays["status"].chunks[0])

@@ -45,7 +45,7 @@ TASKS = get_args(Name)
 STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
-# Of laws: both methods, and the one that is preferred.
+# For laws: both methods, and the preferred one.
 PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
 # Variables of a comparison for a record, before the name of a method.
@@ -295,7 +295,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
-        # Of a discovery, behind its verdict.
+        # For a discovery, after its verdict.
         early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row

@@ -229,7 +229,7 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
-# Where a result goes that is to be kept.
+# Place of a result that is to be kept.
 KEPT = "result.nc"
 
 

@@ -57,7 +57,7 @@ def what_else(path: Path) -> str:
     """
     name, page = path.name, f"{path.stem}.html"
     if path.is_dir():
-        # Of either version of Zarr.
+        # Files of either version of Zarr.
         store = any((path / file).is_file() for file in ("zarr.json", ".zgroup"))
         said = f"{name}: this is the store of a campaign, no record; its page {page} shows it."
         return said if store else ""
@@ -343,7 +343,7 @@ def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> No
         given_ones[OMEGA0] = contactless[0]
     for decay in decays if given_ones else ():
         swing = np.nan
-        # Of too few half periods the methods have their own word to say.
+        # If there are too few half periods the methods raise their own error.
         with suppress(DecayError):
             swing = swing_frequency(decay)
         for flag, frequency in given_ones.items():

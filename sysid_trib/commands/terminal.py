@@ -97,7 +97,7 @@ def progress() -> Iterator[Tell]:
         return
     times = bar.TaskProgressColumn(), bar.TimeRemainingColumn(), bar.TimeElapsedColumn()
     columns = bar.SpinnerColumn(), bar.TextColumn("{task.description}", markup=False), *times
-    # Of all that is done since an activity began, however seldom it says so.
+    # Estimate the speed from the whole time since an activity began, however seldom it reports.
     with bar.Progress(*columns, console=console, transient=True, speed_estimate_period=1e9) as shown:
         task = shown.add_task("start", total=None)
         shown.refresh()

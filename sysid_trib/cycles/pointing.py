@@ -23,7 +23,7 @@ from sysid_trib.forces.selection import System, load_systems, with_shipped
 from sysid_trib.records import half_sines
 from sysid_trib.results.signal_scale import counts_angles
 
-# By formula, as libraries may name them otherwise; in words.
+# Forces by formula, as libraries may use other names; and their words.
 FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "quadratic drag"}
 ELASTIC = {"x*abs(x)": "a quadratic spring", "x**3": "a cubic spring"}
 VISCOUS_FORMULA = "2*v"
@@ -218,7 +218,7 @@ def _fewest(scores: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
     return min(good, key=lambda names: (len(names), scores[names]))
 
 
-# Extrema of which the median of the scatter is taken; of many, what each is off the mean of so many.
+# Number of extrema for the median of the scatter, and for the mean from which each deviates.
 NEIGHBOURING_EXTREMA, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
 
 

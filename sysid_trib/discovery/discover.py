@@ -142,7 +142,7 @@ def discover(
             "forces, and compare the residuals."
         )
     if offered.used or model.used:
-        # A candidate has a coefficient and shapes of its own: those of the start model are numbers to it.
+        # A candidate has its own coefficient and shapes: those of the start model enter it as numbers.
         coefficients = _of_start_model(runs, model, reference_frequency, constraints)
         model, offered = (
             replace(library, forces=tuple(force.with_numbers(coefficients) for force in library))
@@ -212,7 +212,7 @@ def _discovery(
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     taken = replace(model, forces=(*model, *offered))
     if any(inputs_for(run, taken) for run in (*whole, *unseen)):
-        # A driven record may have few samples a period: so many points between them no force asks for.
+        # A driven record may have few samples a period: no force needs so many points between them.
         settings = replace(settings, points_per_period=settings.points_per_period // 2)
     runs, learnt, later = search_parts(whole, unseen, settings.samples_per_period)
     seen = [part.record for part in learnt]

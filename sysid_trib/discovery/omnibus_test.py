@@ -17,8 +17,8 @@ from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.single_columns import each_column, known_directions, known_finely, strengths
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
-# Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
-# is held to its part of the level, so that a record with nothing hidden is blamed no more often than that.
+# Families of tests that decide whether anything is missing: candidates, and forces of any form. Each has its
+# part of the level, so that a record without missing forces is rejected no more often than that.
 FAMILIES = 2
 # In the second of these.
 OMNIBUS_TESTS = 4

@@ -285,6 +285,6 @@ def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedMode
         paths = [rows.path for rows in last.rows]
         trials = [last.trials[at] for at in kept]
         fewer = start_model.refitted(model_fit.fit_model(paths, trials, first))
-        # With so much missing it may have no motion of its own: then along that of the model with more.
+        # A model without this effect may have no motion of its own: then use that of the larger model.
         models.insert(0, fewer if fewer.follows else model_fit.fitted_along(paths, trials, first))
     return models

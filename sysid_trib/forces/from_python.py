@@ -9,7 +9,7 @@ from sysid_trib.forces.force import Force, ForceLibrary, ForceTable, LibraryLike
 from sysid_trib.forces.library import is_library, known_libraries, load_library, parse_library
 from sysid_trib.forces.selection import SHIPPED_LIBRARIES, SystemModel
 
-# How messages name a library that was made in Python.
+# Name of a library made in Python, for messages.
 MADE_IN_PYTHON = "library(...)"
 
 

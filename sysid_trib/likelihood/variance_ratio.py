@@ -166,7 +166,7 @@ def rows_by_ratio(
         if further is None:
             return WhiteRows(white[:, -1], white[:, :-1], determinant, least_variance=least_variance)
         samples, squares, of_further = further
-        # One row has the squares of all further samples.
+        # One row contains the squares of all further samples.
         white = np.pad(white, ((0, 1), (0, 0)))
         white[-1, -1] = np.sqrt(squares)
         return WhiteRows(white[:, -1], white[:, :-1], determinant + of_further, further=samples - 1.0)

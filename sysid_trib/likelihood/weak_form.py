@@ -33,9 +33,9 @@ SAMPLES_PER_ROW = 1.5
 # The first and last rows have knots on top of each other: samples are interpolated there by splines of this
 # degree and integrated in so many parts of a step, else each would be wrong by a hundredth.
 END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
-# Next to a gap, a step longer than so many others, there is nothing to interpolate.
+# Next to a gap, a step longer than this number of others, nothing is interpolated.
 MOST_UNEVEN = 1.5
-# Where a sparse matrix has entries.
+# Places of the entries of a sparse matrix.
 ENTRIES = "indptr", "indices"
 # Numbers that are filtered at once.
 MOST_DENSE = 4_000_000

@@ -264,7 +264,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
         return 1.0
     low, high = amplitude.min(), amplitude.max()
     powers = legendre.legvander((2.0 * amplitude - low - high) / (high - low), DEGREES)
-    # Of each instant the rate of the amplitude, then the frequency.
+    # At each instant the rate of the amplitude, then the frequency.
     further = np.zeros((len(amplitude), 2, 2 * (DEGREES + 1)))
     further[:, 0, : DEGREES + 1] = amplitude[:, None] * powers
     further[:, 1, DEGREES + 1 :] = powers
@@ -335,5 +335,5 @@ def random_force_ratio(
     if not isinstance(option, str):
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
     times = measured.extremum_time.values
-    # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
+    # In units of tau: the largest impulses tried hide the sensor's noise within this time.
     return variance_ratio(rows, w * float(times[-1] - times[0]), 0.1)

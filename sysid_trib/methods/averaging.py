@@ -109,7 +109,7 @@ class Averaging(Constrained):
         wanted = constraints = Constraints(self.constraints)
         shapes = {**self.shapes, **{k: v for k, v in wanted.fixed.items() if k not in asked.symbols}}
         method = replace(self, shapes=shapes)
-        # The paper's rule has no errors that would know a random force.
+        # The errors of the paper's rule do not include a random force.
         force = self.random_force if self.frequency == "fit" else "off"
         unbounded = None
         while True:
@@ -206,7 +206,7 @@ class Averaging(Constrained):
         """Return the averaged equations of the free coefficients, whose parameters are w c of each, and w."""
         whole, reference = averaged_equations(library, self.shapes), self.reference_frequency
         damping = [(library.symbols.index(s), factor) for s, factor in library.damping_factors.items()]
-        # Of (w c of each force, w) as linear functions of (w c of each free one, w).
+        # Linear map from (w c of each free force, w) to (w c of each force, w).
         expand = np.block([[free.matrix, free.constant[:, None]], [np.zeros(len(free.free)), np.ones(1)]])
 
         def equations(extremum: Array, time: Array) -> tuple[Array, Array]:

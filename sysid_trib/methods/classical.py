@@ -84,7 +84,7 @@ class ClassicalMethod:
         coefficients = parameters[:-1] * (half if self._rates else 1.0)
         damping = [at for at, formula in enumerate(self.FORMULAS) if formula == VISCOUS_FRICTION]
         beta = self._beta(coefficients[damping])
-        # By which damping lowers the frequency of the half periods.
+        # Factor by which damping lowers the frequency of the half periods.
         stretch = np.hypot(1.0, np.sum(beta))
         coefficients /= stretch if self._rates else 1.0
         coefficients[damping] = beta / stretch

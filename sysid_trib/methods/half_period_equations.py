@@ -16,7 +16,7 @@ from sysid_trib.likelihood.smoothness import smooth_least_squares
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.half_sines import half_period_responses
 
-# Of an envelope: errors of extrema and of their times, and the density of a random force.
+# Errors of an envelope: of extrema and of their times, and the density of a random force.
 ENVELOPE_ERRORS = ("extremum_standard_error", "extremum_time_standard_error")
 DENSITY = "random_force_density"
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]

@@ -190,7 +190,7 @@ class Trajectory(Constrained):
         if self.starts == "measured":
             parameters = parameters.fix(measured_starts(runs))
         elif is_free_to_move(offered, parameters.constraints.fixed):
-            # No rate shows where a body is that may be anywhere.
+            # The position of a free body does not follow from its rate.
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
             parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
         return FitProblem(parameters, records, runs, library)
@@ -207,7 +207,7 @@ class Trajectory(Constrained):
         # moves would dominate.
         if problem.driven and not _residual_is_white(fit):
             rounds = 0
-            # One run of a record that is followed has one minimum.
+            # A run that the motion follows has one minimum.
             if len(problem.records) > 1:
                 fit = nearby_best(fit)
         for _ in range(rounds):

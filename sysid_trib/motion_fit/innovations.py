@@ -19,7 +19,7 @@ from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 
-# Of noise as 1/f so many taps: each is a state, and further ones change little at the frequency of a swing.
+# Number of taps for 1/f noise: each is a state, and further ones change little at the frequency of a swing.
 MOST_TAPS = 49
 
 

@@ -181,7 +181,7 @@ class LinearModel:
     @cached_property
     def _signals(self) -> tuple[Array, Array, Array]:
         """Signals (sample, signal), what each step adds, first states: of the record, then of the columns."""
-        # Where the exact steps end, from the path's next state.
+        # Ends of the exact steps, relative to the path's next state.
         mismatch = self.steps.end - self.path[1:]
         return (
             np.column_stack([self.record, -self.observed_parameters]),

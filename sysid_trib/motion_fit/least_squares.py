@@ -144,7 +144,7 @@ def grown(problem: FitProblem, values: Array) -> Array:
         tried = fitted(problem, values).values
         if missed(problem, tried) < FOLLOWED_DRIVEN:
             return tried
-    # One this near has not slipped out of phase.
+    # A motion this near has not slipped out of phase.
     elif away < 0.5:
         tried = fitted(problem, values).values
         if missed(problem, tried) < FOLLOWED:

@@ -35,7 +35,7 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
 def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
     """Return the smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
     steps = np.diff(tau)
-    # A step so many times the usual one is a gap, over which no spline is laid.
+    # A step of this multiple of the usual one is a gap, over which no spline is fitted.
     gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1
     x, v = angle.copy(), np.zeros_like(angle)
     for at in np.split(np.arange(len(tau)), gaps):

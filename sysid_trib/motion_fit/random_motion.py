@@ -42,7 +42,7 @@ from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 
 PATIENCE = 10
-# By what the relaxation changes where a step turns back, and where it goes on, by the cosine of their angle.
+# Change of the relaxation if a step turns back, and if it continues, by the cosine of their angle.
 SHORTER, LONGER, TURNED = 0.5, 1.5, 0.3
 LEAST_PART = 0.05
 

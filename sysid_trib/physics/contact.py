@@ -151,7 +151,8 @@ SLIP_RATIO = -0.75 * np.pi
 # Part of it by which the six forces may miss it: on simulated slip (kappa 0.005 to 0.2, zeta 0.002 and 0.01)
 # they give -2.0 to -2.3, because the loops of a decay do not close and epsilon takes its share of nu.
 ALLOWED = 0.1
-# A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
+# A ratio is informative if its quadratic friction is this number of errors from zero, and if it is known this
+# well.
 SIGNIFICANT_FRICTION = 3.0
 SHARP = 1.0 / 3.0
 # Conservative forces of a contact, to leading orders: another one changes the stiffness with amplitude too.

@@ -69,7 +69,7 @@ def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None
         units = [_unit_of_force(*pair) for pair in zip(degrees, speeds, strict=True)]
     powers, c, w = 2.0 - speeds, estimate.coefficients, estimate.frequency
     scale = factors * size * w**powers
-    # By (coefficients, w, inertia).
+    # Derivatives by (coefficients, w, inertia).
     jacobian = np.zeros((count, count + 2))
     jacobian[:, :count] = np.diag(scale)
     jacobian[:, count] = powers * c * scale / w

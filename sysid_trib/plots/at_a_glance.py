@@ -25,7 +25,7 @@ from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.lack_of_fit import residual_force
 
-# Of a row of panels, and of one of residuals, over the page and in a column, inch.
+# Height of a row of panels, and of one of residuals, over the page and in a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
 # Coefficients for which there is room in it, and of each more.
 ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25

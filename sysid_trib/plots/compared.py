@@ -160,11 +160,11 @@ def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     style.row_lines(ax)
 
 
-# Beyond these runs bars hide the marks.
+# Beyond this number of runs bars hide the marks.
 MANY_RUNS = 300
 # Runs are drawn in another colour beyond so many standard deviations.
 FAR = 4.0
-# So many of them are named.
+# Largest number of named ones.
 MOST_NAMES_DRAWN = 8
 
 

@@ -16,7 +16,7 @@ from sysid_trib.results.variables import signal_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.shown import Curve
 
-# Of a column of a journal (88 mm), and of a panel, inch.
+# Width of a column of a journal (88 mm), and height of a panel, inch.
 ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
 # The first method lies below the second, wider: both show where they agree.
 LAW_LOOKS: tuple[dict[str, Any], ...] = (
@@ -28,7 +28,7 @@ LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
-# The best formulas are drawn, no more than so many: further ones lie on top of them.
+# Largest number of formulas that are drawn: further ones lie on top of them.
 FORMULAS_DRAWN = 3
 FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 1.5)), "zorder": 5}
 

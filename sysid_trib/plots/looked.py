@@ -21,7 +21,7 @@ from sysid_trib.results.variables import group_names, record_groups, signal_labe
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
 # Room about the bands, in parts of their extent: single periods may scatter far beyond them.
 MARGIN = 0.15
-# A band so many times the median is an end's.
+# A band of this multiple of the median is that of an end.
 END_WIDTH = 4.0
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
@@ -141,7 +141,7 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-# Of one panel, inch: its label has room.
+# Height of one panel, inch: its label has room.
 INPUT_HEIGHT = 1.6
 
 

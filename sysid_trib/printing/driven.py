@@ -32,7 +32,7 @@ DRIVEN_VERDICTS = {
     "approximate": "The model is approximate: the residual is {} (RMS), which is more than noise.",
     "not explained": "The model does not explain the record: the residual is {} (RMS).",
 }
-# A coefficient of less than so many of its errors may be zero.
+# A coefficient below this number of its errors may be zero.
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."

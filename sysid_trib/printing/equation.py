@@ -42,7 +42,7 @@ def equation_latex(result: xr.Dataset) -> str:
     for number, formula in _terms(result):
         written, is_sum = formula_latex(formula, names)
         if is_sum or written.startswith("-"):
-            # It is multiplied whole.
+            # A sum is multiplied as a whole.
             written = rf"\left({written}\right)"
         # Two adjacent numbers would read as one.
         times = "\\cdot" if written[:1].isdigit() else "\\,"

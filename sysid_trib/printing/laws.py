@@ -27,7 +27,7 @@ SURENESS_TITLE, FORMULA_TITLE = "Uncertainty", "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
-# Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
+# Places at which a law is shown, in parts of the largest visited place; on each side if it is not odd.
 SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
 # A motion that is larger by this factor leaves the visited range.
 LARGER_MOTION = 1.02
@@ -73,7 +73,7 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
     for law in shown.laws_in(_preferred(tree)):
         curves = [shown.curve_of(own.sel(run=run), law) for run in own.run.values]
         if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
-            # It is shared.
+            # All runs share this law.
             continue
         word, unit_at, unit = _words(tree, law)
         both = bool(np.any(curves[0].places < 0.0))
@@ -120,7 +120,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
             ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
-    # Where curves follow it no better.
+    # If curves do not follow it better.
     return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
 
 

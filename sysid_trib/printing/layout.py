@@ -190,7 +190,7 @@ def name_and_unit(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name} ({unit})"
 
 
-# Signs by which a spreadsheet knows a formula.
+# Signs with which a formula of a spreadsheet begins.
 FORMULA_SIGNS = ("=", "+", "-", "@")
 # Attributes of a record that JSON contains unchanged.
 PLAIN = (str, int, float)

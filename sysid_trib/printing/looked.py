@@ -100,7 +100,7 @@ def loses_power(force: Force) -> str:
     return "yes" if np.all(power > -1e-13) else "gains power" if np.all(power < 1e-13) else "by amplitude"
 
 
-# Below so many samples a period the weak form has few rows, and half-sines few samples.
+# Below this number of samples a period the weak form has few rows, and half-sines few samples.
 FEW_SAMPLES = 20.0
 # An amplitude that falls by less than this factor hardly tells one law of damping from another.
 LEAST_FALL = 2.0

@@ -19,7 +19,7 @@ from sysid_trib.results.models import library_of
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
-# Of a campaign: whether there is one for each force.
+# For a campaign: whether there is one for each force.
 _CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 

@@ -23,7 +23,7 @@ from sysid_trib.smooth_laws.laws import laws
 
 # Group of a result with the dataset of `law_difference`.
 LAW_DIFFERENCE = "law_difference"
-# Of no difference along a law.
+# Level of no difference along a law.
 NO_DIFFERENCE_LEVEL = 1.0 - BAND_PROBABILITY
 # Fewer places that both laws visit are no common range.
 FEWEST_PLACES = 3

@@ -195,8 +195,8 @@ def _assumed_unit(
     return unit, f"unit not stated: {why}"
 
 
-# An axis that points down shows gravity but for so much of it, in a sensor that is not calibrated; the three
-# axes of one show it together but for less.
+# An axis that points down shows gravity within this part, in a sensor that is not calibrated; the three axes
+# of one sensor show it together within a smaller part.
 OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
 
 

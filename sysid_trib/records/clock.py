@@ -20,7 +20,7 @@ AT_ONCE = 0.5
 GIVE_RATE = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
 
 
-# From when a clock counts, as a sentence says it.
+# Origin of a clock, in words.
 CLOCKS: dict[column.ClockKind, str] = {
     "dates": "by dates without a time zone",
     "universal": "in universal time (from 1970, or dates with a time zone)",

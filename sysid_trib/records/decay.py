@@ -167,8 +167,8 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
         variables = {"measured": xr.DataArray(signal, at, "measured_time", attrs=own_attrs)}
         period = swing.oscillation.period
         signal = as_position(time, signal, period, record.attrs)
-        # Samples of a period that are kept of an integrated signal: integration leaves next to no noise above
-        # them.
+        # Samples of a period that are kept of an integrated signal: after integration almost no noise remains
+        # above them.
         every = max(1, int(period / 32 * (time.size - 1) / (time[-1] - time[0])))
         every = every if record.attrs["integrations"] else 1
         time, signal = time[::every], signal[::every]

@@ -13,9 +13,9 @@ from sysid_trib.records import cleaning, half_periods
 from sysid_trib.records.inputs import ROLE, KnownInput, inputs_of, integral_of_rate, is_constant
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
-# A part of a record that is used has so many samples, and lasts so many periods.
+# Fewest samples and fewest periods of a part of a record that is used.
 FEWEST_IN_PART, SHORTEST_RUN = 20, 2.0
-# Where more of the steps are long, the clock is uneven, and no sample is missing.
+# If more of the steps are long, the clock is uneven, and no sample is missing.
 MOST_GAPS = 0.1
 # Degree of the spline through the samples that are there.
 DEGREE = 7
@@ -275,7 +275,7 @@ def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
         name = str(key)
         if values.dims != ("time",) or values.dtype.kind not in "fiu":
             continue
-        # Where it was measured a sample stays as it is.
+        # A measured sample is unchanged.
         given = values.values.astype(float)
         between = known[name].of(new - time[0]) if name in known else _between(time, given, new)
         filled = np.empty(whole.size)

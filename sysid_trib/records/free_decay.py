@@ -107,7 +107,7 @@ def free_decays(
     checked_signal(record, *filter(None, [getattr(record, "attrs", {}).get("measured")]))
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
-    # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
+    # A measured rate or acceleration shows the swing best: its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
     time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):

@@ -264,7 +264,7 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
 
-    # For extrema, then for their times.
+    # First for extrema, then for their times.
     of_half_period = np.stack([size, size * (duration / np.pi)])
     of_extremum = np.stack([np.ones(count), 1.0 / b])
 

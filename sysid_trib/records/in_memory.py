@@ -14,7 +14,7 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.signal import ANGLE_UNIT
 
 ANGLE, TIME = "angle", "time"
-# How a record is given, for messages.
+# Forms of a record, for messages.
 GIVE_A_RECORD = "give (t, angle), a pandas Series or DataFrame with times, or a Dataset with angle(time)"
 
 
@@ -203,7 +203,7 @@ def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
         raise UsageError(f"Which column holds the times? Name it time; there are {listed}.")
     time = named[0] if named else _of_index(frame.index, "DataFrame")
     others = [column for column in columns.values() if column is not time]
-    # As it is called, as it is called without its unit, or what alone is an angle or alone there.
+    # The name as it is, the name without its unit, or the only angle by unit or by name.
     for pool in (
         [column for column in others if column.name == ANGLE],
         [column for column in others if column.base == ANGLE],

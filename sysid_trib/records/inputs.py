@@ -178,7 +178,7 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
         )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
-    # Two clocks of large numbers have one instant but for their rounding.
+    # Two clocks of large numbers have the same instant up to their rounding.
     rounding = 1e-3 * float(np.median(np.diff(record.time.values.astype(float))))
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"

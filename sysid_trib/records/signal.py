@@ -155,7 +155,7 @@ def is_uniform(time: Array) -> bool:
     """Return true if all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
-    # Deviation of a step from the usual one that the methods take as it is.
+    # Largest relative deviation of a step from the usual one that needs no resampling.
     return bool(np.abs(steps - median).max(initial=0.0) <= (1.0 + 1e-6) * 0.02 * median)
 
 
@@ -216,14 +216,13 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
 
 
 def _drift(time: Array, signal: Array, period: float) -> Array:
-    # Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias
-    # drifts.
+    # Periods between the knots of drift and envelope: slower than the swing, faster than the drift of a bias.
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
     waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
-    # The columns of one spline next to each other: the normal equations are banded, and their solution takes
-    # a time that goes with the number of periods.
+    # The columns of each spline are adjacent: the normal equations are banded, and the solution time is
+    # proportional to the number of periods.
     columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
     splines = slow.shape[1]
     design = columns[:, np.arange(len(waves) * splines).reshape(len(waves), splines).T.ravel()].tocsr()

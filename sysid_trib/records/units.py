@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 STANDARD_GRAVITY = 9.80665
-# How laboratories call columns, spell units, and write that a value is missing.
+# Words of laboratories: names of columns, spellings of units, and marks of missing values.
 LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 
 
@@ -28,7 +28,7 @@ _PER_TURN = {"rev": 1.0, "deg": 360.0, "gon": 400.0, "arcmin": 21600.0, "arcsec"
 RADIANS = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6}
 RADIANS |= {name: _TURN / count for name, count in _PER_TURN.items()}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
-# How often a signal is to be integrated to become an angle or a displacement.
+# Number of integrations that turn a signal into an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 # An accelerometer on a pendulum does not measure a derivative of the angle.
 ACCELEROMETER = "accelerometer"

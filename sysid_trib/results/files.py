@@ -52,7 +52,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
     return tree
 
 
-# How the names of files begin that are not whole yet.
+# Beginning of the names of incomplete files.
 TEMPORARY = ".sysid-trib-"
 
 

@@ -11,7 +11,7 @@ from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.kinds import has_input, identifications_of, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
-# Beyond so many noise levels (RMS) a residual is large.
+# A residual is large beyond this number of noise levels (RMS).
 LARGE = 1.5
 # Default held-out part of `discover`.
 LAST_THIRD = "the last third"

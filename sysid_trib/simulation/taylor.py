@@ -9,7 +9,7 @@ from sysid_trib.simulation.program import FORCING_NUMBERS
 
 # A surface this near to zero, of the size of its series, is at zero.
 ZERO_PART = 1e-13
-# So many parts of a step are looked at for a root, none shorter than this.
+# Number of parts of a step that are searched for a root, none shorter than this.
 MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
 
 
@@ -198,7 +198,7 @@ def series(program, c, h, held):
             J[i, k + 1] = 0.0 if stays else J[rate, k] / (k + 1)
             for q in range(count):
                 T[i, k + 1, q] = 0.0 if stays else T[rate, k, q] / (k + 1)
-            # Where the step is short for another reason, few orders are enough.
+            # If the step is short for another reason, few orders are enough.
             ends = ends and abs(J[i, k + 1]) * power <= 1e-17 * max(abs(J[i, 0]), abs(J[i, 1]) * h)
         order(program, J, k + 1)
         if held > at.RESTS:
@@ -271,7 +271,7 @@ def length(program, c, n, part):
         if s >= program.states:
             h = min(h, radius(J, s, s, n, at.SURFACE_PART))
     for k in range(n - 1, n + 1 if program.states > 2 else n - 1):
-        # Of a stiff state the derivatives fade, and grow again in steps that are too long for them.
+        # The derivatives of a stiff state fade, and grow again in steps that are too long for them.
         last = _part_of_derivatives(program, c, k)
         if last > 0.0:
             h = min(h, (at.SURFACE_PART / last) ** (1.0 / k))

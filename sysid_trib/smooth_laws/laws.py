@@ -35,7 +35,7 @@ from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.refits import between
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 
-# A residual of so many times the other method's is far worse.
+# A residual of this multiple of the other method's is far worse.
 FAR_WORSE = 2.0
 # What two parts of the record reach, by the variable of a law.
 TWICE = {"speed": "speed of two parts", "displacement": "displacement of two parts"}

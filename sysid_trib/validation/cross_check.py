@@ -52,7 +52,7 @@ LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 # Part of the first method's errors that represents terms of second order: these dominate if two methods are
 # nearly the same to first order.
 SECOND_ORDER_PART = 0.1
-# Stated errors of so many times those by the noise allow for more than it.
+# Stated errors of this multiple of those by the noise include more than the noise.
 EXCESS = 1.5
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01

@@ -27,7 +27,7 @@ OSCILLATORS = (
 )
 # A model of more forces is taken if its residual is less than this part of that of the best with fewer.
 LESS = 0.8
-# Samples that are looked at: so many a period of the fastest motion, and so many in all.
+# Number of samples in the fit: a period of the fastest motion, and in all.
 PER_PERIOD, MOST_OF_RECORD = 40, 3000
 
 
@@ -69,7 +69,7 @@ def fitting_models(runs: Sequence[xr.Dataset]) -> list[FittingModel]:
     # Try systems with a held force too: it changes the equation.
     systems = [_of_system(system, names, short) for system in selection.shipped_systems() if system.held]
     kinds = [oscillators, *systems]
-    # A system that is as good as an oscillator of more forces goes before it.
+    # A system precedes an oscillator of more forces if it is equally good.
     return sorted(kinds, key=lambda model: model.residual * (1.0 if model.system else 1.0 / LESS))
 
 

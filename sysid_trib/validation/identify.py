@@ -167,7 +167,7 @@ def usual_methods(
     if any(MEASURED in run for run in runs):
         # Trajectory comes last: it compares the measured quantity itself.
         return [averaging if averaged else direct, trajectory]
-    # One that is too short or grows has no envelope to be averaged.
+    # A record that is too short or grows has no envelope to be averaged.
     if not averaged or any(run.attrs.get("taken_as_it_is") for run in runs):
         return [trajectory, direct]
     return [averaging, direct]

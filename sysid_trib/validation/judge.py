@@ -17,7 +17,7 @@ RESIDUAL_LEVEL = 1e-3
 # A model is approximate if its residual (RMS) is at most this part of the motion.
 APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
-# A motion that grows beyond so many times the largest angle of the record is none of it.
+# A motion that exceeds this multiple of the largest angle of the record does not follow it.
 LARGEST_MOTION = 3.0
 
 

@@ -192,7 +192,7 @@ def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, flo
     return float(np.exp(best)), float(spline(best)), error
 
 
-# Of a likely ratio, 0 where none is known; see `products_of`.
+# Index of a likely ratio, 0 if none is known; see `products_of`.
 ProductsNear: TypeAlias = Callable[[float], RunProducts]
 # Rounds of the joint search for the most likely ratios of several runs.
 TURNS = 6
