@@ -196,7 +196,7 @@ def test_objects_of_matlab_are_named_with_how_to_save_them(tmp_path, name, varia
     buffer = io.BytesIO()
     scipy.io.savemat(buffer, variables)
     (tmp_path / "r.mat").write_bytes(buffer.getvalue() + _objects(name, name))
-    with pytest.raises(RecordError, match=rf"r.mat: holds objects of MATLAB \({name}\).*save") as refusal:
+    with pytest.raises(RecordError, match=rf"r.mat: contains objects of MATLAB \({name}\).*save") as refusal:
         read_record(tmp_path / "r.mat")
     assert "damaged" not in str(refusal.value)
     scipy.io.savemat(tmp_path / "r.mat", {"tout": TIME, "theta": SWING})

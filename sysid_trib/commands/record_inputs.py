@@ -70,8 +70,8 @@ def what_else(path: Path) -> str:
         return f"{name}: this is a page of HTML, no record; a browser shows it."
     if start.startswith(b"{") and _is_printed(path):
         return (
-            f"{name}: this is what a command printed with --json, no record; -o RESULT.nc keeps what "
-            f"{PROGRAM} report shows."
+            f"{name}: this is the output of a command with --json, no record; -o RESULT.nc saves a "
+            f"result for {PROGRAM} report."
         )
     if path.suffix.lower() in (".nc", ".nc4", ".cdf") and (maker := _maker_of(path)):
         return f"{name}: this is a result of {maker}, no record; {PROGRAM} report {name} -o {page} shows it."

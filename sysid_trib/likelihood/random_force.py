@@ -31,7 +31,7 @@ def check_random_force(option: RandomForceOption) -> None:
     """
     if isinstance(option, str):
         if option not in OPTIONS:
-            raise UsageError(f"random_force='{option}' is none of {', '.join(OPTIONS)}, and no density.")
+            raise UsageError(f"random_force='{option}' must be one of {', '.join(OPTIONS)}, or a density.")
     elif not (np.isfinite(option) and option >= 0.0):
         raise UsageError(f"random_force={option} is no density; give {DENSITY_UNITS}, 'auto' or 'off'.")
 

@@ -364,7 +364,7 @@ def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
         bias_errors = np.sqrt(np.diag(covariance)[places])
         extra["bias"] = (fit.values[places], units, "bias of the sensor about the mean of the swing")
         extra["bias_standard_error"] = (bias_errors, units, "standard error of the bias")
-        extra["measured_noise"] = (levels, units, "noise of one sample of what was measured")
+        extra["measured_noise"] = (levels, units, "noise of one sample of the measured quantity")
     if all(levels):
         chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, levels, strict=True))
         ratio = birge_ratio(chi_square, degrees_of_freedom)

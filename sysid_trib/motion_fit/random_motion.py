@@ -208,7 +208,7 @@ def fit_random_motion(
         try:
             before, now = now, _linear(problem, values, paths).with_ratios(density, now)
         except SimulationError as error:
-            raise DecayError(f"No motion of these forces follows the record ({error})") from None
+            raise DecayError(f"No motion with these forces follows the record ({error})") from None
         best = now if best is None or now.remaining < best.remaining else best
         # A step this small, in standard errors, changes nothing.
         # What may be left after so many iterations, where they hop between branches; it is then among the

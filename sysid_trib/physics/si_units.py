@@ -283,7 +283,7 @@ def check_length_unit(unit: str) -> None:
     if unit not in METRES:
         raise UsageError(
             f"A mass makes forces of a displacement in a unit of length; this record is in {unit}. "
-            "Give its unit, --units mm, or of an angle the inertia, --inertia."
+            "Give its unit, --units mm, or for an angle the inertia, --inertia."
         )
 
 
@@ -298,8 +298,8 @@ def check_angle_unit(unit: str) -> None:
     # The measured quantity may be the rate of an angle, in rad/s.
     if unit.partition("/")[0] != ANGLE_UNIT:
         raise UsageError(
-            f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass of a "
-            "displacement, --mass, or the length of a pendulum, --length, which turns it into an angle."
+            f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass, "
+            "--mass, or the length of a pendulum, --length, so that the displacement becomes an angle."
         )
 
 

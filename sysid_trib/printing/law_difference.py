@@ -77,7 +77,7 @@ def law_blocks(tree: xr.DataTree) -> list[Block]:
         f"Forces are over the inertia. Bands of differences are valid at all places "
         f"together, in {percent}; a "
         "difference counts where its band excludes zero. If the second sample has no contact, the difference "
-        "is what the contact adds."
+        "is the force of the contact."
     )
     blocks = [Block([said], title=LAWS_TITLE)]
     names = dict(zip(SIDES, sample_names(tree.to_dataset()), strict=True))

@@ -26,8 +26,7 @@ TOO_SHORT = (
     "a random force that changes the motion by up to {:.2g} times that noise cannot be excluded."
 )
 SIGN_OF_MISSING = (
-    "The random force stands for a force that is missing: {}. The errors of the coefficients are larger than "
-    "stated."
+    "The random force stands for a missing force: {}. The errors of the coefficients are larger than stated."
 )
 OF_EXPERIMENT = (
     "The random force depends on neither angle nor speed, and its size is the same at all amplitudes, "

@@ -93,7 +93,9 @@ def difference(
     """
     given = [_is_identified(side) for side in (first, second)]
     if all(given) and library is not None:
-        raise UsageError("difference takes a library with records only; identifications have theirs.")
+        raise UsageError(
+            "difference takes a library only with records; identifications contain their library."
+        )
     if any(given) and not all(given):
         raise UsageError(
             "difference takes two identifications or two records, not one of each; identify the record first."

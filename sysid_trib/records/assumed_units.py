@@ -96,11 +96,11 @@ def unit_of(
         # "deg" of a rate is deg/s.
         given = replace(given, quantity=how.signal)
     if given and stated and stated.known and not _agree(stated, given):
-        known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
+        known = "" if given.known else f", which is unknown (known are {lab.OFFERED_UNITS})"
         raise _contradicted(column, stated.text, "units", how.units, known)
     if given and not given.known and given.quantity == "angle":
         # In whatever it is, no coefficient would have its size.
-        wrong = f"{table.source}: --units '{how.units}' is no unit of an angle that is known"
+        wrong = f"{table.source}: --units '{how.units}' is no known unit of an angle"
         raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
     unit, why = given or stated, ""
     if unit is None:

@@ -42,7 +42,7 @@ def free_part(swing: Swing) -> Swing:
             stop = int(np.searchsorted(time, halves.crossing[(free or run).stop]))
             small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
             reason = "is lost in the noise" if small else "does not swing freely"
-            reason = ", in which it leaves the course of the decay" if free else f" in which it {reason}"
+            reason = ", in which it deviates from the decay" if free else f" in which it {reason}"
             after = f"the last {time[-1] - time[stop - 1]:.4g} s{reason}"
     return replace(swing, free=slice(start, stop), before=before, after=after, stop_time=float(stop_time))
 

@@ -91,7 +91,8 @@ def driven_parts(
     kept = [p for p in pieces if p.sizes["time"] >= fewest and np.ptp(p.time.values) >= lasting]
     if not kept:
         raise DecayError(
-            f"Gaps part this record ({_listed_gaps(time, gaps)}), and none of its {len(pieces)} parts lasts "
+            f"Gaps divide this record ({_listed_gaps(time, gaps)}), and none of its "
+            f"{len(pieces)} parts lasts "
             "for two periods; record it without them."
         )
     if len(pieces) > 1:

@@ -215,8 +215,8 @@ def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any])
         ),
     }.get(kinds[0], "t = x.Time; y = x.Data; save('record.mat', 't', 'y')")
     raise RecordError(
-        f"{path.name}: holds objects of MATLAB ({held}), whose numbers nothing but MATLAB can read; save "
-        f"them there as arrays: {how}; or have Simulink save arrays (To Workspace, format Array)."
+        f"{path.name}: contains objects of MATLAB ({held}), which only MATLAB can read; save them there as "
+        f"arrays: {how}; or let Simulink save arrays (To Workspace, format Array)."
     )
 
 

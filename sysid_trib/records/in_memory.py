@@ -55,7 +55,7 @@ def as_record(given: Any) -> Any:
         return _of_columns(_column(TIME, plain[:, 0]), _column(ANGLE, plain[:, 1]), "array")
     if isinstance(given, xr.DataArray):
         if given.ndim != 1:
-            raise UsageError(f"A DataArray is a record over time alone; this one is over {given.dims}.")
+            raise UsageError(f"A DataArray must have time as its only dimension; this one has {given.dims}.")
         given = _of_data_array(given)
     if is_pair(given):
         return _of_pair(*given)
@@ -173,7 +173,7 @@ def _checked_record(given: Any, function: str) -> xr.Dataset:
     record: xr.Dataset = as_record(given)
     if "angle" not in record.variables:
         if "coefficient" in record:
-            raise UsageError(f"{function} takes a record, not a result; give the record that it is from.")
+            raise UsageError(f"{function} takes a record, not a result; give the record of the result.")
         names = [str(name) for name, values in record.data_vars.items() if values.ndim == 1]
         remedy = f"rename its signal: record.rename({names[0] if len(names) == 1 else 'NAME'}='angle')"
         held = ", ".join(map(str, record.data_vars)) or "nothing"

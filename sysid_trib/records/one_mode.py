@@ -410,8 +410,8 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
         left_out = 1e3 * separate.first * interval
         said.append(
-            f"1 of {separate.every} samples kept, {a_period:.3g} a period, behind a filter of zero phase "
-            f"that leaves {left_out:.3g} ms out at both ends"
+            f"1 of {separate.every} samples kept, {a_period:.3g} a period, after a filter of zero phase, "
+            f"without {left_out:.3g} ms at both ends"
         )
     after = own.stop * interval - (separate.first + separate.signal.size * separate.every) * interval
     if after > 2.0 * separate.first * interval + 1e-9:

@@ -96,7 +96,7 @@ def read_record(
     """
     if not isinstance(path, str | os.PathLike):
         raise UsageError(
-            "read_record reads a file; what is in memory is a record as it is: st.free_decay((t, angle))."
+            "read_record reads a file; data in memory are used directly: st.free_decay((t, angle))."
         )
     given = time, angle, signal, units, sampling_rate, time_units, length
     how = reading.Reading(

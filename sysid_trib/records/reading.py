@@ -137,7 +137,7 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
     if unit is None:
         columns = ", ".join(column.name for column in held.values())
         wrong = f"{table.source}: the unit of --angle '{text}' does not follow from its columns ({columns})"
-        raise UsageError(f"{wrong}, whose numbers it takes as they are; say it with --units (units=).")
+        raise UsageError(f"{wrong}, whose numbers it takes unchanged; state it with --units (units=).")
     base = next(iter(held)) if len(held) == 1 else ""
     made = Column(text, np.where(np.isfinite(signal), signal, np.nan), table.source, base, unit)
     return replace(table, columns=(*table.columns, made))

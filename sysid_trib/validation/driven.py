@@ -142,7 +142,8 @@ def identified_driven(
                 kept[name] = of.with_result(wider)
     if not kept:
         raise DecayError(
-            "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
+            "No motion with these forces follows the record; offer other forces "
+            "(--forces), or a shorter part "
             "of it (--window)."
         )
     return _tree(kept, "direct" in kept and random_explains, separated)
