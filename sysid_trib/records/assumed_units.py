@@ -127,8 +127,8 @@ def unit_of(
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
         wrong = f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much"
         raise RecordError(
-            f"{wrong} for an oscillation; if it is in degrees say so with --units deg, if it is no "
-            "angle name its unit."
+            f"{wrong} for an oscillation; give --units deg if it is in degrees, or its unit if it "
+            "is no angle."
         )
     return unit, why
 
