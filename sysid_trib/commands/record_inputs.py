@@ -269,7 +269,7 @@ def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str
 
 
 def band_or_mode(given: RecordOptions) -> bool:
-    """Return whether one mode of a record is asked for, by its number or by a band."""
+    """Return true if one mode of a record is asked for, by its number or by a band."""
     if given.mode is not None and given.band is not None:
         raise UsageError("--mode and --band both name a mode; give one.")
     wanted = given.mode is not None or given.band is not None

@@ -281,7 +281,7 @@ def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]
 
 
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
-    """Return what a search says of itself, as attributes of its result."""
+    """Return the outcome of a search as attributes of its result."""
     return {
         "verdict": parts.verdict_of(done, closing),
         "closing_effect": closing,

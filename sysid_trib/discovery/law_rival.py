@@ -23,7 +23,7 @@ def held_out_by_laws(
     learnt: Sequence[RecordPart],
     later: Sequence[RecordPart],
 ) -> float:
-    """Return the RMS residual (rad) of what was held out, predicted by smooth laws.
+    """Return the RMS residual (rad) of the held-out part, predicted by smooth laws.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
 
 
 def where_finite(columns: Sequence[Array]) -> tuple[Mask, list[Array]]:
-    """Return which columns are finite in every run, and the columns with zeros in place of the others."""
+    """Return the mask of columns that are finite in every run, and the columns with zeros elsewhere."""
     good = np.all([has_products(column) for column in columns], axis=0)
     return good, [np.where(good, column, 0.0) for column in columns]
 

@@ -136,7 +136,7 @@ class Iterate:
         return self.parameters.expand(np.clip(self.values[free] + step, low, high))
 
     def average_by_ratio(self, run: int) -> tuple[Array, Array]:
-        """Return the step of the free parameters over the ratios that the record of a run leaves open."""
+        """Return the mean step of the free parameters over the plausible ratios of a run."""
 
         def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
             return replace(self, ratios=[*self.ratios[:run], ratio, *self.ratios[run + 1 :]]).solution

@@ -59,7 +59,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
-    """Return why records have no numbers, by record name."""
+    """Return the reasons why records have no numbers, by record name."""
     return dict(store.message[store.status.values > 1].to_series())
 
 

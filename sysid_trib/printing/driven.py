@@ -42,7 +42,7 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """Return the blocks of an identification with inputs; `record` describes what was read."""
+    """Return the blocks of an identification with inputs; `record` describes the record."""
     compared, unit = tree["judged"].to_dataset(), signal_units(tree)
     answer = compared.attrs["preferred"]
     best = compared.sel(model=answer)

@@ -95,7 +95,7 @@ def frequency_text(result: xr.Dataset) -> str:
 
 
 def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, Formula]]:
-    """Yield numbers and formulas of the active forces, or of what the sensor adds.
+    """Yield numbers and formulas of the active forces, or of the terms of the sensor.
 
     A stiffness that refers to another frequency, that without contact, is in w already.
     """

@@ -20,7 +20,7 @@ MOST_PLACES = 8
 
 
 def sample_names(data: xr.Dataset) -> list[str]:
-    """Return what the samples are called: their files, or first and second where these are called alike."""
+    """Return the names of the samples: their files, or first and second if these are alike."""
     names = [sample_name(data.attrs[f"{side}_record"], side) for side in SIDES]
     return list(SIDES) if names[0] == names[1] else names
 
@@ -54,7 +54,7 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
-    """Return in which direction the first law differs from the second, and the places of each."""
+    """Return the direction in which the first law differs from the second, and the places of each."""
     places = data[VARIABLE_OF_LAW[law]].values
     # A larger friction is larger against the motion, whatever its direction.
     difference = np.sign(places) * data[f"{law}_difference"].values

@@ -104,7 +104,7 @@ def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
-    """Return how far the motion of the laws follows the record."""
+    """Describe how closely the motion of the laws follows the record."""
     checked, answer = tree["judged"], judged.preferred_of(tree)
     decided = judged.verdict_of(tree)
     curves = not checked.attrs["reason"]
@@ -207,7 +207,7 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
 
 
 def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    """Return the friction as it is, the restoring force without what is known of it."""
+    """Return the friction as it is, the restoring force without its known part."""
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
@@ -405,7 +405,7 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
 
 
 def _residual_text(rms: float, unit: str) -> str:
-    """Return what a model leaves of what was held out, or that it predicts no motion."""
+    """Return the held-out residual of a model, or that it predicts no motion."""
     return layout.in_small_units(rms, unit) if np.isfinite(rms) else "no motion"
 
 

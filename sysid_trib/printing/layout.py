@@ -260,7 +260,7 @@ def by_variables(data: xr.Dataset) -> dict[str, Any]:
 
 
 def judged_json(tree: xr.DataTree) -> dict[str, Any]:
-    """Return what was judged of each model, by the names of the variables."""
+    """Return the judged variables of each model, by their names."""
     return {"judged": by_variables(tree["judged"].to_dataset())["model"]}
 
 

@@ -30,7 +30,7 @@ WORDS, AT_TWO = 34, " (a = 0.1, 1)"
 
 
 def force_table(library: ForceLibrary) -> Table:
-    """Return the forces of a library with their equations, and what is derived from these."""
+    """Return the forces of a library with their equations and derived properties."""
     rows = []
     for force in library:
         power = "" if force.kind == "sensor" else loses_power(force)

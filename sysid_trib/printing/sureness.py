@@ -97,7 +97,7 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def not_followed(tree: xr.DataTree) -> list[str]:
-    """Return why the fit with a random force failed, by run; empty if it did not."""
+    """Return the reason why the fit with a random force failed, by run; empty if it did not."""
     return [reason for reason in tree["random_force"].reason.values.tolist() if reason]
 
 

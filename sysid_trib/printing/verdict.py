@@ -133,7 +133,7 @@ CURVE_WORDS = {"frequency": "frequency", "damping_ratio": "damping"}
 
 
 def _departures_sentence(tree: xr.DataTree, model: str) -> str:
-    """Return where the frequency and the damping of a model are wrong, of the run where they are most."""
+    """Describe the amplitudes at which frequency and damping of a model are wrong, in the worst run."""
     groups = [name for name in tree.children if name.startswith("lack_of_fit")]
     of_runs = [tree[group].to_dataset().sel(model=model) for group in groups]
     farthest = max(of_runs, key=lambda of: float(abs(of.departure).max()), default=None)

@@ -33,7 +33,7 @@ LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
 
 
 def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.DataTree) -> xr.Dataset:
-    """Return where the laws of two samples differ: two materials, or a contact and none.
+    """Find the places at which the laws of two samples differ: two materials, or a contact and none.
 
     Parameters
     ----------

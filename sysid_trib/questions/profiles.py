@@ -111,7 +111,7 @@ def _at_limit(value: Array, limit: Array, error: Array) -> Array:
 
 
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
-    """Return where the deviance rejects a parameter on one side; its limit, or infinity, if nowhere.
+    """Find the value at which the deviance rejects a parameter on one side; else its limit, or infinity.
 
     Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
     """

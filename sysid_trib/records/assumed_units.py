@@ -201,7 +201,7 @@ OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
 
 
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
-    """Return why a column is an accelerometer axis in m/s^2 (three axes at rest show gravity), or nothing."""
+    """Return the reason for an accelerometer axis in m/s^2 (gravity on three axes), or nothing."""
     axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
     # More columns are gravity in some way by chance.
     if len(axes) != 3 or column not in axes:

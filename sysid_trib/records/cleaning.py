@@ -135,7 +135,7 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
 
 
 def pulses(signal: Array) -> bool:
-    """Return true if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    """Return true if a signal rests at one level and leaves it in pulses, like light behind a barrier."""
     low, high = np.percentile(signal, [0.5, 99.5])
     # Clearly on either side: noise about the middle is no crossing.
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))

@@ -129,14 +129,14 @@ def _own_quantity_apart(part: xr.Dataset) -> xr.Dataset:
 
 
 def _signal_names(record: xr.Dataset) -> list[str]:
-    """Return the names of what was measured: the rate or acceleration itself where it is compared."""
+    """Return the names of the measured quantities: the rate or acceleration itself if it is compared."""
     if MEASURED_ITSELF in record:
         return [MEASURED_ITSELF]
     return [str(name) for name in ("angle", record.attrs.get("measured")) if name in record]
 
 
 def _shown(record: xr.Dataset, name: str) -> str:
-    """Return the name of a variable in a sentence: what was measured itself is a rate or an acceleration."""
+    """Return the name of a variable in a sentence: the measured rate or acceleration by its own name."""
     return str(record.attrs.get("measured", name)) if name == MEASURED_ITSELF else name
 
 

@@ -235,7 +235,7 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
-    """Return the swing that a piece holds, after what is clipped, or the reason why it holds none."""
+    """Return the swing of a piece after its clipped part, or the reason why it has none."""
     if cleaning.pulses(signal):
         wrong = (
             f"{source}: the signal rests at one level and leaves it in pulses, like that of a light barrier"

@@ -285,7 +285,7 @@ CONSTANT_WITHIN = 1e-12
 
 
 def is_constant(values: Array) -> bool:
-    """Return whether an input does not change but for rounding."""
+    """Return true if an input is constant up to rounding."""
     return bool(np.ptp(values) <= CONSTANT_WITHIN * np.max(np.abs(values), initial=0.0))
 
 
@@ -303,7 +303,7 @@ def integral_of_rate(time: Array, rate: Array) -> Array:
 
 
 def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
-    """Return a driven record whose rate or acceleration was measured with that as what is compared.
+    """Return a driven record whose measured rate or acceleration is the compared quantity.
 
     Parameters
     ----------

@@ -270,13 +270,13 @@ def amplitude_at(component: Component, samples: Array) -> Array:
 
 
 def is_multiple(ratio: float) -> bool:
-    """Return whether a ratio of frequencies is 2, 3, ..."""
+    """Return true if a ratio of frequencies is 2, 3, ..."""
     whole = round(ratio)
     return 2 <= whole <= MOST_MULTIPLE and abs(ratio / whole - 1.0) < MULTIPLE_TOLERANCE
 
 
 def are_close(frequency: float, other: float, ringing: Ringing) -> bool:
-    """Return whether modes of two frequencies are too close to be separated reliably with one sensor."""
+    """Return true if modes of two frequencies are too close to be separated reliably with one sensor."""
     return ringing.signals.shape[0] == 1 and abs(other / frequency - 1.0) < CLOSE_FREQUENCIES
 
 

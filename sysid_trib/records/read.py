@@ -200,7 +200,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
 def _as_record(
     time: Array, values: Array, unit: lab.SignalUnit, attrs: Mapping[str, Any], how: reading.Reading
 ) -> xr.Dataset:
-    """Return the record of a signal: `angle(time)`, and what was measured if that is another quantity.
+    """Return the record of a signal: `angle(time)`, and the measured quantity if that is another one.
 
     A rate is integrated once, an acceleration twice, without the drift of a bias. An accelerometer on a
     pendulum feels g sin(x) + r x'' along its path; without friction x'' = -w^2 sin(x), so that to first order

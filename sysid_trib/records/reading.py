@@ -263,7 +263,7 @@ def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
 
 
 def _power(tree: ast.AST) -> float | None:
-    """Return the power of the columns' unit in a formula, 0 of a number; None of what has none."""
+    """Return the power of the columns' unit in a formula, 0 for a number; None if it has no power."""
     match tree:
         case ast.Constant() | ast.Name(id="pi"):
             return 0.0

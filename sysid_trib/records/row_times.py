@@ -116,7 +116,7 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
 
 
 def _origin(time: Column, clock: Clock, unit: str | None) -> Origin:
-    """Return what the times of a clock call 0 s: stamps that are counted as a calendar does are dates."""
+    """Return the instant that the times of a clock call 0 s; stamps that count like a calendar are dates."""
     kind, instant = time.first_instant
     counted = Origin(kind, instant).later(clock.counted_from)
     low, high = COUNTED_FROM_1970

@@ -400,7 +400,7 @@ LONGEST_UNIT = 8
 
 
 def _with_unit(name: str, said: str) -> str:
-    """Return a name with what stands below it: its unit, or what is measured."""
+    """Return a name with the unit or quantity below it."""
     plain = said.strip().removeprefix("(").removesuffix(")") if said.count("(") == 1 else said.strip()
     plain = plain.strip("[] ")
     if is_missing(plain) or plain.lower() == "none" or split_header(name)[1]:

@@ -21,12 +21,12 @@ JUDGED = "judged"
 
 
 def judged_of(tree: xr.DataTree) -> xr.Dataset:
-    """Return what was judged of each model of a result, over `model`."""
+    """Return the judged variables of each model of a result, over `model`."""
     return tree[JUDGED].to_dataset()
 
 
 def comparison_of(tree: xr.DataTree) -> xr.Dataset:
-    """Return the table of methods of `compare` with what was judged of each, nan of one without a result."""
+    """Return the table of methods of `compare` with their judged variables, nan for one without a result."""
     table = tree["comparison"].to_dataset()
     judged = judged_of(tree)[["residual_rms", "residual_over_noise", "failure", "verdict"]]
     judged = judged.reindex(model=table.model.values, fill_value={"failure": "", "verdict": ""})

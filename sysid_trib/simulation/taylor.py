@@ -67,7 +67,7 @@ def _keeps_clear(g, n, low, high):
 
 @inner
 def first_crossing(series, n, h, side, zero, work):
-    """Return where in (0, h] a series leaves its side (+1, -1) of zero; h + 1 if it does not.
+    """Find the place in (0, h] at which a series leaves its side (+1, -1) of zero; h + 1 if it does not.
 
     A zero at 0 itself, up to the number or of the order in `zero`, is divided out; a wrong side there is a
     crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
@@ -262,7 +262,7 @@ def _part_of_derivatives(program, c, k):
 
 @inner
 def length(program, c, n, part):
-    """Return a step that leaves less than a part of the states' series, and rounding of the others."""
+    """Return a step with a small truncation error of the states' series, and rounding of the others."""
     J = c.J
     h = radius(J, np.int64(0), np.int64(1), n, part)
     for i in range(2, program.states):

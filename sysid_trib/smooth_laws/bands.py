@@ -189,7 +189,7 @@ def largest_of_draws(covariance: Array) -> Array:
 
 
 def simultaneous_factor(covariance: Array) -> float:
-    """Return by how many standard errors a band must reach to hold at all places at once, in 95 %.
+    """Return the number of standard errors of a band that is valid at all places at once, in 95 %.
 
     Parameters
     ----------

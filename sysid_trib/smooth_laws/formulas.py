@@ -244,7 +244,7 @@ class _LawProblem:
         return float(np.exp(fitted.x))
 
     def distance(self, forces: Sequence[Force], value: float) -> _Distance:
-        """Return how far the nearest sum of forces is from the law, at a value of the shape parameter."""
+        """Return the distance of the nearest sum of forces from the law, at a value of its shape."""
         columns = np.column_stack([self.column(force, value) for force in forces])
         if self.of == "x":
             # The frequency is fitted with each formula.

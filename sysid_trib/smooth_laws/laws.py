@@ -378,7 +378,7 @@ def _tree(
 
 
 def _preferred(results: Mapping[str, xr.Dataset], table: xr.Dataset, *, driven: bool) -> str:
-    """Return the method to be preferred: by what was held out, where a residual is more than noise."""
+    """Choose the preferred method: by the held-out prediction if a residual is more than noise."""
     names = list(results)
     missed = {name: float(table.tested_rms.sel(model=name)) for name in names}
     held_out = [float(results[name].get("held_out_rms", np.nan)) for name in names]

@@ -29,7 +29,7 @@ from sysid_trib.validation.verdict import decided, evidence_of_models, p_value_o
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
-    """Return forces that averaging, or any method, cannot tell apart by principle."""
+    """Return forces that averaging, or any method, cannot separate by principle."""
     library = schema.library_of(result)
     shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)

@@ -129,7 +129,7 @@ def _short(run: xr.Dataset) -> xr.Dataset:
 
 
 def between_of(run: xr.Dataset) -> str:
-    """Return what inputs are between their samples: `held` where one is constant for most steps."""
+    """Return the interpolation of inputs between their samples: `held` if one is constant for most steps."""
     known = inputs.inputs_of(run)
     return "held" if any(drives.is_held(of.values) for of in known.values()) else "smooth"
 

@@ -204,7 +204,7 @@ def _random_force_explains(stochastic: FollowedRuns) -> bool:
 
 
 def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> float:
-    """Return what the motion of a model leaves of runs over the RMS of these; infinite without a motion."""
+    """Return the RMS residual of a model over the RMS of the runs; infinite without a motion."""
     return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
 
 
@@ -230,7 +230,7 @@ def _sizes_of(followed: FollowedRuns) -> list[float]:
 
 
 def _residual(followed: FollowedRuns, at: int) -> Array | None:
-    """Return what the motion leaves of a run, over w for each integration; None where it has no motion."""
+    """Return the residual of a run, over w for each integration; None if it has no motion."""
     run, result = followed.runs[at], followed.result
     if MEASURED not in run:
         motion = followed.motions[at]
@@ -245,12 +245,12 @@ def _residual(followed: FollowedRuns, at: int) -> Array | None:
 
 
 def _per_integration(run: xr.Dataset, result: xr.Dataset) -> float:
-    """Return the reference frequency to the power of the integrations of what was measured."""
+    """Return the reference frequency to the power of the integrations of the measured quantity."""
     return float(result.reference_frequency.item() ** int(run.attrs.get("integrations", 0)))
 
 
 def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
-    """Return the standard deviation of what was measured, over w for each integration."""
+    """Return the standard deviation of the measured quantity, over w for each integration."""
     own = MEASURED in run
     return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 

@@ -64,7 +64,7 @@ def in_all_runs(
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Return why a model that neglects no force fails on the records, from `in_all_runs`; or nothing."""
+    """Return the reason why a complete model fails on the records (`in_all_runs`); or nothing."""
     if not motions:
         return judge.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
