@@ -57,7 +57,7 @@ EFFECTIVE_TITLE = "The model does not explain the record."
     },
 )
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """A result at a glance: the record and its models, what these leave, and the forces.
+    """A result at a glance: the record and its models, their residuals, and the forces.
 
     Where there is a backbone, frequency and damping ratio against amplitude, of the record without any model,
     with 95 % bands (dots are single periods), and of the models. The record and the motion of each model, its

@@ -35,7 +35,7 @@ FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 
 
 @shows("laws", block="Friction against speed")
 def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
-    """Friction against speed, and the restoring force without what is known of it against displacement.
+    """Friction against speed, and the restoring force minus its known part against displacement.
 
     Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
     by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
@@ -72,7 +72,7 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     if len(panels) > 1:
         panels[1].set(xlabel=f"displacement ({unit})")
         known = " and ".join([f"$w^2{symbol}$", *held])
-        panels[1].set(ylabel=f"restoring force beyond {known} ({unit}/s²)")
+        panels[1].set(ylabel=f"restoring force minus {known} ({unit}/s²)")
     panels[0].legend(**LEGEND, ncols=2)
     if len(panels) > 1:
         style.letter(panels)
