@@ -77,7 +77,7 @@ def test_forces_of_one_signature_are_one_to_averaging():
     assert averaging.neglects.item() == "even"
     assert np.all(np.isnan(averaging.coefficient))
     assert np.isnan(averaging.time_taken)
-    blind = "delta, positional (taken for zeta); even"
+    blind = "delta, positional (absorbed by zeta); even"
     assert of(found, "logarithmic decrement").neglects.item() == blind
     assert found.attrs["averaging_cannot_see"] == "even"
 

@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -49,8 +49,8 @@ def law_formulas(
         `coefficient`, nan of a force that is not in the formula, and its `standard_error`; `chi_square`,
         `information` (Akaike's, less the least), `largest_deviation` from the law over the half width of its
         band; and the law by each formula, `friction(alternative, speed)` or `restoring(alternative,
-        displacement)`, over the inertia. Empty over `alternative` where no formula of up to three terms stays inside. The fitted value of
-        a shape parameter is in the force's `formula`.
+        displacement)`, over the inertia. Empty over `alternative` where no formula of up to three terms stays
+        inside. The fitted value of a shape parameter is in the force's `formula`.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def law_formulas(
     if law not in VARIABLE_OF_LAW:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
     if law not in result:
-        raise DecayError("This identification holds no laws; make one by laws.")
+        raise DecayError("This identification contains no laws; identify them by laws.")
     variable = VARIABLE_OF_LAW[law]
     of = NAME_IN_FORMULAS[variable]
     part = result.isel({variable: np.flatnonzero(result[f"{variable}_visited"].values)})
@@ -107,7 +107,7 @@ def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
         and len(force.shape) < 2
     ]
     if not kept:
-        raise UsageError(f"The candidates hold no force of {of} alone; offer some.")
+        raise UsageError(f"The candidates contain no force of {of} alone; offer some.")
     return kept
 
 
@@ -348,6 +348,7 @@ def _as_dataset(inside: Sequence[LawFormula], law: str, places: xr.DataArray) ->
         law: np.reshape([formula.values for formula in listed], (len(listed), places.size)),
     }
     library = ForceLibrary("forces of formulas", tuple(forces.values()))
-    coords = {"force": list(forces), **schema.force_labels(library.forces), places.name: places}
+    coords: dict[str, Any] = {"force": list(forces), **schema.force_labels(library.forces)}
+    coords[str(places.name)] = places
     attrs = {"law": law, "library": library.to_toml() if forces else ""}
     return xr.Dataset(described("law_formulas", data), coords, attrs)
