@@ -1,6 +1,6 @@
 """Free motion of a fitted model and its residual, and the model as an identification."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_variables
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.variance_ratio import p_value_of_gain
+from sysid_trib.records.inputs import KnownInput
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
@@ -40,6 +41,8 @@ class FreeMotion:
     noise : NoiseModel
         Of the sensor.
     model : Model
+    inputs : mapping of str to KnownInput
+        Those of the run by name.
     """
 
     time: Array
@@ -47,6 +50,7 @@ class FreeMotion:
     residual: Array
     noise: NoiseModel
     model: Model
+    inputs: Mapping[str, KnownInput]
 
     @property
     def moving(self) -> int:
@@ -102,7 +106,8 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         # A model without a motion of its own has that which the record leaves it.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
     error, *_ = sensor_error(model, path.elapsed, motion.x, motion.v, ())
-    return FreeMotion(path.time, motion, path.angle - motion.offset - error - motion.x, noise, model)
+    residual = path.angle - motion.offset - error - motion.x
+    return FreeMotion(path.time, motion, residual, noise, model, path.inputs)
 
 
 def random_forces(model: FittedModel) -> list[RandomForce]:

@@ -23,7 +23,7 @@ from sysid_trib.results.effects import determines
 from sysid_trib.results.judged import LARGE, follows, kept_results, last_of, preferred_of
 from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
-from sysid_trib.validation.lack_of_fit import residual_force
+from sysid_trib.validation.missing_force import residual_force
 
 # Of a row of panels, and of one of residuals, over the page and in a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
@@ -112,8 +112,10 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         titles = [""] * len(panels)
         if "F" in panels:
             # A model that failed has no weights, but what it lacks can be seen.
-            of_surface = main if main is not None else last_of(tree)
-            _surface(panels["F"], of_surface, record[["angle"]], run, "right" if wide else "bottom")
+            of_surface, moved = last_of(tree), record[["angle"]]
+            if main is not None:
+                of_surface, moved = main, record.sel(model=[*results][-1])
+            _surface(panels["F"], of_surface, moved, run, "right" if wide else "bottom")
             titles[-1] = MISSING_TITLE
         style.letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         style.footnote(figure, held_out_sentence(tree))

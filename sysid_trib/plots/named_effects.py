@@ -144,7 +144,7 @@ def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
     panels[1].sharey(panels[0])
     for ax, shown in zip(panels, models, strict=True):
         force = (factor * shown.force).where(shown.samples >= FEWEST_IN_CELL)
-        mesh = draw_cells(ax, force, factor * shown.standard_error, limit)
+        mesh = draw_cells(ax, force, factor * shown.force_standard_error, limit)
         ax.set(xlabel=f"{signal_label(units).split()[0]} ${x}$ ({units})")
         ax.set(ylabel=rf"$\dot{{{x}}}/\omega$ ({units})")
     panels[1].set_ylabel("")

@@ -167,7 +167,7 @@ def _unexplained(tree: xr.DataTree) -> Iterator[str]:
     high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
     if not high.any():
         return
-    cells = (after.force / after.standard_error).where(abs(after.force) > 0.0).to_series().dropna()
+    cells = (after.force / after.force_standard_error).where(abs(after.force) > 0.0).to_series().dropna()
     where = ""
     if len(cells):
         x, v = cells.abs().idxmax()
