@@ -26,11 +26,16 @@ Motions = Sequence[Sequence[free_motion.FreeMotion]]
 
 
 def groups_of(
-    seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary, plain: PlainStart | None = None
+    seen: Sequence[xr.Dataset],
+    whole: Sequence[xr.Dataset],
+    search: Search,
+    offered: ForceLibrary,
+    plain: PlainStart | None = None,
 ) -> dict[str, xr.Dataset]:
     """Return the groups of the result of `discover`.
 
-    `seen` : what the models are fitted to. `plain` : the start model in the place of that of the search.
+    `seen` : what the models are fitted to. `whole` : the runs with all their samples.
+    `plain` : the start model in the place of that of the search.
     """
     motions = [free_motion.free_motions(model) for model in search.models]
     if plain is not None:
@@ -59,7 +64,7 @@ def groups_of(
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
     groups["holdout"] = _holdout(search, motions[-1])
-    groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]})
+    groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]}, whole)
     if len(seen) > 1:
         groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
     return groups

@@ -30,6 +30,8 @@ DRIVEN_VERDICTS = {
     ),
     "approximate": "The model is approximate: the residual is {} (RMS), which is more than noise.",
     "not explained": "The model does not explain the record: the residual is {} (RMS).",
+    "undetermined": "The record does not determine the forces: no coefficient differs from zero. The "
+    "residual is {} (RMS).",
 }
 # A coefficient of less than so many of its errors may be zero.
 SIGNIFICANT = 2.0

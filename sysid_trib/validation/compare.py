@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import records
-from sysid_trib.arrays import root_mean_square
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -25,8 +24,7 @@ from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale, variables
-from sysid_trib.results.random_force import is_found, random_force_of
-from sysid_trib.validation import cross_check, holdout, judge, residuals, verdict
+from sysid_trib.validation import cross_check, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
@@ -202,36 +200,33 @@ def _compared(
         table = table.assign(white)
     of_names = [result for label, result in results.items() if scope_of(named[label]).names_forces]
     table.attrs |= _not_separable(runs, of_names or list(results.values()), library)
-    table, judged = _judged(table, runs, {label: trial.followed for label, trial in trials.items()})
+    table, judged = _judged(
+        table,
+        [groups[name] for name in of_records],
+        {label: trial.followed for label, trial in trials.items()},
+    )
     return xr.DataTree.from_dict({**groups, **results, "comparison": table, "judged": judged})
 
 
 def _judged(
-    table: xr.Dataset, runs: Sequence[xr.Dataset], followed: Mapping[str, residuals.FollowedRuns | None]
+    table: xr.Dataset, records: Sequence[xr.Dataset], followed: Mapping[str, residuals.FollowedRuns | None]
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Judge the methods that gave an identification; the table of methods without what is judged."""
     best = table.attrs["best"]
     known = {label: of for label, of in followed.items() if of is not None}
     # The verdict on the noise is that of the last.
     known[best] = known.pop(best)
-    driven, of_best = is_driven(runs), known[best].result
-    tested = tested_driven(known) if driven else residuals.residuals(known, of_best)
-    p_value = float("nan")
-    if not driven and is_found(random_force_of(of_best)):
-        p_value = verdict.p_value_of_dependence(verdict.tested_runs(known[best]))
+    driven = any(map(inputs.inputs_of, records))
     of_known = table.sel(model=list(known))
-    motion = root_mean_square([root_mean_square(run.angle.values) for run in runs])
-    values = {
-        "residual_rms": of_known.residual_rms.values,
-        "residual_over_noise": of_known.residual_over_noise.values,
-        "residual_over_motion": of_known.residual_rms.values / motion,
-        "held_out_rms": of_known.holdout_rms.values,
-        "failure": of_known.failure.values,
-        "random_force_p": np.full(len(known), p_value),
-    }
-    judged = tested.assign(variables.described("judged", values))
-    evidence = verdict.evidence_of_models(judged, known)
-    judged = judge.with_verdicts(judged, evidence, best, "compare")
+    judged = verdict.judged_models(
+        known,
+        [record.sel(model=list(known)) for record in records],
+        tested_driven(known) if driven else residuals.residuals(known, known[best].result),
+        preferred=best,
+        made_by="compare",
+        random_force_p=float("nan") if driven else None,
+        replaced={"held_out_rms": of_known.holdout_rms.values, "failure": of_known.failure.values},
+    )
     there = [label for label in table.model.values if label in known]
     return table.drop_vars(JUDGED_VARIABLES), judged.sel(model=there)
 
