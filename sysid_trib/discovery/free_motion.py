@@ -99,6 +99,8 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
     x, v = path.at_samples
     error, *_ = sensor_error(model, path.elapsed, x, v, ())
     begin = float(x[0]), float(v[0] * path.frequency)
+    # `validation.residuals.fitted_motion` begins from an identification; here states and memory continue
+    # those of the path before a held-out part.
     try:
         # Do not wait for a model that is too stiff.
         motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)

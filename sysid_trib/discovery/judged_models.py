@@ -33,7 +33,7 @@ def judged_models(
     motions : mapping of str to sequence of FreeMotion
         Of each model its motion in each run, by the name of its group.
     whole : sequence of Dataset
-        The runs with all their samples.
+        The run of each record with all its samples.
 
     Notes
     -----

@@ -17,6 +17,8 @@ from sysid_trib.discovery.judged_models import judged_models
 from sysid_trib.discovery.plain_start import PlainStart
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results import effects, variables
 from sysid_trib.validation.residuals import with_noise_and_models
 
@@ -34,7 +36,7 @@ def groups_of(
 ) -> dict[str, xr.Dataset]:
     """Return the groups of the result of `discover`.
 
-    `seen` : what the models are fitted to. `whole` : the runs with all their samples.
+    `seen` : what the models are fitted to. `whole` : the run of each with all its samples.
     `plain` : the start model in the place of that of the search.
     """
     motions = [free_motion.free_motions(model) for model in search.models]
@@ -44,7 +46,7 @@ def groups_of(
     # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
-    names, records = variables.group_names("record", len(seen)), _records(seen, motions)
+    names, records = variables.group_names("record", len(seen)), _records(seen, whole, motions)
     groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
     for when, name, at in (("", "before", 0), ("_after", "after", -1)):
         spans, attrs = demodulation.demodulate(motions[at])
@@ -91,14 +93,19 @@ def _labels(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[st
     return {name: ("candidate", texts) for name, texts in texts_of(forces, names).items()}
 
 
-def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
-    """Return the fitted records, with the angles of the first and the last model."""
+def _records(seen: Sequence[xr.Dataset], whole: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
+    """Return the fitted records, with the angles of the first and the last model.
+
+    The noise is that of the whole run, as in a result of `identify`.
+    """
     records = []
     for at, run in enumerate(seen):
         ends = [motions[0][at], motions[-1][at]]
         simulated = np.stack([run.angle.values - motion.residual for motion in ends])
         values = {"residual_noise": ends[-1].noise.standard_deviation}
         both = with_noise_and_models(run, ["before", "after"], simulated)
+        if not inputs_of(run):
+            both = both.assign(variables.described("record", {"noise": sensor_noise(whole[at])}))
         records.append(both.assign(variables.described(TABLES["records"], values)))
     return records
 

@@ -48,6 +48,8 @@ NEARLY_AS_HIGH = 0.8
 def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
     """The effects that were added, in order, with residuals before and after over the noise; None of none.
 
+    `fitted` is the residual of the part to which the models of the search were fitted.
+
     Parameters
     ----------
     tree : DataTree
@@ -64,7 +66,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
             "formula": formula_text(step),
             "coefficient": layout.coefficient_text(step),
             "corrected p": layout.p_value_text(step.p_value.item(), ""),
-            "residual / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
+            "fitted / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
             "held out / noise": _to(held[at : at + 2], noise),
         }
         if details:

@@ -68,7 +68,7 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
         )
     else:
         level, ranking = tree["ranking"].significance_level.item(), _last(tree, "ranking")
-        stochastic = float(np.min(after.random_force_p_value)) < level
+        stochastic = word == "explained with a random force"
         headline = f"Explained: with {effects}" if effects else "No missing effect was found:"
         if judged.is_unexplained(tree):
             what = f"with {effects}" if effects else "no missing effect was found;"

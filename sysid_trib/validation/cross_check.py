@@ -146,6 +146,9 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     moving = [followed for followed in swings if None not in followed.motions]
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
     difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
+    # Two methods on one record. Samples share no noise (`questions.difference`), the table of `compare`
+    # takes the errors as independent (`holdout.contrast`), and of driven records no influence is known
+    # (`driven._difference`).
     covariance, errors = np.full((len(difference), len(difference)), np.nan), "stated"
     biased = not all(bool(result.get("first_order_bias_removed", True)) for result in results)
     if moving and not biased:

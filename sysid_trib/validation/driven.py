@@ -293,6 +293,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     symbols = [s for s in first.force.values.tolist() if s in second.force.values]
     frequency = second.reference_frequency.item()
     difference = np.subtract(*(comparison_values(result, symbols, frequency) for result in (first, second)))
+    # `cross_check.comparison` has the influence of each sample on both, which is known of free decays alone.
     # The same record: the larger error of both, which their difference has at most where neither is wrong.
     errors = np.maximum(*(np.sqrt(np.diag(stated_covariance(result, symbols))) for result in (first, second)))
     z = np.divide(difference, errors, out=np.zeros_like(difference), where=errors > 0.0)

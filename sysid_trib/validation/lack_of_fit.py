@@ -184,6 +184,8 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     the spectrum is flat about it: P(> r) = (1 + r/(2 m))^(-2 m); times the number of lines (Bonferroni).
     """
     samples = len(residual)
+    # The residual of a motion has the motion's harmonics. `omnibus_test._strongest_line` tests white rows,
+    # which have none; `screen._lines` tests nothing: it proposes frequencies.
     power = np.abs(np.fft.rfft(residual - residual.mean())) ** 2
     resolution = 2.0 * np.pi * (samples - 1) / (samples * (time[-1] - time[0]))
     excluded = _harmonics(time, motion, resolution, len(power))

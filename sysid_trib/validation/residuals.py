@@ -95,6 +95,8 @@ def fitted_motion(
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
         start = initial_conditions.first_guess(time, angle, model.reference_frequency)
+    # `discovery.free_motion` fits the start too, but from a path of the search and with its time limits: a
+    # candidate may be too stiff, and has a motion even then.
     try:
         return initial_conditions.fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
     except SimulationError:

@@ -48,6 +48,8 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
     Birge 1932: errors by the noise alone times the residual over the noise. Errors that a method has widened
     by the Birge ratio of its equations are not widened twice. A random force is already in the errors.
     """
+    # By the residual of the free motion. `discovery.screen.Screening.widening` has scores of the omnibus
+    # test: beside a random force a free motion wanders off, whether or not the model is complete.
     stated = max(1.0, float(result.get("birge_ratio", 1.0)))
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
 
