@@ -60,7 +60,9 @@ def plan(
         Over `run`, the best first: `amplitude`, `duration` (s; no longer than the motion), `samples`;
         `entropy` that is left of the models (nats; 0 of one model) and the `probability` that the right one
         has odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
-        by all records together, the error of the model added, and whether it `meets` what is wanted.
+        by all records together, the error of the model added, and whether it `meets` what is `wanted`
+        (nan where nothing is). Over `force` also the `stated_error` of the result and its part
+        `error_of_model`.
         `parting(time)` of the best run: by how much its two likeliest `models` part up to each time, as the
         logarithm of their likelihood ratio.
         attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
@@ -93,7 +95,20 @@ def plan(
     }
     asked = xr.Dataset(given, {"force": [*wanted]})
     planned = _planned(result, asked, duration, sampling_rate, repeats, tell)
-    return planned.assign_attrs(wanted=wanted)
+    return _with_known_errors(planned, judged.best(result), wanted)
+
+
+def _with_known_errors(planned: xr.Dataset, main: xr.Dataset, wanted: Mapping[str, float]) -> xr.Dataset:
+    """Add to a plan the errors that are wanted and those by the records of the result."""
+    symbols = planned.force.values.tolist()
+    known = main.sel(force=symbols)
+    values = {
+        "wanted": [wanted.get(symbol, np.nan) for symbol in symbols],
+        "stated_error": known.standard_error.values,
+        "error_of_model": judged.error_parts(known)[1],
+    }
+    with_units = planned.assign_coords(unit=("force", known.unit.values))
+    return with_units.assign(described("plan", values))
 
 
 @signal_scale.in_units_of_the_motion

@@ -39,8 +39,8 @@ def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
 
 def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
     """Return the known facts on a result and its records, as terms and texts."""
-    first = next(iter(identifications_of(tree).values())).attrs
-    general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY)}
+    first: Mapping[Any, Any] = next((of.attrs for of in identifications_of(tree).values()), {})
+    general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY) if key in first}
     records = kept_records(tree)
     # A result that keeps no record still names it.
     kept = ("record_source", "record_checksum") if records else ()
@@ -156,7 +156,7 @@ def _one_decay(data: xr.Dataset) -> str:
     if "input_columns" in attrs:
         first, last = window
         return f"{read}.sel(time=slice({first!r}, {last!r}))"
-    if "free_decay" not in attrs:
+    if "free_decay" not in attrs or "equilibrium" not in data:
         return read
     cut = {"window": window, "equilibrium": data.equilibrium.item()}
     return f"st.free_decay({read}, {_given(cut)})"

@@ -8,7 +8,7 @@ import xarray as xr
 from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import UsageError
 from sysid_trib.results.effects import significant, sufficient_forces
-from sysid_trib.results.kinds import has_input, identifications_of, kind_of
+from sysid_trib.results.kinds import contents_text, has_input, identifications_of, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
 # Beyond so many noise levels (RMS) a residual is large.
@@ -161,10 +161,19 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
             return result
         preferred = None
     else:
-        preferred = main_result(result)
-    if preferred is None:
-        raise UsageError("This result holds no preferred identification; give one of identify or laws.")
-    return preferred
+        preferred = main_result(result) if isinstance(result, xr.DataTree) else None
+    if preferred is not None:
+        return preferred
+    tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
+    if isinstance(tree, xr.DataTree) and kind_of(tree) == "difference":
+        raise UsageError(
+            "A difference prefers none of its identifications; give best one of the two results of which it "
+            "is, or take the group sample_first or sample_second of a difference of records."
+        )
+    raise UsageError(
+        "best takes a result of identify, laws, compare or discover that holds an identification, not "
+        f"{contents_text(result)}."
+    )
 
 
 def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
