@@ -18,7 +18,7 @@ from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.reporting import provenance
 from sysid_trib.reporting.contents import Part, contents_of
 from sysid_trib.results.files import write_file
-from sysid_trib.results.kinds import contents_text, kind_of
+from sysid_trib.results.kinds import contents_text, identifications_of, kind_of
 
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
 # Letters are outlines: they were placed by the widths of a font that few readers have.
@@ -128,6 +128,11 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
         raise UsageError(
             "A report is of a result of identify, cross_check, laws, compare, discover or difference, not of "
             f"{contents_text(result)}; that of a campaign is made by the command: sysid-trib report STORE."
+        )
+    if kind_of(tree) == "difference" and not identifications_of(tree):
+        raise UsageError(
+            "This difference of two identifications has none of their records, which its page shows; make it "
+            "of the records: difference(record, other)."
         )
     try:
         title, summary, sections = contents_of(tree)

@@ -39,8 +39,8 @@ def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
 
 def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
     """Return the known facts on a result and its records, as terms and texts."""
-    first: Mapping[Any, Any] = next((of.attrs for of in identifications_of(tree).values()), {})
-    general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY) if key in first}
+    first = next(iter(identifications_of(tree).values())).attrs
+    general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY)}
     records = kept_records(tree)
     # A result that keeps no record still names it.
     kept = ("record_source", "record_checksum") if records else ()
