@@ -19,7 +19,7 @@ from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
-from sysid_trib.results import effects, variables
+from sysid_trib.results import variables
 from sysid_trib.validation.residuals import with_noise_and_models
 
 # Variables of each group.
@@ -173,7 +173,10 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
     }
     for name, of_each in of_models.items():
         values |= {f"{name}_before": of_each[:-1], f"{name}_after": of_each[1:]}
-    coords: dict[str, Any] = {"candidate": list(offered.symbols)}
+    coords: dict[str, Any] = {
+        "candidate": list(offered.symbols),
+        "part": list(variables.PARTS_OF_RECORD),
+    }
     values |= _competition(search, list(offered.symbols), error is None) | _pairs(search)
     if shapes := final.shapes:
         held = {name: widening * its_error for name, its_error in final.shape_errors().items()}
@@ -208,7 +211,10 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
     Where the final model leaves more than noise (not `complete`), by the mean of its probabilities over the
     record and its parts.
     """
-    probability, by_chance, stands, likeliest = list[list[float]](), list[float](), list[int](), list[str]()
+    probability: list[list[float]] = []
+    by_chance: list[float] = []
+    stands: list[int] = []
+    likeliest: list[list[str]] = []
     settings = search.models[0].settings
     for symbol in search.effects:
         rivals, costs = search.rivals[symbol], parts.costs_in_parts(search, symbol)
@@ -224,7 +230,7 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
         table, names = np.array([*costs.values()]), list(costs)
         stands.append(int(np.sum(table.min(axis=0) > -settings.outside_of_set)))
         # "" for no force in the effect's place.
-        likeliest.append(effects.PAIRS.join(names[best] for best in table.argmin(axis=0)))
+        likeliest.append([names[best] for best in table.argmin(axis=0)])
     return {
         "tie_probability": probability,
         "chance_probability": by_chance,
@@ -239,8 +245,13 @@ def _pairs(search: Search) -> dict[str, Any]:
     """Pairs of candidates that may be the truth in the place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
-    texts = [effects.PAIRS.join(effects.PAIR.join(names) for names in of_effect) for of_effect in pairs]
-    return {"pairs": texts, "pair_odds": np.exp(-0.5 * best)}
+    odds = {"pair_odds": np.exp(-0.5 * best)}
+    most = max(map(len, pairs))
+    if not most:
+        # netCDF has no empty axis.
+        return odds
+    nothing = ("", "")
+    return odds | {"pairs": [[*of_effect, *[nothing] * (most - len(of_effect))] for of_effect in pairs]}
 
 
 def _competing_shapes(search: Search) -> dict[str, Array]:

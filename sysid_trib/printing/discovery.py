@@ -14,7 +14,7 @@ from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
 from sysid_trib.results import effects
 from sysid_trib.results.judged import LARGE, given_results, record_noise, residual_of
-from sysid_trib.results.variables import PARTS_OF_RECORD, record_groups, signal_units
+from sysid_trib.results.variables import record_groups, signal_units
 
 Item = TypeVar("Item")
 # Competing effects that are named, the most probable; a file has all. And pairs of them.
@@ -85,7 +85,7 @@ def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
         more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
         odds = step.pair_odds.item()
         how = "better than" if odds > OUTSIDE_OF_SET else "as well as"
-        named = f"{', '.join(pairs[:COMPETING_PAIRS])}{more}"
+        named = f"{', '.join(map(' and '.join, pairs[:COMPETING_PAIRS]))}{more}"
         yield (
             f"These pairs would explain the record {how} {symbol}: {named}; the odds of the first pair to "
             f"{symbol} are {odds:.2g}, with equal prior probabilities."
@@ -212,12 +212,12 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
     held, offered = tree["holdout"].rms, effects.candidates_of(tree)
     probabilities = {s: round(p, 4) for s, p in effects.credible_set(step).items()}
-    likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)
+    likeliest = layout.per_label(step, "part", "likeliest_in_parts")
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     computed = {
         "shapes": effects.shapes_of(step, symbol),
         "shape_errors": effects.shapes_of(step, symbol, "shape_standard_error"),
-        "indistinguishable_pairs": [pair.split(effects.PAIR) for pair in pairs],
+        "indistinguishable_pairs": pairs,
         "pair_odds": step.pair_odds if pairs else None,
         "probability_of_chance": step.chance_probability.round(4),
         "probability": probabilities.pop(symbol),
@@ -225,7 +225,7 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
         "holdout_after": held[at + 1],
         "stands_in": step.stands_in,
         "parts": len(likeliest),
-        "likeliest_in": dict(zip(PARTS_OF_RECORD, likeliest, strict=True)),
+        "likeliest_in": likeliest,
         "indistinguishable_from": [
             {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
             for s, p in probabilities.items()

@@ -11,7 +11,6 @@ from sysid_trib.printing import discovery_tables as tables, layout, verdict
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.results import judged
 from sysid_trib.results.effects import (
-    PAIRS,
     added_effects,
     determines,
     error_widening,
@@ -214,7 +213,7 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
         strong = _highest(last.isel(candidate=last.significant.values).z)
         yield f"Candidates with significant scores: {strong}; {reason}."
     for step in steps_taken(tree):
-        symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.item().split(PAIRS))
+        symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.values.tolist())
         del others[symbol]
         likelier = ", ".join(f"{name or 'no force'} more likely in {count}" for name, count in others.items())
         stands.append(f"{symbol} in {step.stands_in.item()} of {len(PARTS_OF_RECORD)}")

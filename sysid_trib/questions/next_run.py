@@ -139,7 +139,7 @@ def _planned(
     every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
-    in_part = str(result.attrs.get("held_out", "")).startswith("the last third")
+    in_part = "holdout_given" in result and not result["holdout_given"]
     rows, motions_of = list[dict[str, Any]](), list[tuple[dict[str, RunPrediction], Array]]()
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))

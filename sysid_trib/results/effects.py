@@ -12,8 +12,6 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces import force
 from sysid_trib.forces.library import library_of_text
 
-# Between the names of a pair of candidates, and between pairs.
-PAIR, PAIRS = " and ", "; "
 # Number of standard errors at which an effect needs a name.
 NAMED = 20.0
 
@@ -169,16 +167,17 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
-def replacing_pairs(step: xr.Dataset) -> list[str]:
-    """Pairs of candidates that cannot be separated from a step's effect, such as "lambda and delta"."""
-    text = str(step.pairs.item())
-    return text.split(PAIRS) if text else []
+def replacing_pairs(step: xr.Dataset) -> list[tuple[str, str]]:
+    """Pairs of candidates that cannot be separated from a step's effect."""
+    pairs = step.pairs.values.tolist() if "pairs" in step else []
+    return [(first, second) for first, second in pairs if first]
 
 
 def alternatives_of(step: xr.Dataset) -> list[str]:
     """Candidates, then pairs of them, that cannot be separated from the effect that has the name."""
     named = named_effect(step)
-    return [*(symbol for symbol in credible_set(step) if symbol != named), *replacing_pairs(step)]
+    pairs = (" and ".join(pair) for pair in replacing_pairs(step))
+    return [*(symbol for symbol in credible_set(step) if symbol != named), *pairs]
 
 
 def named_effect(step: xr.Dataset) -> str:

@@ -16,6 +16,7 @@ LARGE = 1.5
 # Default held-out part of `discover`.
 LAST_THIRD = "the last third"
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
+EXPLAINED = ("explained", "explained with a random force")
 UNEXPLAINED = ("approximate", "not explained")
 JUDGED = "judged"
 
@@ -72,7 +73,12 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 def follows(tree: xr.DataTree) -> bool:
     """True if the preferred model follows the record: consequences of its coefficients are given."""
-    return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
+    return is_explained(tree) or verdict_of(tree) == "approximate"
+
+
+def is_explained(tree: xr.DataTree) -> bool:
+    """True if the preferred model leaves only noise, of the sensor or with a random force."""
+    return verdict_of(tree) in EXPLAINED
 
 
 def is_unexplained(tree: xr.DataTree) -> bool:

@@ -27,7 +27,7 @@ from sysid_trib.results import references, schema, signal_scale, variables
 from sysid_trib.validation import cross_check, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
-from sysid_trib.validation.holdout import Trial, in_all_runs
+from sysid_trib.validation.holdout import MethodResult, in_all_runs
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
 # What the group `judged` has of each method, and so the table of methods has not.
@@ -161,36 +161,36 @@ def _compared(
         named = {label: verdict.with_noise(method, "off") for label, method in named.items()}
     else:
         named = verdict.with_common_noise(decay, library, named)
-    trials: dict[str, Trial] = {}
+    by_label: dict[str, MethodResult] = {}
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
         held = with_stated(constraints, library, method)
-        trials[label] = _try_method(method, parts, library, contactless, held)
-    results = {label: trial.result for label, trial in trials.items() if trial.result is not None}
+        by_label[label] = _try_method(method, parts, library, contactless, held)
+    results = {label: tried.result for label, tried in by_label.items() if tried.result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
-        label, trial = next(iter(trials.items()))
-        raise DecayError(f"No method can identify {subject}. {label}: {trial.row['reason']}.")
+        label, tried = next(iter(by_label.items()))
+        raise DecayError(f"No method can identify {subject}. {label}: {tried.row['reason']}.")
     medians = [(np.median(np.diff(of.extremum_time)), np.median(np.diff(run.time))) for run, *_, of in parts]
     # Samples of a period.
     blocks = [max(1, round(2.0 * half_period / step)) for half_period, step in medians]
-    table = holdout.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
+    table = holdout.method_table(by_label, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
-    of_best = trials[best].motions
+    of_best = by_label[best].motions
     for at, (name, (run, _, rest, _)) in enumerate(zip(of_records, parts, strict=True)):
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
         # A model without a motion has nan.
         nothing = np.full(run.sizes["time"], np.nan)
         residuals_of = {
-            label: trial.motions["residual"][at].residual.values if trial.motions.get("residual") else nothing
-            for label, trial in trials.items()
+            label: tried.motions["residual"][at].residual.values if tried.motions.get("residual") else nothing
+            for label, tried in by_label.items()
         }
         simulated = run.angle.values - np.array(list(residuals_of.values()))
         # For a driven record the noise is at most the residual of the best model.
         of_best_alone = run.angle.values - residuals_of[best][None]
         of_noise = residuals.with_noise_and_models(run, [best], of_best_alone)
-        kept = residuals.with_noise_and_models(run, list(trials), simulated).assign(noise=of_noise.noise)
+        kept = residuals.with_noise_and_models(run, list(by_label), simulated).assign(noise=of_noise.noise)
         groups[name] = kept.assign(start)
     if driven:
         # A driven motion may have what no spline follows: what is left at that noise need not be noise.
@@ -203,7 +203,7 @@ def _compared(
     table, judged = _judged(
         table,
         [groups[name] for name in of_records],
-        {label: trial.followed for label, trial in trials.items()},
+        {label: tried.followed for label, tried in by_label.items()},
     )
     return xr.DataTree.from_dict({**groups, **results, "comparison": table, "judged": judged})
 
@@ -237,7 +237,7 @@ def _try_method(
     library: ForceLibrary,
     contactless: tuple[float, float] | None,
     constraints: Constraints,
-) -> Trial:
+) -> MethodResult:
     """A method on the training parts, on the parts held out, and on the whole.
 
     `parts` : each run, what models are identified from, what is held out, and the envelope.
@@ -254,7 +254,7 @@ def _try_method(
     row = {**vars(scope_of(method)), **forces, "time_taken": seconds, "failure": ""}
     row["bias"] = _bias(result)
     if result is None:
-        return Trial(None, row | {"reason": reason}, {})
+        return MethodResult(None, row | {"reason": reason}, {})
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if names_forces and not forces["neglects"]:
         # Errors of what takes the place of neglected forces would hide its bias.
@@ -274,7 +274,7 @@ def _try_method(
     if not forces["neglects"]:
         row["failure"] = holdout.failure_of(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
-    return Trial(result, row | {"reason": reason or part_reason}, motions, followed)
+    return MethodResult(result, row | {"reason": reason or part_reason}, motions, followed)
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:

@@ -164,7 +164,7 @@ TEXTS = (
 Results: TypeAlias = Sequence[xr.Dataset | None]
 
 
-class Trial(NamedTuple):
+class MethodResult(NamedTuple):
     """Result of one method.
 
     Attributes
@@ -185,19 +185,21 @@ class Trial(NamedTuple):
     followed: FollowedRuns | None = None
 
 
-def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
+def method_table(
+    by_label: Mapping[str, MethodResult], noises: Sequence[float], blocks: Sequence[int]
+) -> xr.Dataset:
     """The group `comparison` (see `compare`).
 
     Parameters
     ----------
-    trials : mapping of str to Trial
+    by_label : mapping of str to MethodResult
         What came of each method, by its label.
     noises : sequence of float, rad
         Of each run, the same for all methods.
     blocks : sequence of int
         Samples of a period of each run.
     """
-    labels, (results, rows, motions, _) = list(trials), zip(*trials.values(), strict=True)
+    labels, (results, rows, motions, _) = list(by_label), zip(*by_label.values(), strict=True)
     values: dict[str, Any] = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
     values |= _residuals(motions, noises)
     ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))
