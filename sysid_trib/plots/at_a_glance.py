@@ -19,8 +19,7 @@ from sysid_trib.plots.named_effects import COLOUR_PERCENT, DOT_BEYOND, draw_cell
 from sysid_trib.plots.over_time import draw_in_time, draw_weights, drawn_models, held_out_sentence
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.results.effects import determines
-from sysid_trib.results.judged import LARGE, follows, kept_results, last_of, preferred_of
+from sysid_trib.results.judged import follows, kept_results, last_of, preferred_of
 from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.missing_force import residual_force
@@ -82,7 +81,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         style.footnote(figure, held_out_sentence(tree))
         return figure
     record, of_discovery = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree) == "discover"
-    lines, (results, explained) = drawn_models(tree, run)[0], _results(tree)
+    lines, results = drawn_models(tree, run)[0], _results(tree)
     curves = None
     with suppress(KeyError):
         curves = curves_of(tree, run)
@@ -119,25 +118,20 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
             titles[-1] = MISSING_TITLE
         style.letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         style.footnote(figure, held_out_sentence(tree))
-        if not explained:
+        if not follows(tree):
             figure.suptitle(EFFECTIVE_TITLE, fontsize=FONT_SIZE, color="0.3")
     return figure
 
 
-def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
-    """Identifications whose coefficients are shown, the main one last, and whether it explains the record."""
+def _results(tree: xr.DataTree) -> Mapping[str, xr.Dataset]:
+    """Identifications whose coefficients are shown, the main one last."""
     if kind_of(tree) == "discover":
-        final = tree["after"].to_dataset()
-        # If nothing is missing, only names are in doubt.
-        tests = [tree[group].significant.isel(selection_step=-1) for group in ("omnibus", "ranking")]
-        lacks = tree.attrs["verdict"] == "unknown effect" and any(test.values.any() for test in tests)
-        return {"final model": final}, not lacks and determines(final)
+        return {"final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
         best = tree["comparison"].attrs["best"]
-        ratio = tree["comparison"].holdout_over_noise.sel(model=best)
-        return {best: tree[best].to_dataset()}, bool(ratio <= LARGE)
+        return {best: tree[best].to_dataset()}
     results = kept_results(tree).items()
-    return dict(sorted(results, key=lambda pair: pair[0] == preferred_of(tree))), follows(tree)
+    return dict(sorted(results, key=lambda pair: pair[0] == preferred_of(tree)))
 
 
 def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:

@@ -190,16 +190,15 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         **{name: attrs.get(name) or None for name in ("closing_effect", "not_improving", "refused_by_laws")},
         "laws_held_out_rms": attrs.get("laws_held_out_rms", float("nan")),
         "noise_p_value": attrs.get("noise_p_value", np.nan),
-        **{"noise": noise, "residual_noise": noise, "residual": residual_of(tree, "after")},
+        **{"noise": noise, "residual": residual_of(tree, "after")},
         "disagreement_after": _spans(tree["discrepancy_after"].to_dataset()),
-        "generic_p_value": tree["omnibus"].p_value[-1],
-        "error_widening": effects.error_widening(tree),
+        "omnibus": {"p_value": tree["omnibus"].p_value[-1], "widening": effects.error_widening(tree)},
         "not_testable": {symbol: reason for symbol, reason in reasons.items() if reason.item()},
         "options": json.loads(attrs["options"]),
     }
     said = layout.records_json(tree) | layout.mapped(tree, "discover", computed) | layout.judged_json(tree)
     if GROUP in tree.children:
-        said["run_differences"] = layout.mapped(tree[GROUP].to_dataset(), "run_differences")
+        said[GROUP] = layout.mapped(tree[GROUP].to_dataset(), GROUP)
     return said
 
 
@@ -216,16 +215,16 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     computed = {
         "shapes": effects.shapes_of(step, symbol),
-        "shape_errors": effects.shapes_of(step, symbol, "shape_standard_error"),
-        "indistinguishable_pairs": pairs,
+        "shape_standard_error": effects.shapes_of(step, symbol, "shape_standard_error"),
+        "pairs": pairs,
         "pair_odds": step.pair_odds if pairs else None,
-        "probability_of_chance": step.chance_probability.round(4),
+        "chance_probability": step.chance_probability.round(4),
         "probability": probabilities.pop(symbol),
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
         "stands_in": step.stands_in,
         "parts": len(likeliest),
-        "likeliest_in": likeliest,
+        "likeliest_in_parts": likeliest,
         "indistinguishable_from": [
             {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
             for s, p in probabilities.items()

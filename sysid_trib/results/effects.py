@@ -167,10 +167,10 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
-def replacing_pairs(step: xr.Dataset) -> list[tuple[str, str]]:
+def replacing_pairs(step: xr.Dataset) -> list[list[str]]:
     """Pairs of candidates that cannot be separated from a step's effect."""
     pairs = step.pairs.values.tolist() if "pairs" in step else []
-    return [(first, second) for first, second in pairs if first]
+    return [pair for pair in pairs if pair[0]]
 
 
 def alternatives_of(step: xr.Dataset) -> list[str]:

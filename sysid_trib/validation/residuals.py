@@ -119,6 +119,8 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
     whose motion no spline follows, it is no more than the residual of a model.
     """
+    # A record of another result has the models of that.
+    decay = decay.drop_dims("model", errors="ignore")
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
