@@ -112,10 +112,11 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         titles = [""] * len(panels)
         if "F" in panels:
             # A model that failed has no weights, but its residual can be shown.
-            of_surface, moved = last_of(tree), record[["angle"]]
-            if main is not None:
-                of_surface, moved = main, record.sel(model=[*results][-1])
-            _surface(panels["F"], of_surface, moved, run, "right" if wide else "bottom")
+            place = "right" if wide else "bottom"
+            if main is None:
+                _surface(panels["F"], last_of(tree), record[["angle"]], run, place)
+            else:
+                _surface(panels["F"], main, record.sel(model=[*results][-1]), run, place)
             titles[-1] = MISSING_TITLE
         style.letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         style.footnote(figure, held_out_sentence(tree))

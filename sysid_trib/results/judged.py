@@ -16,7 +16,7 @@ LARGE = 1.5
 # Default held-out part of `discover`.
 LAST_THIRD = "the last third"
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
-EXPLAINED = ("explained", "explained with a random force")
+EXPLAINED_VERDICTS = ("explained", "explained with a random force")
 UNEXPLAINED = ("approximate", "not explained")
 JUDGED = "judged"
 
@@ -78,7 +78,7 @@ def follows(tree: xr.DataTree) -> bool:
 
 def is_explained(tree: xr.DataTree) -> bool:
     """Return true if the residual of the preferred model is noise, of the sensor or with a random force."""
-    return verdict_of(tree) in EXPLAINED
+    return verdict_of(tree) in EXPLAINED_VERDICTS
 
 
 def is_unexplained(tree: xr.DataTree) -> bool:

@@ -140,7 +140,7 @@ def mean_over_error(difference: Array) -> float:
     Returns
     -------
     float
-        Student's t with one degree of freedom less than periods; nan of fewer than three, and of equal ones.
+        Student's t, with as many degrees of freedom as periods less 1; nan of fewer than three or equal ones.
     """
     if len(difference) < 3 or np.ptp(difference) == 0.0:
         return float("nan")

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
-from sysid_trib.results.judged import EXPLAINED, LARGE
+from sysid_trib.results.judged import EXPLAINED_VERDICTS, LARGE
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL
 from sysid_trib.results.variables import described
 
@@ -74,7 +74,7 @@ def verdict_word(evidence: Evidence) -> str:
     # No model of these forces could have been contradicted: its rows leave only the noise, although the
     # motion of coefficients that are not known may diverge.
     quiet = evidence.rows_are_noise and not evidence.has_random_force
-    return "undetermined" if quiet or verdict in EXPLAINED else verdict
+    return "undetermined" if quiet or verdict in EXPLAINED_VERDICTS else verdict
 
 
 def judged(

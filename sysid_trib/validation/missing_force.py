@@ -19,7 +19,7 @@ from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 
 # Cells each way, and draws of noise for the errors.
-CELLS, DRAWS = 13, 24
+CELLS, DRAWS_OF_NOISE = 13, 24
 # Longer records with white noise are decimated, but so many samples between knots are kept.
 MOST_DRAWN, DRAWN_PER_KNOT = 20_000, 4
 
@@ -127,7 +127,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
 
 
 def _forces_of_run(model: Model, run: RunWithMotion) -> tuple[Array, Array, Array]:
-    """Angles and rates of a run, (sample,), and its missing force, then draws of it: (1 + draw, sample).
+    """Return angles and rates of a run, (sample,), its missing force and draws of it: (1 + draw, sample).
 
     Near the ends of a record, where a spline bends freely, the force is nan: within a quarter period.
     """
@@ -141,7 +141,7 @@ def _forces_of_run(model: Model, run: RunWithMotion) -> tuple[Array, Array, Arra
         count = len(tau)
         every = max(1, min(-(-count // MOST_DRAWN), count // (DRAWN_PER_KNOT * knot_intervals(tau))))
     tau, x, v, lacking = (values[::every] for values in (tau, x, v, lacking))
-    noise = run.noise.draws(len(tau), DRAWS).T / np.sqrt(every)
+    noise = run.noise.draws(len(tau), DRAWS_OF_NOISE).T / np.sqrt(every)
     drawn, _, bends, _ = smooth(tau, noise)
     values = np.vstack([lacking, -(bends + drawn).T])
     return x, v, np.where(np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi, values, np.nan)
@@ -150,7 +150,7 @@ def _forces_of_run(model: Model, run: RunWithMotion) -> tuple[Array, Array, Arra
 def _lacking(
     model: Model, tau: Array, angle: Array, known: Mapping[str, inputs.KnownInput]
 ) -> tuple[Array, Array, Array]:
-    """Smoothed angle and rate of a motion, and the force that it has beyond those of the model."""
+    """Return angle and rate of a motion, smoothed, and the force that it has beyond the model."""
     x, v, acceleration, _ = smooth(tau, angle)
     forces = smooth(tau, _force_of_model(model, tau, x, v, known))[0]
     return x, v, -(acceleration + x) - forces
@@ -159,7 +159,7 @@ def _lacking(
 def _force_of_model(
     model: Model, tau: Array, x: Array, v: Array, known: Mapping[str, inputs.KnownInput]
 ) -> Array:
-    """Sum of coefficient times force along a motion, (sample,); terms of the sensor are no forces."""
+    """Return the sum of coefficient times force along a motion, (sample,), without terms of the sensor."""
     total, frequency = np.zeros_like(x), model.reference_frequency
     time = tau / frequency
     for force in model.bound.forces:

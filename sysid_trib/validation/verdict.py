@@ -135,8 +135,9 @@ def judged_models(
     """
     last = [*followed.values()][-1]
     if random_force_p is None:
-        found = is_found(random_force_of(last.result))
-        random_force_p = p_value_of_dependence(tested_runs(last)) if found else float("nan")
+        random_force_p = float("nan")
+        if is_found(random_force_of(last.result)):
+            random_force_p = p_value_of_dependence(tested_runs(last))
     results = {name: of.result for name, of in followed.items()}
     table = judge.judged(records, results, tested, random_force_p=random_force_p)
     table = table.assign(variables.described("judged", replaced or {}))
