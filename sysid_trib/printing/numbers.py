@@ -61,7 +61,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
         rows = _of_identifications(named)
     else:
         raise UsageError(
-            "summary takes a result of identify, laws, compare, discover, difference or campaign, or of a "
+            "summary needs a result of identify, laws, compare, discover, difference or campaign, or of a "
             f"method, not {contents_text(result)}."
         )
     table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])

@@ -177,8 +177,8 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
             "is, or take the group sample_first or sample_second of a difference of records."
         )
     raise UsageError(
-        "best takes a result of identify, laws, compare or discover that holds an identification, not "
-        f"{contents_text(result)}."
+        f"There is no preferred identification in {contents_text(result)}; give a result of identify, laws, "
+        "compare or discover."
     )
 
 
