@@ -30,7 +30,8 @@ from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component
 from sysid_trib.records.sensors import as_sensors
 
-# Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
+# Rates at small amplitude are those of the last fall by this power of e, where they are linear in the
+# amplitude.
 LAST_FALL = 3.0
 # Powers of the amplitude that the frequency of a mode may have, and further laws that any influence of
 # another mode has to beat: powers, and a spline of the log amplitude of so many intervals.
