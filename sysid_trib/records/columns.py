@@ -280,10 +280,8 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     if not any(swings[c].swing for c in pool):
         pool = named or pool
         reasons = "; ".join(f"{c.name}: {swings[c].reason}" for c in pool[:LISTED] if swings[c].reason)
-        beat = (
-            re.search("two modes beat|several modes|rises again", reasons) is not None
-            and "driven" not in reasons
-        )
+        several_modes = re.search("two modes beat|several modes|rises again", reasons) is not None
+        beat = several_modes and "driven" not in reasons and any(_loses_amplitude(c) for c in pool)
         driven = (
             "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
             "the drive off, and record the free decay."
@@ -303,6 +301,15 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
+
+
+def _loses_amplitude(column: Column) -> bool:
+    """Return true if the last quarter of a column swings less than half as far as the first."""
+    values = column.numbers[np.isfinite(column.numbers)]
+    quarter = len(values) // 4
+    if not quarter:
+        return False
+    return bool(np.std(values[-quarter:]) < 0.5 * np.std(values[:quarter]))
 
 
 def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
