@@ -16,12 +16,13 @@ from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import load_system
-from sysid_trib.physics.si_laws import LAWS_SI, laws_in_si
+from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.physics.si_units import check_length_unit
 from sysid_trib.printing import Block, driven, laws as printed
 from sysid_trib.printing.si_laws import si_blocks, si_json
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.judged import best
+from sysid_trib.results.law_curves import LAWS_SI
 from sysid_trib.smooth_laws.calibration import with_scale_error
 from sysid_trib.smooth_laws.laws import laws as identified
 from sysid_trib.validation.driven import is_driven, predict

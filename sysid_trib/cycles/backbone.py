@@ -12,10 +12,11 @@ from scipy.special import ndtri
 
 from sysid_trib import records
 from sysid_trib.arrays import Array, Variables, variable, with_error
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
+from sysid_trib.cycles.smooth_curve import WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
 from sysid_trib.records.runs import RecordLike
+from sysid_trib.results.variables import BAND_PROBABILITY
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and

@@ -16,6 +16,7 @@ from scipy.linalg import cholesky_banded, eigh
 from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
+from sysid_trib.results.variables import BAND_PROBABILITY
 
 CURVE_SPLINES, CURVE_DEGREE = 40, 3
 # What is tried: variances of the bends in units of the noise, and of the walk in units of the sensor's.
@@ -24,7 +25,7 @@ WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 # A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
 # smaller than a part of all.
 NEAREST, LEAST_BEND = 5, 0.1
-BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
+BAND_DRAWS = 2000
 ROUNDING_PART = 1e-10
 
 

@@ -13,12 +13,11 @@ from sysid_trib.physics.si_units import Measured, check_length_unit, check_measu
 from sysid_trib.records.units import METRES
 from sysid_trib.results.judged import best
 from sysid_trib.results.kinds import MU
+from sysid_trib.results.law_curves import LAWS_SI, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described, signal_units
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.bands import band
 from sysid_trib.smooth_laws.calibration import slope
 
-# Group of a result that holds what `laws_in_si` returns.
-LAWS_SI = "laws_si"
 # Units of an angle's laws, and those of a displacement's.
 OF_DISPLACEMENT = {"N m": "N", "(N m)^2": "N^2", "rad/s": "m/s", "rad": "m"}
 

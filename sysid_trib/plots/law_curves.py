@@ -11,10 +11,9 @@ from sysid_trib.arrays import Mask
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND, shows
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
-from sysid_trib.results import judged
+from sysid_trib.results import judged, law_curves
+from sysid_trib.results.law_curves import Curve
 from sysid_trib.results.variables import signal_units
-from sysid_trib.smooth_laws import shown
-from sysid_trib.smooth_laws.shown import Curve
 
 # Of a column of a journal (88 mm), and of a panel, inch.
 ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
@@ -49,17 +48,17 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     inertia = "inertia" if unit == "rad" else "mass"
     results, answer = judged.kept_results(tree), judged.preferred_of(tree)
     main = tree[answer].to_dataset()
-    named = shown.laws_in(main)
+    named = law_curves.laws_in(main)
     figure, panels = style.grid(len(named), 2, width, LAW_HEIGHT)
-    held = shown.known_part(main, np.zeros(1))[1]
+    held = law_curves.known_part(main, np.zeros(1))[1]
     symbol = r"\theta" if unit == "rad" else "x"
     for ax, law in zip(panels, named, strict=True):
-        curves = shown.curves_of(results, law, answer, mirrored=True)
+        curves = law_curves.curves_of(results, law, answer, mirrored=True)
         if law == "restoring":
             curves = {
-                n: curve.without(shown.known_part(main, curve.places)[0]) for n, curve in curves.items()
+                n: curve.without(law_curves.known_part(main, curve.places)[0]) for n, curve in curves.items()
             }
-        odd = {name for name in curves if np.all(results[name][shown.LAW_PLACES[law]] > 0.0)}
+        odd = {name for name in curves if np.all(results[name][law_curves.VARIABLE_OF_LAW[law]] > 0.0)}
         _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
     panels[0].set(xlabel=f"speed ({unit}/s)")
     panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")

@@ -21,9 +21,8 @@ from sysid_trib.printing.law_difference import (
     sample_names,
 )
 from sysid_trib.printing.verdict import error_parts_sentence
-from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.effects import at_bound, sufficient_forces
-from sysid_trib.results.kinds import identifications_of
+from sysid_trib.results.kinds import SIDES, identifications_of
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.

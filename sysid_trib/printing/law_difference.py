@@ -9,12 +9,13 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing import Block, layout
-from sysid_trib.questions.difference import SIDES
-from sysid_trib.questions.law_difference import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
-from sysid_trib.results.variables import signal_units
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
+from sysid_trib.results.kinds import SIDES
+from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW, stretches
+from sysid_trib.results.variables import BAND_PROBABILITY, signal_units
 
 LAWS_TITLE = "Difference of the laws"
+# Of no difference along a law.
+NO_DIFFERENCE_LEVEL = 1.0 - BAND_PROBABILITY
 # Rows of a table of a law.
 MOST_PLACES = 8
 
@@ -60,7 +61,7 @@ def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
     difference = np.sign(places) * data[f"{law}_difference"].values
     differs = data[f"{law}_differs"].values
     ways = {"larger": differs & (difference > 0.0), "smaller": differs & (difference < 0.0)}
-    return [(way, ", ".join(map(_range_text, ranges_of(places, chosen)))) for way, chosen in ways.items()]
+    return [(way, ", ".join(map(_range_text, stretches(places, chosen)))) for way, chosen in ways.items()]
 
 
 def _range_text(ends: tuple[float, float]) -> str:
@@ -126,6 +127,6 @@ def law_difference_json(tree: xr.DataTree) -> dict[str, Any]:
             "units": data[f"{law}_difference"].attrs["units"],
             variable: places,
             f"{variable}_units": data[variable].attrs["units"],
-            "differs_at": ranges_of(places, data[f"{law}_differs"].values),
+            "differs_at": stretches(places, data[f"{law}_differs"].values),
         } | {key: data[name].values for key, name in keys.items()}
     return {"laws": made}

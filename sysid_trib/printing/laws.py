@@ -10,17 +10,12 @@ import pandas as pd
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
-from sysid_trib.results import judged
+from sysid_trib.results import judged, law_curves
 from sysid_trib.results.kinds import MU, is_of_driven
+from sysid_trib.results.law_curves import LARGE_DIFFERENCE, LAWS_SI, NO_BETTER, OWN_LAWS, PASSIVE, Curve
 from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.smooth_laws import shown
-from sysid_trib.smooth_laws.fits import NO_BETTER
-from sysid_trib.smooth_laws.laws import OWN_LAWS
-from sysid_trib.smooth_laws.passive import PASSIVE
-from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
 SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
@@ -70,15 +65,15 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
     if OWN_LAWS not in tree.children:
         return
     own = tree[OWN_LAWS].to_dataset()
-    for law in shown.laws_in(_preferred(tree)):
-        curves = [shown.curve_of(own.sel(run=run), law) for run in own.run.values]
+    for law in law_curves.laws_in(_preferred(tree)):
+        curves = [law_curves.curve_of(own.sel(run=run), law) for run in own.run.values]
         if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
             # It is shared.
             continue
         word, unit_at, unit = _words(tree, law)
         both = bool(np.any(curves[0].places < 0.0))
-        whole = shown.curve_of(_preferred(tree), law)
-        places = shown.places_shown(whole, SIDE_PARTS if both else SHOWN_PARTS)
+        whole = law_curves.curve_of(_preferred(tree), law)
+        places = law_curves.places_shown(whole, SIDE_PARTS if both else SHOWN_PARTS)
         rows = []
         for at, place in enumerate(places):
             row = {word: f"{place:.3g}"}
@@ -98,7 +93,7 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
     """The restoring force, where anything restores."""
-    if shown.restores(_preferred(tree)):
+    if law_curves.restores(_preferred(tree)):
         caption = _caption(tree, "restoring")
         yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
 
@@ -188,10 +183,10 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
         return layout.text_table([])
     main, deviations = curves[answer], _beyond_known(tree, law, curves)
     scale = 10.0 ** _power(tree, law)
-    z = shown.difference_over_error(*curves.values()) if len(curves) == 2 else None
+    z = law_curves.difference_over_error(*curves.values()) if len(curves) == 2 else None
     rows = []
     for at, place in enumerate(main.places):
-        row = {shown.LAW_PLACES[law]: f"{place:.3g}"}
+        row = {law_curves.VARIABLE_OF_LAW[law]: f"{place:.3g}"}
         if law == "restoring":
             row["whole"] = f"{main.values[at]:.4g}"
         for name, curve in deviations.items():
@@ -211,17 +206,19 @@ def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> d
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
-    return {name: curve.without(shown.known_part(result, curve.places)[0]) for name, curve in curves.items()}
+    return {
+        name: curve.without(law_curves.known_part(result, curve.places)[0]) for name, curve in curves.items()
+    }
 
 
 def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
     """The law by each method at the places that are shown."""
     answer = judged.preferred_of(tree)
-    curves = shown.curves_of(judged.kept_results(tree), law, answer)
+    curves = law_curves.curves_of(judged.kept_results(tree), law, answer)
     if answer not in curves:
         return {}
     both = bool(np.any(curves[answer].places < 0.0))
-    places = shown.places_shown(curves[answer], SIDE_PARTS if both else SHOWN_PARTS)
+    places = law_curves.places_shown(curves[answer], SIDE_PARTS if both else SHOWN_PARTS)
     return {name: curve.at(places) for name, curve in curves.items()}
 
 
@@ -241,7 +238,7 @@ def _caption(tree: xr.DataTree, law: str) -> str:
     scaled = f"1e{power:+03d} {unit_of}" if power else unit_of
     if law == "friction":
         return f"Friction over the {inertia} ({scaled}) against speed ({unit_at}), with standard errors"
-    held = shown.known_part(_preferred(tree), np.zeros(1))[1]
+    held = law_curves.known_part(_preferred(tree), np.zeros(1))[1]
     known = " and ".join(["the straight line w^2 x", *held])
     return (
         f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole, and by "
@@ -280,7 +277,7 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe where friction feeds energy in, or would without the constraint of passivity."""
     if PASSIVE in tree["judged"].attrs:
         yield _passivity(tree)
-    spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
+    spans, unit = law_curves.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
         said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
         yield f"{said} {ACTIVE_FRICTION}"
@@ -306,7 +303,7 @@ def _passivity(tree: xr.DataTree) -> str:
     largest = float(np.max(places[result.speed_visited.values]))
     # The constraint also stands just above and below zero speed.
     near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
-    spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
+    spans = law_curves.stretches(places, np.isin(np.arange(len(places)), near))
     return (
         f"Passivity acts at {_spans(spans, _words(tree, 'friction')[1])}: without it, friction would feed "
         "energy in there. Suspect an error of the sensor within the cycle, or another force."
@@ -319,7 +316,7 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
     if len(results) == 2:
         yield from _differences(tree)
     attrs = tree["judged"].attrs
-    if any(np.any(_preferred(tree)[place].values < 0.0) for place in shown.LAW_PLACES.values()):
+    if any(np.any(_preferred(tree)[place].values < 0.0) for place in law_curves.VARIABLE_OF_LAW.values()):
         yield NOT_ODD + f" {ODD_COMPARED}" * ("averaging" in results)
     if attrs["sensor"]:
         yield _sensor_sentence(tree, attrs["sensor"].split(", "))
@@ -329,10 +326,10 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     """Describe where the laws of both methods differ significantly."""
     largest: dict[str, float] = {}
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
-        if law == "restoring" and not shown.restores(_preferred(tree)):
+        if law == "restoring" and not law_curves.restores(_preferred(tree)):
             continue
-        places, z = shown.apart(judged.kept_results(tree), law)
-        far = shown.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
+        places, z = law_curves.apart(judged.kept_results(tree), law)
+        far = law_curves.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
         largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
         if far:
             unit = _words(tree, law)[1]
@@ -356,7 +353,7 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
         return
     for law, words in (("friction", "the friction law"), ("restoring", "the restoring-force law")):
         name = f"{law}_formulas"
-        if law == "restoring" and not shown.restores(_preferred(tree)):
+        if law == "restoring" and not law_curves.restores(_preferred(tree)):
             continue
         if name not in tree.children:
             yield f"No sum of up to three library forces stays within the band of {words}."
@@ -437,12 +434,12 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe the range that the record visits, and the extrapolation."""
     result = _preferred(tree)
     reached = {}
-    for law, variable in shown.LAW_PLACES.items():
-        curve = shown.curve_of(result, law)
+    for law, variable in law_curves.VARIABLE_OF_LAW.items():
+        curve = law_curves.curve_of(result, law)
         reached[variable] = float(np.max(np.abs(curve.places[curve.visited])))
     extrapolated = 1.0 - float(result.speed_visited.mean())
     texts = [f"speeds up to {reached['speed']:.3g} {_words(tree, 'friction')[1]}"]
-    if shown.restores(result):
+    if law_curves.restores(result):
         texts.append(f"displacements up to {reached['displacement']:.3g} {signal_units(tree)}")
     smallest = ""
     if not is_of_driven(tree):
@@ -473,8 +470,8 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
         yield f"Held: {values}."
     p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
     yield f"Test that the residual is white noise: p {p_value}."
-    for law in shown.laws_in(result):
-        curve = shown.curve_of(result, law)
+    for law in law_curves.laws_in(result):
+        curve = law_curves.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values[curve.visited]
         if np.any(model > 0.0):
             part = float(np.max(model / curve.errors[curve.visited]))
@@ -490,12 +487,12 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
     sentences = list(driven.prediction_block(predicted).sentences)
     reached = {
         variable: float(np.max(np.abs(curve.places[curve.visited])))
-        for law, variable in shown.LAW_PLACES.items()
-        for curve in [shown.curve_of(_preferred(tree), law)]
+        for law, variable in law_curves.VARIABLE_OF_LAW.items()
+        for curve in [law_curves.curve_of(_preferred(tree), law)]
     }
     for record in predicted:
         largest = float(np.abs(record.predicted_angle - record.predicted_angle.mean()).max())
-        if shown.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
+        if law_curves.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
             sentences.append(
                 f"This record swings up to {largest:.3g} {signal_units(tree)}, beyond the "
                 f"{reached['displacement']:.3g} {signal_units(tree)} covered by the laws: that part of the "
@@ -519,7 +516,7 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
         "agreement": dict(tree["agreement"].data_vars) if "agreement" in tree.children else {},
         "noise": judged.record_noise(tree),
         **{name: checked.attrs[name] for name in ("even", "sensor", "reason", "averaging_failed", "options")},
-        "feeds_energy": shown.feeding(preferred) if preferred is not None else {},
+        "feeds_energy": law_curves.feeding(preferred) if preferred is not None else {},
         **({OWN_LAWS: tree[OWN_LAWS].to_dataset()} if OWN_LAWS in tree.children else {}),
     }
 
@@ -560,9 +557,9 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 
 def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Iterator[dict[str, Any]]:
     """The laws of a dataset by the name of their method, a row each place."""
-    for law in shown.laws_in(_preferred(tree)):
-        variable = shown.LAW_PLACES[law]
-        curve = shown.curve_of(result, law)
+    for law in law_curves.laws_in(_preferred(tree)):
+        variable = law_curves.VARIABLE_OF_LAW[law]
+        curve = law_curves.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values
         _, unit_at, unit = _words(tree, law)
         for at, place in enumerate(curve.places.tolist()):
@@ -592,7 +589,7 @@ def laws_latex(tree: xr.DataTree) -> str:
     r"""The preferred laws at some places as a table (`booktabs`)."""
     answer = judged.preferred_of(tree)
     tables = []
-    for law in shown.laws_in(_preferred(tree)):
+    for law in law_curves.laws_in(_preferred(tree)):
         curves = _chosen_curves(tree, law)
         curve = curves[answer]
         kind, unit_at, unit = _words(tree, law)
@@ -602,7 +599,7 @@ def laws_latex(tree: xr.DataTree) -> str:
         if law == "restoring":
             columns[f"restoring force ({_unit(unit)})"] = [f"{value:.4g}" for value in curve.values]
             curve = _beyond_known(tree, law, curves)[answer]
-        held = shown.known_part(_preferred(tree), np.zeros(1))[1]
+        held = law_curves.known_part(_preferred(tree), np.zeros(1))[1]
         deviation = " and ".join([r"beyond $\omega^2 x$", *map(exported.plain_latex, held)])
         head = "friction" if law == "friction" else deviation
         numbers = layout.values_with_errors(curve.values, curve.errors)

@@ -11,9 +11,8 @@ import xarray as xr
 from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
-from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.judged import given_results
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.kinds import SIDES, kind_of
 from sysid_trib.results.models import library_of
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.printing import ALWAYS, Block, layout
 from sysid_trib.printing.laws import FRICTION_TITLE
 from sysid_trib.results.kinds import GIVEN, MU
+from sysid_trib.results.law_curves import LAWS_SI
 
 SI_ROWS = 8
 

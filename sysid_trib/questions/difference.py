@@ -21,6 +21,7 @@ from sysid_trib.records.runs import RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.effects import at_bound
 from sysid_trib.results.judged import error_parts, main_result
+from sysid_trib.results.kinds import SIDES
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names, signal_units
 from sysid_trib.validation import random_effects, refits
 from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
@@ -28,7 +29,6 @@ from sysid_trib.validation.identify import identify, usual_methods
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
 
 Identified = xr.Dataset | xr.DataTree
-SIDES = ("first", "second")
 
 
 @overload

@@ -7,13 +7,13 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
+from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.motion_fit.least_squares import Fit, covariance_root
 from sysid_trib.questions.profiles import free_likelihood
 from sysid_trib.records.runs import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described
+from sysid_trib.results.variables import BAND_PROBABILITY, described
 
 # Draws of a band's factor, and points of the curves that are no motion.
 CURVE_DRAWS, CURVE_GRID = 4000, 60

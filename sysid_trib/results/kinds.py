@@ -8,6 +8,8 @@ from sysid_trib.results.variables import record_groups
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
 CONSEQUENCES = "consequences"
+# Samples of a difference.
+SIDES = ("first", "second")
 
 
 def si_of(tree: xr.DataTree) -> xr.Dataset | None:

@@ -18,6 +18,7 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
+from sysid_trib.results.law_curves import NO_BETTER
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
 from sysid_trib.smooth_laws.passive import Passive, made_passive
@@ -31,7 +32,6 @@ SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
 EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.8
 # Motions that give the columns of a fit which begins at another one, and of a fit to a part of the record.
 REFINEMENTS_OF_EXTENSION, REFINEMENTS_OF_PART = 4, 2
-NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
 
 
 @dataclass(frozen=True)

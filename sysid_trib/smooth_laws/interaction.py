@@ -14,7 +14,6 @@ from sysid_trib.methods import Direct
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.results import schema
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.bands import depends_on
 from sysid_trib.smooth_laws.fits import (
     EXTENSION_GAIN,
     EXTENSION_LEVEL,
@@ -149,7 +148,7 @@ def readings(fit: LawFit, amplitude: float) -> xr.Dataset | None:
     for at, force in enumerate(library):
         # A viscous force 2 v has a damping ratio of 1.
         ratio = np.mean(force.value(x, v, shapes=shapes) * v) / amplitude**2
-        if depends_on(force, "v"):
+        if force.depends_only_on("v"):
             of_law[at] = ratio
         elif force.symbol in PRODUCTS:
             of_products[at] = ratio

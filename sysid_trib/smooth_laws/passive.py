@@ -14,11 +14,9 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays
 from sysid_trib.results import schema
+from sysid_trib.results.law_curves import PASSIVE
 from sysid_trib.smooth_laws import bands
 
-# Attribute of an identification with a passive law: speeds at which the constraint acts, in parts of the
-# largest one that the record visits, as JSON.
-PASSIVE = "passive_at"
 # Just above zero speed, in parts of the largest: there friction jumps.
 SMALLEST_SPEED = 1e-6
 # A force that is below this part of its largest value there is none.
@@ -113,7 +111,7 @@ def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple
     """Return speeds (place,), and by coefficients and frequency the friction there times the sign of them."""
     library = schema.library_of(result)
     runs: Sequence[int | None] = sorted({force.run for force in library if force.run}) or [None]
-    forces = [force for force in library if bands.depends_on(force, "v")]
+    forces = [force for force in library if force.depends_only_on("v")]
     even = any(force.parity != "odd" for force in forces)
     at_rest = SMALLEST_SPEED * largest["v"] * np.array([-1.0, 1.0] if even else [1.0])
     places = np.concatenate([at_rest, bands.grid(largest["v"], both_sides=even)[0]])
