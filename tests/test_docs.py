@@ -15,6 +15,7 @@ from command_line import write_csv
 from numpydoc.validate import validate
 
 import sysid_trib as st
+from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.printing.comparison import comparison_json
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.driven import driven_json, prediction_json
@@ -187,7 +188,7 @@ def test_json_keys_are_those_documented(generated):
         held_against(record, record, library, st.methods.Direct()).to_dataset(), "difference"
     )
     printed["laws"] = laws_json(st.laws(results["identify"]["record"].to_dataset()))
-    driven = results[generated.DRIVEN]
+    driven = with_consequences(results[generated.DRIVEN])
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
     for command, data in printed.items():

@@ -7,10 +7,10 @@ from helpers import decay
 from scipy.signal import lfilter
 
 import sysid_trib as st
-from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.campaigns.task import rows_of
 from sysid_trib.errors import DecayError
 from sysid_trib.records.free_decay import free_decay, free_decays
+from sysid_trib.results.store import IDENTIFIED
 
 FREQUENCY = 9.0
 

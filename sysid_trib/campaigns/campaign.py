@@ -17,10 +17,11 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
-from sysid_trib.campaigns.rows import LOST, Row, sole_writer
+from sysid_trib.campaigns.rows import Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
 from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
+from sysid_trib.results.store import LOST
 
 # Blocks of a store at least, and the most records that a block holds: what a kill may cost.
 BLOCKS, LARGEST_BLOCK = 1000, 100

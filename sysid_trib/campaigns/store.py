@@ -16,7 +16,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.campaigns import rows as stored
-from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
+from sysid_trib.campaigns.rows import CHECKSUM, Row
 from sysid_trib.campaigns.task import (
     CampaignRecords,
     Task,
@@ -27,6 +27,7 @@ from sysid_trib.campaigns.task import (
     record_at,
 )
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.results.store import FAILED, LOST, REFUSED, STATUS, WAITING
 
 FINGERPRINT = "task_fingerprint"
 # Of numbers, texts and small integers; no other kind is read, as it may run code.
@@ -102,8 +103,8 @@ class Store:
             checksum = checksum_of(record_at(records, at))
             # One that is no longer there, or that only the workers see, is what it was.
             changed[at] = bool(checksum) and checksum != str(known[at])
-        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (stored.REFUSED, stored.FAILED))
-        todo = np.flatnonzero(np.isin(status, (WAITING, stored.LOST)) | changed)
+        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (REFUSED, FAILED))
+        todo = np.flatnonzero(np.isin(status, (WAITING, LOST)) | changed)
         of_blocks = [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
         return of_blocks, int(changed.sum()), int((bad & ~changed).sum())
 

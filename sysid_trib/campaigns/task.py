@@ -31,6 +31,7 @@ from sysid_trib.results import effects, judged, variables
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import force_labels
+from sysid_trib.results.store import EFFECT_P_VALUE, FAILED, IDENTIFIED, PREDICTS_BEST, REFUSED, TIED
 from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare, cross_check, verdict
@@ -48,8 +49,6 @@ MODELS = ("before", "after")
 # Of laws: both methods, and the one that is preferred.
 PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
-# What a comparison says of a record, before the name of a method.
-PREDICTS_BEST = "predicts best: "
 
 
 def names_of(records: CampaignRecords) -> list[str]:
@@ -238,12 +237,12 @@ def _row_of(task: Task, record: Any) -> stored.Row:
         row["record_checksum"] = checksum_of(record)
         decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
         row |= {"signal_units": variables.signal_units(decays[0]), "outline": _outline(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
+        row |= _numbers(task, task.result(decays)) | {"status": IDENTIFIED}
     except SysidTribError as error:
-        row |= {"status": stored.REFUSED, "message": str(error)}
+        row |= {"status": REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record ends no campaign; what it was is kept with it.
-        row |= {"status": stored.FAILED, "message": f"{type(error).__name__}: {error}"}
+        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
 
@@ -322,8 +321,8 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
-        stored.TIED: "; ".join(tied),
-        stored.EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
+        TIED: "; ".join(tied),
+        EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
     }
 
 

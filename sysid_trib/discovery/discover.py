@@ -149,7 +149,7 @@ def discover(
             for library in (model, offered)
         )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
-    return _discovery(runs, model, offered, constraints, unseen, how)
+    return to_xarray.with_inseparable(_discovery(runs, model, offered, constraints, unseen, how))
 
 
 def _of_start_model(

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.cycles.signatures import inseparable
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
 from sysid_trib.discovery.judged_models import judged_models
@@ -229,6 +231,29 @@ def _pairs(search: Search) -> dict[str, Any]:
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
     texts = [effects.PAIRS.join(effects.PAIR.join(names) for names in of_effect) for of_effect in pairs]
     return {"pairs": texts, "pair_odds": np.exp(-0.5 * best)}
+
+
+def with_inseparable(tree: xr.DataTree) -> xr.DataTree:
+    """Return a discovery in whose steps it is said which competing effects no run of this kind separates.
+
+    Forces are compared in motions of up to the largest angle of the records, in their unit.
+    """
+    offered = effects.candidates_of(tree)
+    size = max(float(np.abs(tree[group].angle).max()) for group in variables.record_groups(tree))
+    texts = []
+    for step in effects.steps_taken(tree):
+        fitted = [step[name].to_series().dropna() for name in ("shape", "competing_shape") if name in step]
+        shapes = {name: value for part in fitted for name, value in part.items()}
+        forces = [offered[symbol] for symbol in effects.credible_set(step)]
+        alike = partial(inseparable, amplitude=size, shapes=shapes)
+        groups = effects.grouped(forces, alike)
+        texts.append(
+            effects.PAIRS.join(effects.PAIR.join(force.symbol for force in group) for group in groups)
+        )
+    if texts:
+        described = variables.described(TABLES["steps"], {"inseparable": texts})
+        tree["steps"] = xr.DataTree(tree["steps"].to_dataset().assign(described))
+    return tree
 
 
 def _competing_shapes(search: Search) -> dict[str, Array]:

@@ -11,7 +11,6 @@ import scipy
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.law_difference import (
     law_blocks,
@@ -23,6 +22,7 @@ from sysid_trib.printing.law_difference import (
 from sysid_trib.printing.verdict import error_parts_sentence
 from sysid_trib.results.effects import at_bound, sufficient_forces
 from sysid_trib.results.kinds import SIDES, identifications_of
+from sysid_trib.results.store import EFFECT_P_VALUE, TIED
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record stands out.

@@ -13,7 +13,7 @@ from sysid_trib._version import __version__
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.printing import equation, layout, verdict
-from sysid_trib.results import judged, kinds, schema, variables
+from sysid_trib.results import judged, kinds, models, variables
 from sysid_trib.results.kinds import GIVEN, MU, si_of
 
 # Columns of the LaTeX table, beside the methods: what stands in the column `method` of the other one.
@@ -108,7 +108,7 @@ def _number(data: xr.Dataset, name: str) -> dict[str, float]:
 def latex_text(tree: xr.DataTree) -> str:
     r"""A table (`booktabs`) of all coefficients with errors, and the equation of the main identification."""
     named = judged.given_results(tree)
-    letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
+    letters = {f.symbol: f.latex_symbol for result in named.values() for f in models.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
     # In the order of the methods, whichever forces they hold.
     heads: dict[str, None] = {}
@@ -192,7 +192,7 @@ def methods_text(tree: xr.DataTree) -> str:
         if others and "agreement" in tree.children:
             values["other"] = IN_WORDS.get(others[0], others[0])
             values["largest"] = float(np.nanmax(np.abs(tree["agreement"].z.values)))
-        names = (force.name for force in schema.library_of(main))
+        names = (force.name for force in models.library_of(main))
         values |= {
             # A library is its user's: no letter of a name is a command.
             "forces": ", ".join(re.sub(r"[^\w ,().-]", " ", name) for name in names),

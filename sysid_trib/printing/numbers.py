@@ -8,12 +8,12 @@ import pandas as pd
 import scipy
 import xarray as xr
 
-from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
 from sysid_trib.results.judged import given_results
 from sysid_trib.results.kinds import SIDES, kind_of
 from sysid_trib.results.models import library_of
+from sysid_trib.results.store import IDENTIFIED
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.

@@ -11,8 +11,8 @@ from sysid_trib._version import __version__
 from sysid_trib.forces.notation import toml_value
 from sysid_trib.printing import layout
 from sysid_trib.printing.equation import equation_text
+from sysid_trib.results.models import library_of
 from sysid_trib.results.references import stated_covariance
-from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import signal_units
 
 

@@ -18,10 +18,11 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.methods import method_of, scope
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import RecordsLike, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results import references, signal_scale
 from sysid_trib.results.effects import at_bound
 from sysid_trib.results.judged import error_parts, main_result
 from sysid_trib.results.kinds import SIDES
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names, signal_units
 from sysid_trib.validation import random_effects, refits
 from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
@@ -147,7 +148,7 @@ def _difference(
         "at_a_bound": ", ".join(symbol for symbol in symbols if symbol in bounded),
     }
     # A sample may lack the viscous force that the other has.
-    factors = {s: f for member in members for s, f in schema.library_of(member).damping_factors.items()}
+    factors = {s: f for member in members for s, f in library_of(member).damping_factors.items()}
     damping = np.array([factors.get(symbol, 0.0) for symbol in symbols]) * reference
     stiffness = _stiffness_difference(values, by_noise + by_model, damping)
     errors = np.sqrt(np.diagonal(by_noise + by_model, axis1=1, axis2=2))

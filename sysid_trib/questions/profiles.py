@@ -13,7 +13,7 @@ from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.methods import Trajectory, method_of
 from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results import models, signal_scale, variables
 from sysid_trib.results.random_force import random_force_of
 
 # Confidence of the intervals, and the root of the deviance at their ends.
@@ -164,7 +164,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
     DecayError
         The motion is pushed by a random force, or no motion follows the record.
     """
-    runs, library, asked = as_runs(decay, driven=True), schema.library_of(result), method_of(result)
+    runs, library, asked = as_runs(decay, driven=True), models.library_of(result), method_of(result)
     if any(random_force_of(result, run) for run in range(len(runs))):
         raise DecayError(
             "A random force pushes this record, but this is of the free motion: hold it off with "

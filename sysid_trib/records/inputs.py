@@ -15,19 +15,14 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.records import half_periods
+from sysid_trib.records.roles import INPUT, input_names
 from sysid_trib.records.signal import checked_signal, unit_of_signal
 
-# The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
-INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # Suffix of the signal's unit in the unit of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
 # The library whose forces hold inputs.
 SHIPPED = "inputs"
-# attrs["role"] of a variable of a record that is an input.
-ROLE = "input"
-# attrs[CONSTANT] of an input that does not vary within a run.
-CONSTANT = "constant"
 # Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
 BETWEEN_SAMPLES = {"linear": 1, "held": 0, "cubic": 3, "smooth": 7}
 
@@ -156,14 +151,7 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
     DecayError
         One is not a finite number at each time, or does not reach over the record.
     """
-    names = [str(n) for n in record.variables if n == INPUT or record[n].attrs.get("role") == ROLE]
-    return {name: _input(record, name) for name in names}
-
-
-def constants_of(record: xr.Dataset) -> dict[str, float]:
-    """Return the known constants of a run by their names."""
-    marked = ((str(name), values) for name, values in record.data_vars.items() if CONSTANT in values.attrs)
-    return {name: float(values.values[0]) for name, values in marked}
+    return {name: _input(record, name) for name in input_names(record)}
 
 
 def _input(record: xr.Dataset, name: str) -> KnownInput:

@@ -24,8 +24,9 @@ from sysid_trib.records.clock import (
     seconds_between,
 )
 from sysid_trib.records.column import DAY, Column
-from sysid_trib.records.inputs import ROLE, usual_between
+from sysid_trib.records.inputs import usual_between
 from sysid_trib.records.reading import Reading, evaluated, is_expression
+from sysid_trib.records.roles import ROLE
 from sysid_trib.records.tables import FileTable, read_table
 
 # Fraction of steps of one in a counter.

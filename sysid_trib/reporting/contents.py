@@ -11,8 +11,6 @@ from rich.table import Table
 
 from sysid_trib import plots
 from sysid_trib._version import __version__
-from sysid_trib.campaigns.conditions import reported_method
-from sysid_trib.campaigns.rows import STATUS, counts_of
 from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
@@ -29,6 +27,7 @@ from sysid_trib.printing import (
     layout,
 )
 from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.store import STATUS, counts_of, reported_method
 from sysid_trib.results.variables import record_groups
 
 # A part of a page as `page.html` reads it.

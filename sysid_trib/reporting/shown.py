@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.campaigns.rows import counts_of
+from sysid_trib.cycles.signatures import signatures_of
 from sysid_trib.errors import UsageError, printable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.physics.consequences import with_consequences
@@ -16,6 +16,7 @@ from sysid_trib.printing import Block, Layer, campaign, driven, looked
 from sysid_trib.printing.written import blocks_of_layer, write_blocks
 from sysid_trib.reporting.contents import PAGES, as_table
 from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.store import counts_of
 
 # Of what else than results is shown: variables by which it is known.
 CAMPAIGN, BACKBONE, RESPONSE = {"status", "message"}, {"damping_ratio", "dissipative_force"}, {"left_open"}
@@ -95,7 +96,9 @@ def show(result: xr.Dataset | xr.DataTree | ForceLibrary, *, explain: bool = Fal
 def _blocks_of(result: xr.Dataset | xr.DataTree | ForceLibrary) -> Iterable[Block]:
     """Return sentences and tables on a result."""
     if isinstance(result, ForceLibrary):
-        return [Block([result.title, looked.NORMALISED], table=looked.force_table(result))]
+        return [
+            Block([result.title, looked.NORMALISED], table=looked.force_table(result, signatures_of(result)))
+        ]
     if not isinstance(result, xr.Dataset | xr.DataTree):
         raise UsageError(
             f"show takes a result of identify, laws, compare, discover or difference, not an object of type "

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.records.inputs import INPUT, PER_KIND, ROLE, KnownInput, refuse_unused, usual_between
+from sysid_trib.records.inputs import PER_KIND, KnownInput, refuse_unused, usual_between
+from sysid_trib.records.roles import INPUT, ROLE
 from sysid_trib.simulation.model import Model, Vector
 from sysid_trib.simulation.motions import STEPS_A_PERIOD, Forcing, SimulatedMotion, integrate
 from sysid_trib.simulation.program import FORCING_NUMBERS

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.special import ndtri
 
 from sysid_trib.arrays import Array, Index
-from sysid_trib.records.inputs import INPUT
+from sysid_trib.records.roles import INPUT
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, motion_of
 from sysid_trib.simulation.motions import run
 from sysid_trib.simulation.simulate import bends_of, polynomials_of

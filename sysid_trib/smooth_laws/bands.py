@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.results import schema
+from sysid_trib.results import models
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import BAND_PROBABILITY, Variables, described
 
@@ -83,7 +83,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = 
     list of Law
         `friction` of the forces of v alone, and `restoring` of w^2 x and the forces of x alone.
     """
-    library = schema.library_of(result)
+    library = models.library_of(result)
     laws = []
     for name, variable in VARIABLE_OF_LAW.items():
         of = NAME_IN_FORMULAS[variable]
@@ -91,7 +91,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = 
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
         values, jacobian = law_and_jacobian(result, library, forces, of, places, run)
-        covariance = jacobian @ schema.covariance_with_frequency(result) @ jacobian.T
+        covariance = jacobian @ models.covariance_with_frequency(result) @ jacobian.T
         covariance = 0.5 * (covariance + covariance.T)
         laws.append(Law(name, variable, places, visited, values, covariance))
     return laws
@@ -120,7 +120,7 @@ def law_and_jacobian(
     run : int or None
         See `laws_of`.
     """
-    shapes = schema.shape_values_of(result)
+    shapes = models.shape_values_of(result)
     symbols = result.force.values.tolist()
     w = result.reference_frequency.item()
     coefficients = np.where(result.active.values, result.coefficient.values, 0.0)

@@ -13,7 +13,7 @@ from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays
-from sysid_trib.results import schema
+from sysid_trib.results import models
 from sysid_trib.results.law_curves import PASSIVE
 from sysid_trib.smooth_laws import bands
 
@@ -89,7 +89,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
     estimate = np.append(
         np.where(result.active.values, result.coefficient.values, 0.0), result.reference_frequency.item()
     )
-    covariance = schema.covariance_with_frequency(result)
+    covariance = models.covariance_with_frequency(result)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     power = rows[:, :-1] @ estimate[:-1]
@@ -109,7 +109,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
 
 def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[Array, Array]:
     """Return speeds (place,), and by coefficients and frequency the friction there times the sign of them."""
-    library = schema.library_of(result)
+    library = models.library_of(result)
     runs: Sequence[int | None] = sorted({force.run for force in library if force.run}) or [None]
     forces = [force for force in library if force.depends_only_on("v")]
     even = any(force.parity != "odd" for force in forces)
@@ -138,8 +138,8 @@ def _least_distance(moves: Array, needed: Array) -> tuple[Array, Array]:
 
 def _with_values(result: xr.Dataset, values: Array, covariance: Array) -> xr.Dataset:
     """Return the identification with other coefficients and another frequency, and the same errors."""
-    library, w = schema.library_of(result), float(values[-1])
-    limit, gradient = schema.asymptotic_frequency(library, values[:-1], w)
+    library, w = models.library_of(result), float(values[-1])
+    limit, gradient = models.asymptotic_frequency(library, values[:-1], w)
     with_frequency = covariance @ gradient if limit > 0.0 else covariance[:, -1]
     variance = float(gradient @ covariance @ gradient) if limit > 0.0 else 0.0
     error = float(np.sqrt(max(variance, 0.0)))

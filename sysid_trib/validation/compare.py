@@ -24,7 +24,8 @@ from sysid_trib.methods.scope import (
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale, variables
+from sysid_trib.results import references, signal_scale, variables
+from sysid_trib.results.models import library_of
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.validation import cross_check, holdout, judge, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
@@ -325,7 +326,7 @@ def _not_separable(
     """Forces that no method separates, or identifies, on these runs; as attrs."""
     widest = max(results, key=lambda result: result.sizes["force"])
     identified = {symbol for result in results for symbol in result.force.values.tolist()}
-    force = library.role("x") or schema.library_of(widest, whole=True).role("x")
+    force = library.role("x") or library_of(widest, whole=True).role("x")
     stiffness = "" if force is None else force.symbol
     unseen = [s for s in library.symbols if s not in identified and s != stiffness]
     return cross_check.ties(runs, widest) | {

@@ -26,9 +26,9 @@ from sysid_trib.records.runs import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.judged import best
-from sysid_trib.results.models import library_of, shape_values_of
+from sysid_trib.results.models import INPUT_UNITS, library_of, shape_values_of
 from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import INPUT_UNITS, model_of
+from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
 from sysid_trib.simulation.initial_conditions import (

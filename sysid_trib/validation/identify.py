@@ -18,7 +18,7 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, as_method, method_
 from sysid_trib.methods.scope import Method, constrained, with_stated
 from sysid_trib.methods.trajectory import StartsOption
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results import models, references, signal_scale
 from sysid_trib.results.judged import last_of
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
@@ -220,7 +220,7 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     Cochran's Q. Large where a force changes from run to run (wear), or is of another form than the model's:
     then it changes with amplitude.
     """
-    method, library = method_of(together), schema.library_of(together, whole=True)
+    method, library = method_of(together), models.library_of(together, whole=True)
     kept, frequency = references.comparable(together), together.reference_frequency.item()
     results, reasons = zip(*(refits.refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0

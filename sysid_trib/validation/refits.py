@@ -14,7 +14,7 @@ from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale, variables
+from sysid_trib.results import models, references, signal_scale, variables
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
@@ -114,7 +114,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     leave out one and three periods; sampling takes every second sample, with either first; noises are the
     sensor's alone and a random force with it.
     """
-    runs, library = as_runs(decay, driven=True), schema.library_of(result)
+    runs, library = as_runs(decay, driven=True), models.library_of(result)
     symbols = references.forces_in_model(result)
     reference, made = result.reference_frequency.item(), []
     for fit in _fits(method_of(result), runs, reference):
