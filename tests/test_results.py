@@ -19,7 +19,8 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page
 from sysid_trib.results.files import load, save, write_figure
-from sysid_trib.results.models import asymptotic_frequency, covariance_with_frequency, library_of
+from sysid_trib.results.frequencies import asymptotic_frequency, covariance_with_frequency
+from sysid_trib.results.models import library_of
 from sysid_trib.results.schema import Estimate, identification, model_of
 from sysid_trib.results.variables import RESULT_TABLES, scaling_of
 from sysid_trib.simulation.simulate import trajectory

@@ -12,6 +12,7 @@ from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.results import models, variables
+from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.simulation.model import Model, rescaling_factors
 from sysid_trib.simulation.simulate import trajectory
 
@@ -217,7 +218,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
 def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
     """Covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
     count, c = len(in_model), result.coefficient.values.astype(float)
-    whole = np.pad(models.covariance_with_frequency(result), (0, 1))
+    whole = np.pad(covariance_with_frequency(result), (0, 1))
     if "omega0" in result and not in_model.all():
         omega0, its_error = result.omega0.item(), result.omega0_standard_error.item()
         # alpha = (w_inf/w0)^2 - 1 moves with w0.

@@ -10,6 +10,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.results import kinds, models, schema, variables
+from sysid_trib.results.frequencies import asymptotic_frequency
 from sysid_trib.results.models import forces_in_model as forces_in_model, in_model as in_model
 
 Result = TypeVar("Result", xr.Dataset, xr.DataTree)
@@ -86,7 +87,7 @@ def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float)
     slopes[np.arange(len(kept)), places] = factors
     slopes[:-1, -1] = powers * factors * coefficients[places] / w
     acting = models.library_of(result).select(symbols)
-    slopes[-1] = models.asymptotic_frequency(acting, coefficients, w)[1]
+    slopes[-1] = asymptotic_frequency(acting, coefficients, w)[1]
     return slopes
 
 

@@ -14,13 +14,8 @@ from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.roles import CONSTANT, input_names
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results.models import (
-    INPUT_UNITS,
-    NOT_KEPT,
-    asymptotic_frequency,
-    library_of,
-    shape_values_of,
-)
+from sysid_trib.results.frequencies import asymptotic_frequency
+from sysid_trib.results.models import INPUT_UNITS, NOT_KEPT, library_of, shape_values_of
 from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, refuse_whole_result, variable
 from sysid_trib.simulation.model import Model
 

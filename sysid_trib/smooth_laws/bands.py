@@ -9,6 +9,7 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.results import models
+from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import BAND_PROBABILITY, Variables, described
 
@@ -91,7 +92,7 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = 
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
         values, jacobian = law_and_jacobian(result, library, forces, of, places, run)
-        covariance = jacobian @ models.covariance_with_frequency(result) @ jacobian.T
+        covariance = jacobian @ covariance_with_frequency(result) @ jacobian.T
         covariance = 0.5 * (covariance + covariance.T)
         laws.append(Law(name, variable, places, visited, values, covariance))
     return laws

@@ -14,6 +14,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays
 from sysid_trib.results import models
+from sysid_trib.results.frequencies import asymptotic_frequency, covariance_with_frequency
 from sysid_trib.results.law_curves import PASSIVE
 from sysid_trib.smooth_laws import bands
 
@@ -89,7 +90,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
     estimate = np.append(
         np.where(result.active.values, result.coefficient.values, 0.0), result.reference_frequency.item()
     )
-    covariance = models.covariance_with_frequency(result)
+    covariance = covariance_with_frequency(result)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     power = rows[:, :-1] @ estimate[:-1]
@@ -139,7 +140,7 @@ def _least_distance(moves: Array, needed: Array) -> tuple[Array, Array]:
 def _with_values(result: xr.Dataset, values: Array, covariance: Array) -> xr.Dataset:
     """Return the identification with other coefficients and another frequency, and the same errors."""
     library, w = models.library_of(result), float(values[-1])
-    limit, gradient = models.asymptotic_frequency(library, values[:-1], w)
+    limit, gradient = asymptotic_frequency(library, values[:-1], w)
     with_frequency = covariance @ gradient if limit > 0.0 else covariance[:, -1]
     variance = float(gradient @ covariance @ gradient) if limit > 0.0 else 0.0
     error = float(np.sqrt(max(variance, 0.0)))
