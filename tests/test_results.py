@@ -23,7 +23,7 @@ from sysid_trib.results.frequencies import asymptotic_frequency, covariance_with
 from sysid_trib.results.models import library_of
 from sysid_trib.results.schema import Estimate, identification, model_of
 from sysid_trib.results.variables import RESULT_TABLES, scaling_of
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 FORCES = load_library()
 PER_FORCE = {"coefficient", "standard_error", "covariance", "active", "refers_to"}

@@ -18,7 +18,7 @@ from sysid_trib.questions.difference import held_against
 from sysid_trib.records.inputs import KnownInput, inputs_of
 from sysid_trib.records.roles import constants_of
 from sysid_trib.results.files import save
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 LIBRARY = """
 title = "A servo"

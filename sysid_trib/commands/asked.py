@@ -15,6 +15,7 @@ from sysid_trib.forces import selection
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.systems import load_system
 from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.results.judged import main_result
@@ -74,7 +75,7 @@ class AskedModel:
 
 def asked_model(given: ModelOptions) -> AskedModel:
     """Return what is to be identified, with what the system always has."""
-    moving = selection.load_system(given.system)
+    moving = load_system(given.system)
     contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
@@ -134,7 +135,7 @@ def asked_search(
         A level that is none, a time limit that leaves no time, or a candidate with the symbol of another
         force of the model: a name would then say nothing.
     """
-    held, moving, forces = given.reference_frequency, selection.load_system(given.system), given.forces
+    held, moving, forces = given.reference_frequency, load_system(given.system), given.forces
     if not 0.0 < given.level < 1.0:
         raise UsageError(f"--level '{given.level:g}' must lie between 0 and 1, such as 0.01.")
     if forces is None:

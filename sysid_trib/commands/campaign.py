@@ -22,7 +22,7 @@ from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import check_output, command_line, print_blocks, print_json
 from sysid_trib.errors import RecordError, Tell, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
 from sysid_trib.results.store import counts_of, reported_method
 from sysid_trib.smooth_laws.method import law_methods

@@ -15,7 +15,7 @@ from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.physics.si_units import check_length_unit
 from sysid_trib.printing import Block, driven, laws as printed

@@ -12,7 +12,8 @@ from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_system, load_systems, with_shipped
+from sysid_trib.forces.selection import EFFECTS, is_free_to_move, with_shipped
+from sysid_trib.forces.systems import load_system, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects, judged, kinds
 from sysid_trib.results.kinds import identifications_of, kind_of

@@ -21,7 +21,7 @@ from sysid_trib.commands.asked import driving_of
 from sysid_trib.commands.options import ForcesOptions, ModelOptions, RecordOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS

@@ -14,7 +14,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.results import models, variables
 from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.simulation.model import Model, rescaling_factors
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 
 def propagate(

@@ -10,7 +10,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import check_quantity
 from sysid_trib.physics.si_units import Measured, check_length_unit, check_measured
-from sysid_trib.records.units import METRES
+from sysid_trib.records.unit_tables import METRES
 from sysid_trib.results.judged import best
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.law_curves import LAWS_SI, VARIABLE_OF_LAW

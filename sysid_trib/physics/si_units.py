@@ -11,7 +11,7 @@ from sysid_trib.forces.force import Force
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.physics import model_estimate as estimates
 from sysid_trib.records.signal import ANGLE_UNIT
-from sysid_trib.records.units import METRES
+from sysid_trib.records.unit_tables import METRES
 from sysid_trib.results.kinds import MASS, MU, STIFFNESS
 from sysid_trib.results.variables import described, signal_units, variable
 

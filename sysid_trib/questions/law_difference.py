@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.selection import System
+from sysid_trib.forces.systems import System
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.results.judged import best
 from sysid_trib.results.kinds import SIDES

@@ -17,8 +17,8 @@ from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results import effects, judged, kinds, references, schema, variables
 from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.random_force import random_force_of
-from sysid_trib.simulation import simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
@@ -73,7 +73,7 @@ def predicted(
     """
     model, (of_model, ratio) = rival.model, forcing
     names = [*model.coefficients, *model.shapes, FREQUENCY, BY_ANGLE, BY_RATE]
-    motion = simulate.trajectory(model, time, *start, by=names)
+    motion = trajectory(model, time, *start, by=names)
     by = motion.derivatives["angle"]
     columns = np.column_stack([motion.angle, by, np.ones(len(time))]) / noise
     columns = whitened(of_model, time, start, ratio, columns)

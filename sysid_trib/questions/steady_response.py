@@ -18,7 +18,7 @@ from sysid_trib.records.roles import INPUT
 from sysid_trib.results import models, schema, signal_scale, variables
 from sysid_trib.results.judged import best
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 SWEEPS = ("up", "down", "unstable")
 # Draws of the parameters for a band of 95 %.

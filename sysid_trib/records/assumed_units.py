@@ -12,6 +12,7 @@ from sysid_trib.records import half_periods, half_sines, reading, tables, units 
 from sysid_trib.records.clock import are_whole
 from sysid_trib.records.column import Column
 from sysid_trib.records.free_decay import free_decay
+from sysid_trib.records.unit_tables import STANDARD_GRAVITY
 
 
 def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
@@ -208,7 +209,7 @@ def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Colu
         return ""
     rests = [float(np.nanmedian(values if axis is column else axis.values)) for axis in axes]
     together = float(np.sqrt(np.sum(np.square(rests))))
-    if abs(together / lab.STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
+    if abs(together / STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
         return ""
     names = ", ".join(axis.name for axis in axes)
     return f"unit not stated: taken as m/s^2, since {names} rest at {together:.3g} together, as gravity"
@@ -223,7 +224,7 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
         An accelerometer would, and an angle hardly.
     """
     rest = float(np.median(values))
-    if abs(abs(rest) / lab.STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
+    if abs(abs(rest) / STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
         raise UsageError(
             f"{column.source}: nothing says what column {column.name} holds; it swings about {rest:.3g}, as "
             "an accelerometer in m/s^2 under gravity does: say so, --units m/s^2, or what else it is, "
@@ -313,7 +314,7 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
         # Gravity comes out right, within this part.
-        if abs(gravity * metres / lab.STANDARD_GRAVITY - 1.0) < 0.05:
+        if abs(gravity * metres / STANDARD_GRAVITY - 1.0) < 0.05:
             return text, (
                 f"in {text}, since it moves on a circle of radius {radius:.4g} and swings "
                 f"as a pendulum of {radius:.4g} {text} does (its angle: --angle 'atan2(...)')"

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, RADIANS, STANDARD_GRAVITY
+from sysid_trib.records.unit_tables import ANGLE_UNITS, POSITION_UNITS, RADIANS, STANDARD_GRAVITY
 
 
 class UnitSize(NamedTuple):

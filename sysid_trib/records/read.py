@@ -25,6 +25,7 @@ from sysid_trib.records.columns import ChosenColumns, choose_columns
 from sysid_trib.records.constants import with_constants
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.signal import as_position
+from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, STANDARD_GRAVITY
 
 # Columns of a file that its record names.
 MOST_COLUMNS_NAMED = 30
@@ -209,8 +210,8 @@ def _as_record(
     position, scale = unit.position, 1.0
     time_axis = ("time", time, {"units": "s", "long_name": "time"})
     record = xr.Dataset(coords={"time": time_axis}, attrs=attrs)
-    if how.distance is None and how.length is not None and position in lab.METRES:
-        position, scale = "rad", lab.METRES[position] / how.length
+    if how.distance is None and how.length is not None and position in METRES:
+        position, scale = "rad", METRES[position] / how.length
         record.attrs["length"] = how.length
     if times := lab.INTEGRATIONS[unit.quantity]:
         swing, quantity = equilibrium.find_swing(time, values), unit.quantity
@@ -222,7 +223,7 @@ def _as_record(
         measured = {"units": position + inputs.PER_KIND[quantity], "long_name": f"{quantity} as measured"}
         if how.distance is not None:
             made = _felt(str(attrs["source"]), swing, how.distance)
-            quantity = record.attrs["signal"] = lab.ACCELEROMETER
+            quantity = record.attrs["signal"] = ACCELEROMETER
             measured, position = {"units": "m/s^2", "long_name": "acceleration that was felt"}, "rad"
         record[quantity] = ("time", values * scale, measured)
         record.attrs |= {"measured": quantity, **made}
@@ -236,9 +237,9 @@ def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict
     """Return the acceleration that an accelerometer at a distance (m) measures per sine of the angle."""
     if swing is None:
         raise RecordError(f"{source}: no oscillation is visible above the noise; choose another axis.")
-    felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
+    felt = STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
     # An accelerometer that feels less of gravity than this part shows no angle.
-    if felt < 0.02 * lab.STANDARD_GRAVITY:
+    if felt < 0.02 * STANDARD_GRAVITY:
         wrong = f"{source}: at {distance:g} m from the axis an accelerometer feels next to nothing of a swing"
         raise RecordError(f"{wrong} ({felt:.3g} m/s^2 of 9.81): correct --distance, or choose another axis.")
     made = "its angle by the arcsine, as if there were no friction"
@@ -271,12 +272,12 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     """
     source = record.attrs.get("source", "record")
     unit = str(record["angle"].attrs.get("units"))
-    if unit not in lab.METRES:
+    if unit not in METRES:
         raise UsageError(f"{source}: only a position can be scaled; read the record with units=m (or mm).")
     for name, value in (("mass", mass), ("natural frequency", natural_frequency), ("load", load)):
         if not (np.isfinite(value) and value > 0):
             raise UsageError(f"{name} of {value}: give a positive number.")
-    factor = lab.METRES[unit] * mass * natural_frequency**2 / load
+    factor = METRES[unit] * mass * natural_frequency**2 / load
     scaled = record.copy()
     scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
     said = f"m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, P = {load:g} N"

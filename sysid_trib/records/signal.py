@@ -11,7 +11,7 @@ from scipy.linalg import solveh_banded
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records.units import ANGLE_UNITS
+from sysid_trib.records.unit_tables import ANGLE_UNITS
 
 # Squares and cubes of larger numbers overflow, those of numbers below its inverse are lost.
 LARGEST_NUMBER = 1e75

@@ -13,8 +13,8 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.records.smoothing import first_of_spline
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model
 from sysid_trib.simulation.motions import STEPS_A_PERIOD, SimulatedMotion
-from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.stand_in import accuracy_of, has_curves, without_curves
+from sysid_trib.simulation.trajectory import trajectory
 
 MEASURED, MEASURED_TIME = "measured", "measured_time"
 

@@ -9,7 +9,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import System, is_free_to_move, with_shipped
+from sysid_trib.forces.selection import is_free_to_move, with_shipped
+from sysid_trib.forces.systems import System
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.smooth_laws import curves
 

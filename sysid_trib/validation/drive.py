@@ -11,6 +11,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import selection
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.systems import System, shipped_systems
 from sysid_trib.methods.direct import Direct
 from sysid_trib.records import drives, inputs
 from sysid_trib.records.roles import INPUT
@@ -73,7 +74,7 @@ def fitting_models(runs: Sequence[xr.Dataset]) -> xr.Dataset:
     names = [name for name in inputs.inputs_of(short[0]) if name != INPUT]
     oscillators = _nested([_tried("", library, short) for library in _oscillators(names)])
     # Try systems with a held force too: it changes the equation.
-    systems = [_of_system(system, names, short) for system in selection.shipped_systems() if system.held]
+    systems = [_of_system(system, names, short) for system in shipped_systems() if system.held]
     kinds = [oscillators, *systems]
     # A system that is as good as an oscillator of more forces goes before it.
     kinds = sorted(kinds, key=lambda model: model.residual * (1.0 if model.system else 1.0 / LESS))
@@ -105,7 +106,7 @@ def _nested(models: Sequence[TriedModel]) -> TriedModel:
     return best
 
 
-def _of_system(system: selection.System, names: Sequence[str], runs: Sequence[xr.Dataset]) -> TriedModel:
+def _of_system(system: System, names: Sequence[str], runs: Sequence[xr.Dataset]) -> TriedModel:
     offered = selection.with_shipped(load_library(), system.symbols).select(system.symbols)
     return _tried(system.name, selection.with_inputs_acting(offered, names), runs, system.held)
 

@@ -39,7 +39,7 @@ from sysid_trib.simulation.initial_conditions import (
     measured_motion,
 )
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability
 from sysid_trib.validation.model_error import with_error_by_another_fit

@@ -32,7 +32,7 @@ from sysid_trib.results import models, references, schema
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion, first_zero
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation.residuals import FollowedRuns
 
 # Condition number beyond which a record does not tell parameters apart.

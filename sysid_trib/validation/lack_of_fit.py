@@ -17,7 +17,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 
 def lack_of_fit(
