@@ -33,7 +33,7 @@ from sysid_trib.records.sensors import read_sensors
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import load
-from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.simulate import paper_twin
 
 PROGRAM = "sysid-trib"

@@ -1,7 +1,7 @@
 """Scope of a method, and its consequences for the forces of a library."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import Field, dataclass, field, fields, is_dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from typing import Any, Literal, Protocol
 
 import xarray as xr
@@ -152,46 +152,3 @@ def scope_of(method: Method) -> MethodScope:
     """Return the scope of a method; by default its class as label."""
     stated = getattr(method, "scope", None)
     return stated if isinstance(stated, MethodScope) else MethodScope(type(method).__name__.lower())
-
-
-def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]) -> dict[str, Method]:
-    """Methods by a unique label that may be the name of a group in a netCDF file.
-
-    Parameters
-    ----------
-    pairs : sequence of (str, Method)
-        Each with its name; where that is empty, with what its scope and its options say.
-    reserved : sequence of str
-        Names of other groups.
-    """
-    by_label: dict[str, Method] = {}
-    for name, method in pairs:
-        same = [other for _, other in pairs if type(other) is type(method)]
-        label = " ".join(str(name).replace("/", "-").split()) or _label(method, same)
-        label = f"{label} (method)".strip() if label in reserved else label
-        number, unique = 1, label
-        while unique in by_label:
-            number += 1
-            unique = f"{label} {number}"
-        by_label[unique] = method
-    return by_label
-
-
-def _label(method: Method, same: Sequence[Method]) -> str:
-    """Label of a method, with the options in which it differs from others of it and from the default."""
-    options = []
-    all_options: tuple[Field[Any], ...] = fields(method) if is_dataclass(method) else ()
-    for option in all_options:
-        value = getattr(method, option.name)
-        default = option.default_factory() if callable(option.default_factory) else option.default
-        alike = all(repr(getattr(other, option.name)) == repr(value) for other in same)
-        if not alike and repr(value) != repr(default):
-            options.append(_option(option.name.replace("_", " "), value))
-    label = scope_of(method).label
-    return f"{label} ({', '.join(options)})".replace("/", "-") if options else label
-
-
-def _option(name: str, value: Any) -> str:
-    if isinstance(value, bool):
-        return name if value else f"not {name}"
-    return f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}"

@@ -10,10 +10,11 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import cleaning, clock, drives, equilibrium, free_decay, modes, units as lab
+from sysid_trib.records import clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
+from sysid_trib.records.unwrapping import unwrapped
 
 
 class ChosenColumns(NamedTuple):
@@ -240,7 +241,7 @@ def _swing_of(column: Column, time: Column | None) -> TriedColumn | None:
             times, rows, *_ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-            whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])
+            whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
             return TriedColumn(*free_decay.swing_within(times[good], whole))
     return TriedColumn(None, "")
 

@@ -12,7 +12,8 @@ from sysid_trib.arrays import Array, variable, with_error
 from sysid_trib.errors import DecayError
 from sysid_trib.records import free_motion_checks as checks, half_periods
 from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.signal import Piece, as_position, unit_of_signal
+from sysid_trib.records.integration import Piece, as_position
+from sysid_trib.records.signal import unit_of_signal
 
 # Part of a half period to which the extremum before the first zero crossing is known.
 EXTREMUM_ERROR = 0.003

@@ -13,8 +13,10 @@ from sysid_trib.records import cleaning, free_motion_checks as checks, half_peri
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.in_memory import one_record
+from sysid_trib.records.integration import Piece, uniform_pieces
 from sysid_trib.records.runs import RecordLike
-from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
+from sysid_trib.records.signal import checked_signal
+from sysid_trib.records.unwrapping import new_frames, pulses
 
 # In any unit; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-150
@@ -151,7 +153,7 @@ def _pieces(
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
     """Indices of the samples that are kept, and sentences on the others."""
     kept, said = np.arange(time.size), []
-    frames = cleaning.new_frames(angle)
+    frames = new_frames(angle)
     if frames is not None:
         kept = frames
         said.append(f"values are held over rows: the {frames.size} new ones of {time.size} are used")
@@ -236,7 +238,7 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
     """The swing that a piece holds, after what is clipped, or the reason why it holds none."""
-    if cleaning.pulses(signal):
+    if pulses(signal):
         wrong = f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier"
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
     swing = find_swing(time, signal, value)

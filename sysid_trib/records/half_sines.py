@@ -12,7 +12,8 @@ from sysid_trib import records
 from sysid_trib.arrays import Array, Index, Variables, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import equilibrium, signal
-from sysid_trib.records.half_periods import HalfPeriods, analytic_extrema, noise_of_record
+from sysid_trib.records.analytic_signal import analytic_extrema
+from sysid_trib.records.half_periods import HalfPeriods, noise_of_record
 from sysid_trib.records.runs import RecordLike
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]

@@ -23,9 +23,11 @@ from sysid_trib.records import (
 )
 from sysid_trib.records.columns import ChosenColumns, choose_columns
 from sysid_trib.records.constants import with_constants
+from sysid_trib.records.integration import as_position
+from sysid_trib.records.own_quantity import with_own_quantity
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
-from sysid_trib.records.signal import as_position
 from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, STANDARD_GRAVITY
+from sysid_trib.records.unwrapping import unwrapped
 
 # Columns of a file that its record names.
 MOST_COLUMNS_NAMED = 30
@@ -173,7 +175,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
     values = values * unit.factor
     if unit.quantity in lab.POSITIONS:
         is_angle = unit.quantity == "angle"
-        values, turn, cuts = cleaning.unwrapped(values, 2.0 * np.pi if is_angle else None)
+        values, turn, cuts = unwrapped(values, 2.0 * np.pi if is_angle else None)
         at_end = f"the end of its range ({cuts} times, {turn:.6g} {unit.text})"
         where = f"a whole turn ({cuts} times)" if is_angle else at_end
         said += [f"put together again where it was cut at {where}"] if cuts else []
@@ -195,7 +197,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
         attrs["drives"] = [drive.name for drive in acting]
     record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how, times.origin)
     record = with_constants(record, table, rows, how.constants)
-    return inputs.with_own_quantity(record) if how.inputs or how.constants else record
+    return with_own_quantity(record) if how.inputs or how.constants else record
 
 
 def _as_record(

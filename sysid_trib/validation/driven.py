@@ -31,14 +31,10 @@ from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
-from sysid_trib.simulation.initial_conditions import (
-    MEASURED,
-    first_guess,
-    first_zero,
-    fit_start_of_several,
-    measured_motion,
-)
+from sysid_trib.simulation.initial_conditions import first_guess, first_zero
+from sysid_trib.simulation.measured_motion import MEASURED, measured_motion
 from sysid_trib.simulation.model import Model
+from sysid_trib.simulation.start_search import fit_start_of_several
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability

@@ -22,7 +22,7 @@ from sysid_trib.results import models, references, signal_scale
 from sysid_trib.results.judged import last_of
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
-from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
 

@@ -30,7 +30,8 @@ from sysid_trib.motion_fit.linearised import linearised_along
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.results import models, references, schema
 from sysid_trib.results.random_force import random_force_of
-from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion, first_zero
+from sysid_trib.simulation.initial_conditions import FittedMotion, first_zero
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation.residuals import FollowedRuns

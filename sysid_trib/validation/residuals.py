@@ -17,7 +17,8 @@ from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
 from sysid_trib.simulation import initial_conditions
-from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion
+from sysid_trib.simulation.initial_conditions import FittedMotion
+from sysid_trib.simulation.measured_motion import MEASURED, MEASURED_TIME, measured_part
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import lack_of_fit
@@ -217,8 +218,8 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     """
     time, model = decay.time.values.astype(float), model_of(result)
     simulated = trajectory(model, time, motion.angle, motion.rate)
-    measured = decay[MEASURED].sel({initial_conditions.MEASURED_TIME: time}).values
-    residual = measured - simulated.shown(*initial_conditions.measured_part(decay)[0])
+    measured = decay[MEASURED].sel({MEASURED_TIME: time}).values
+    residual = measured - simulated.shown(*measured_part(decay)[0])
     # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])

@@ -8,7 +8,8 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.errors import SimulationError
 from sysid_trib.results.kinds import REFITTED_SENSORS
-from sysid_trib.simulation.initial_conditions import BY_START, MEASURED, first_guess, first_zero, fit_start
+from sysid_trib.simulation.initial_conditions import BY_START, first_guess, first_zero, fit_start
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.trajectory import trajectory
 
