@@ -20,7 +20,7 @@ from sysid_trib.errors import SysidTribError, UsageError, readable
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import further_forces
+from sysid_trib.forces.offered import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
 from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.records.free_decay import free_decays

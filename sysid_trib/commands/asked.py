@@ -15,6 +15,7 @@ from sysid_trib.forces import selection
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.offered import further_forces, viscous_model, with_inputs_acting
 from sysid_trib.forces.systems import load_system
 from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
@@ -82,7 +83,7 @@ def asked_model(given: ModelOptions) -> AskedModel:
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
     if given.forces is None:
         # An input that is named acts, as in `discover`.
-        offered = selection.with_inputs_acting(offered, driving_of(given))
+        offered = with_inputs_acting(offered, driving_of(given))
     shapes = held_shapes(given.set_, offered)
     constraints = asked_constraints(given.fix, given.bound, given.tie)
     unconstrained = set(offered.symbols) - set(constraints.names)
@@ -139,11 +140,11 @@ def asked_search(
     if not 0.0 < given.level < 1.0:
         raise UsageError(f"--level '{given.level:g}' must lie between 0 and 1, such as 0.01.")
     if forces is None:
-        forces = ",".join(selection.viscous_model(load_library(given.library), inputs).symbols)
+        forces = ",".join(viscous_model(load_library(given.library), inputs).symbols)
     start = offered_forces(given.library, moving.with_held(forces), held is not None)
     offered = load_library(given.candidates or given.library)
     if given.candidates is None:
-        offered = selection.further_forces(offered, start, inputs)
+        offered = further_forces(offered, start, inputs)
     offered = offered.select(symbol for symbol in offered.symbols if symbol not in moving.impossible)
     for force in offered:
         if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:

@@ -13,7 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
-from sysid_trib.forces.selection import with_inputs_acting
+from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.forces.systems import System, load_system
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct

@@ -11,6 +11,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import selection
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.forces.systems import System, shipped_systems
 from sysid_trib.methods.direct import Direct
 from sysid_trib.records import drives, inputs
@@ -93,7 +94,7 @@ def _oscillators(names: Sequence[str]) -> list[ForceLibrary]:
     for formulas in OSCILLATORS:
         forces = (library.role(formula) for formula in formulas)
         chosen = library.select(force.symbol for force in forces if force is not None)
-        made.append(selection.with_inputs_acting(chosen, names))
+        made.append(with_inputs_acting(chosen, names))
     return made
 
 
@@ -108,7 +109,7 @@ def _nested(models: Sequence[TriedModel]) -> TriedModel:
 
 def _of_system(system: System, names: Sequence[str], runs: Sequence[xr.Dataset]) -> TriedModel:
     offered = selection.with_shipped(load_library(), system.symbols).select(system.symbols)
-    return _tried(system.name, selection.with_inputs_acting(offered, names), runs, system.held)
+    return _tried(system.name, with_inputs_acting(offered, names), runs, system.held)
 
 
 def _tried(

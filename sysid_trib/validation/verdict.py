@@ -10,7 +10,7 @@ from sysid_trib import forces
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import with_inputs_acting
+from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
