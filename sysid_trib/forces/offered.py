@@ -10,7 +10,7 @@ from sysid_trib.forces.selection import EFFECTS, HYSTERESIS, INPUTS
 
 
 def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
-    """The model that a search starts from: viscous friction alone, and the first force of each input.
+    """Return the model that a search starts from: viscous friction alone, and the first force of each input.
 
     Raises
     ------
@@ -20,7 +20,9 @@ def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceL
     viscous = [library[symbol] for symbol in library.damping_factors]
     if not viscous:
         wrong = f"Library '{library.title}' has no viscous friction to start from"
-        raise UsageError(f"{wrong}; name the start's forces (--forces {','.join(library.symbols[:2])}).")
+        raise UsageError(
+            f"{wrong}; name the forces of the start model (--forces {','.join(library.symbols[:2])})."
+        )
     return replace(library, forces=(*first_of_inputs(inputs), viscous[0]))
 
 
@@ -53,7 +55,7 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
 def offered_forces(
     model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
 ) -> tuple[ForceLibrary, list[str]]:
-    """The candidates that the model does not have, of these inputs, and the symbols of the others."""
+    """Return the candidates that the model does not have, of these inputs, and the symbols of the others."""
     kept, left_out = list[Force](), list[str]()
     for force in candidates:
         same = any(_same(force, other) for other in model) or not set(force.inputs) <= set(inputs)

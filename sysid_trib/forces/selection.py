@@ -15,7 +15,7 @@ SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS, HYSTERESIS, "water")
 def forces_to_identify(
     library: ForceLibrary, reference_frequency: float | None, *, sensors: bool = False
 ) -> ForceLibrary:
-    """The forces to identify: without a given frequency the one of formula `x` is the frequency itself.
+    """Return forces to identify: without a given frequency the one of formula `x` is the frequency itself.
 
     Parameters
     ----------
@@ -41,7 +41,9 @@ def forces_to_identify(
     if reference_frequency is None and stiffness is not None:
         library = library.select(s for s in library.symbols if s != stiffness.symbol)
     if all(force.kind == "sensor" for force in library):
-        raise DecayError("No force is left to identify beside the frequency; offer at least one (--forces).")
+        raise DecayError(
+            "No force is left to identify, only the frequency; offer at least one force (--forces)."
+        )
     return library
 
 
@@ -69,7 +71,7 @@ def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
 
 
 def refuse_sensors(library: ForceLibrary) -> None:
-    """Refuse terms of the sensor, for a method that does not know them.
+    """Raise an error for sensor terms in a method that does not support them.
 
     Raises
     ------
@@ -83,7 +85,7 @@ def refuse_sensors(library: ForceLibrary) -> None:
 
 
 def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
-    """The library's forces of these formulas, for a method by its label.
+    """Return the library's forces of these formulas, for a method by its label.
 
     Raises
     ------

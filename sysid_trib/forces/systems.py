@@ -82,7 +82,7 @@ class System:
 
     @property
     def swings_under_gravity(self) -> bool:
-        """Return true if it is a pendulum, which gravity restores, or if nothing is said of it."""
+        """True if gravity is the restoring force, or if the system does not state it."""
         shipped = [force for name in SHIPPED_LIBRARIES for force in load_library(name)]
         held = [force for force in shipped if force.symbol in self.held]
         return not self.name or any(force.matches("sin(x) - x") for force in held)
@@ -92,7 +92,7 @@ class System:
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
     def with_held(self, forces: str | None) -> str | None:
-        """Forces by their symbols, `lambda,zeta`, and those that are always there; else its usual ones."""
+        """Return forces by symbols, `lambda,zeta`, and those that are always there; else the usual ones."""
         if forces is None:
             return ",".join(self.symbols) or None
         named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
@@ -100,16 +100,16 @@ class System:
 
 
 def _first_words(names: Iterable[str]) -> list[str]:
-    """First words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
+    """Return the first words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
     return [next(iter(NAME_WORDS.findall(name.lower())), "") for name in names]
 
 
-# An oscillator of which nothing is known.
+# An oscillator without known properties.
 ANY_SYSTEM = System("", signal="")
 
 
 def load_system(name_or_path: str | None) -> System:
-    """A system by its name, or the first of a TOML file.
+    """Return a system by its name, or the first of a TOML file.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def load_system(name_or_path: str | None) -> System:
 
 
 class SystemModel(NamedTuple):
-    """The forces of a system, and what is known of their coefficients: `library, constraints = system(...)`.
+    """The forces of a system and their known coefficients: `library, constraints = system(...)`.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class SystemModel(NamedTuple):
 def system(
     name_or_path: str | Path, forces: Iterable[str] | None = None, library: ForceLibrary | None = None
 ) -> SystemModel:
-    """Give the forces of a system with what is known of them, as `--system` does.
+    """Return the forces of a system and their known coefficients, as `--system` takes them.
 
     Parameters
     ----------
@@ -197,7 +197,7 @@ def system(
 
 
 def load_systems() -> dict[str, System]:
-    """The systems that come with the package, by their names."""
+    """Return the systems that come with the package, by their names."""
     return _systems(library_folder() / SYSTEMS_FILE)
 
 

@@ -8,7 +8,7 @@ from sysid_trib.methods.scope import Method, scope_of
 
 
 def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]) -> dict[str, Method]:
-    """Methods by a unique label that may be the name of a group in a netCDF file.
+    """Return methods by a unique label that may be the name of a group in a netCDF file.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]
 
 
 def _label(method: Method, same: Sequence[Method]) -> str:
-    """Label of a method, with the options in which it differs from others of it and from the default."""
+    """Return a method's label, with the options in which it differs from its like and from the default."""
     options = []
     all_options: tuple[Field[Any], ...] = fields(method) if is_dataclass(method) else ()
     for option in all_options:

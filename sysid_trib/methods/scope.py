@@ -84,7 +84,7 @@ class Constrained:
 
 
 def constrained(method: Method, constraints: Constraints) -> Method:
-    """The method with constraints on its coefficients and shape parameters.
+    """Return the method with constraints on its coefficients and shape parameters.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Met
 
 
 def with_random_force(method: Method, random_force: RandomForceOption) -> Method:
-    """The method with an option for the random force; as it is where it takes none.
+    """Return the method with an option for the random force; unchanged if it has no such option.
 
     A variant that excludes a random force (the strong form, coloured noise) stays as it is too.
 

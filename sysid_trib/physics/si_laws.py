@@ -129,7 +129,9 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
         The data hold no such law.
     """
     if f"{law}_low" not in data:
-        raise UsageError(f"These data hold no {law}(...): identify the laws, and give what SI units take.")
+        raise UsageError(
+            f"These data contain no {law}(...): identify the laws, and give the quantities for SI units."
+        )
     variable = str(data[law].dims[0])
     along = "sliding_speed" if law == MU else variable
     names = [along, law, *(f"{law}_{end}" for end in ("standard_error", "low", "high"))]
@@ -152,6 +154,6 @@ def _with_laws(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     laws = best(result)
     if "friction_covariance" not in laws:
         raise UsageError(
-            "This result holds no friction law; identify the laws first (sysid-trib laws, st.laws)."
+            "This result contains no friction law; identify the laws first (sysid-trib laws, st.laws)."
         )
     return laws

@@ -15,7 +15,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing import Block, layout
 from sysid_trib.records.roles import input_names
 
-# What the table of a library refers to, and characters of its words: it has 100 columns.
+# Reference of the table of a library, and characters of its words: it has 100 columns.
 NORMALISED = (
     "theta'' + w^2 (theta + sum of c h) = 0 with x = theta, v = theta'/w, tau = w t.\n"
     "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
@@ -48,7 +48,7 @@ def force_table(library: ForceLibrary, averages: xr.Dataset) -> Table:
 
 
 def equations_of(force: Force) -> list[str]:
-    """A force, its states and memory, and its shape parameters with their ranges, a line each."""
+    """Return a force, its states and memory, and its shape parameters with their ranges, a line each."""
     return [
         f"h = {force.formula.text}",
         *(f"d{name}/dtau = {formula.text}" for name, formula in force.state.items()),
@@ -106,7 +106,7 @@ POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or
 
 # Below so many samples a period the weak form has few rows, and half-sines few samples.
 FEW_SAMPLES = 20.0
-# A drift that counts, beside the last amplitude.
+# A drift counts above this part of the last amplitude.
 DRIFTS = 0.1
 FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
@@ -141,7 +141,7 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
 
 
 def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
-    """The facts about a record as plain data, in the unit of the record."""
+    """Return the facts about a record as plain data, in the unit of the record."""
     records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
         "records": [layout.mapped(record, "record") for record in records],
@@ -175,7 +175,7 @@ def driven_look_blocks(
 
 
 def driven_look_json(tree: xr.DataTree, models: xr.Dataset, next_command: str) -> dict[str, Any]:
-    """The facts about driven records as plain data."""
+    """Return the facts about driven records as plain data."""
     return {
         "records": [layout.mapped(record, "record") for record in tree.children.values()],
         "decays": [],
@@ -193,7 +193,7 @@ def driven_look_json(tree: xr.DataTree, models: xr.Dataset, next_command: str) -
 
 
 def _input_sentences(run: xr.Dataset) -> Iterator[str]:
-    """The range of each input, and that of the signal."""
+    """Yield the range of each input, and that of the signal."""
     for name in input_names(run):
         unit = run[name].attrs.get("units", "")
         low, high = float(run[name].min()), float(run[name].max())
@@ -222,7 +222,7 @@ def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
 
 
 def _sentences(decay: xr.Dataset) -> list[str]:
-    """The facts about a decay, what limits what it tells, and what it points to."""
+    """Describe a decay: the facts, their limits, and the forces that they indicate."""
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
     step = f"sensor step {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
@@ -246,7 +246,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
     modal = (
         f"Several modes: {several}. These facts are about the mode of {1.0 / value['period']:.3g} Hz; the "
-        "others act as noise: --mode takes one of them."
+        "others act as noise. --mode selects one of them."
     )
     return [
         *([modal] if several else []),
@@ -316,12 +316,12 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
 
 
 def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
-    """The curves of each run as plain data, in the unit of the record."""
+    """Return the curves of each run as plain data, in the unit of the record."""
     return {"runs": [layout.mapped(data, "backbone") for data in backbones.values()]}
 
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
-    """A row for each run and amplitude."""
+    """Return a row for each run and amplitude."""
     first, rows = next(iter(backbones.values())), []
     heads = [name for name in layout.KEYS["backbone"] if name in first]
     for run, data in enumerate(backbones.values(), 1):
@@ -331,7 +331,7 @@ def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
 
 
 def _table(data: xr.Dataset) -> Table:
-    """Frequency and damping ratio at a few amplitudes, with half their bands."""
+    """Return the frequency and damping ratio at a few amplitudes, with half their bands."""
     unit, amplitude = data.amplitude.attrs["units"], data.amplitude.values
     wanted = np.geomspace(amplitude[-1], amplitude[0], PRINTED_AMPLITUDES)
     places = dict.fromkeys(int(np.argmin(np.abs(np.log(amplitude / a)))) for a in wanted)

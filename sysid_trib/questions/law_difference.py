@@ -154,7 +154,7 @@ def laws_held_against(
     random_force: RandomForceOption = "off",
     tell: Tell = silent,
 ) -> dict[str, xr.Dataset]:
-    """Identify the laws of two samples, and hold them against each other.
+    """Identify the laws of two samples, and compare them.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def laws_held_against(
             random_force=random_force,
         )
         results.append(best(tree))
-        # The forces of the curves are not those of the result that holds the groups.
+        # The forces of the curves are not those of the result that contains the groups.
         of_forces = [dim for dim in results[-1].dims if dim not in dimensions]
         groups[f"laws_{name}"] = results[-1].drop_dims(of_forces)
     return {LAW_DIFFERENCE: law_difference(*results)} | groups

@@ -9,7 +9,7 @@ from sysid_trib.records.half_periods import HalfPeriods
 
 
 def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
-    """Extrema of the half periods, from lines through the log amplitude and the phase of the analytic signal.
+    """Return extrema of half periods by lines through log amplitude and phase of the analytic signal.
 
     Parameters
     ----------
@@ -38,19 +38,19 @@ def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
     # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half
-    # period alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has
-    # 2.
+    # period by itself has 1.77; it shares 7 % with either neighbour, and a slow variation over many of them
+    # has 2.
     error: Array = np.sqrt(2.0 / samples)
     return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
 
 
 def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:
-    """Even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
+    """Return even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
     crossing = halves.crossing
     span = crossing[-1] - crossing[0]
     count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
     grid = crossing[0] + (np.arange(count) + 0.5) * span / count
-    # Steady amplitude first: what a decaying one would leak from the record's start to its end is gone.
+    # Steady amplitude first: this removes the leakage of a decaying one from the record's start to its end.
     trend = _log_trend(halves, grid)
     steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
     # Odd about both ends, as the motion itself is about a zero crossing but for its decay.
@@ -63,7 +63,7 @@ def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
 
 
 def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
-    """Smooth trend of the logarithm of the amplitude."""
+    """Return the smooth trend of the logarithm of the amplitude."""
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     degree = min(5, halves.sign.size - 2)
     trend = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
@@ -71,7 +71,7 @@ def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
 
 
 def _lines(s: Array, y: Array, half: Index, count: int) -> tuple[Array, Array]:
-    """Least-squares line y = level + slope s of each half period."""
+    """Return least-squares line y = level + slope s of each half period."""
     n, sx, sxx, sy, sxy = (np.bincount(half, w, count) for w in (np.ones_like(s), s, s * s, y, s * y))
     slope = (n * sxy - sx * sy) / (n * sxx - sx**2)
     return (sy - slope * sx) / n, slope

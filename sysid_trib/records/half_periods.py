@@ -69,17 +69,17 @@ class HalfPeriods:
         return np.diff(self.crossing)
 
     def select(self, part: slice) -> "HalfPeriods":
-        """The half periods ``part.start`` to ``part.stop - 1``."""
+        """Return the half periods ``part.start`` to ``part.stop - 1``."""
         return HalfPeriods(self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part])
 
     def samples(self, time: Array) -> tuple[Index, Index]:
-        """First sample of each half period, and one past its last."""
+        """Return the first sample of each half period, and one past its last."""
         bounds = np.searchsorted(time, self.crossing)
         return bounds[:-1], bounds[1:]
 
 
 def noise_level(time: Array, signal: Array) -> float:
-    """White noise of one sample, from sixth differences: a smooth motion leaves next to nothing in them.
+    """Return the white noise of one sample, from sixth differences, in which a smooth motion vanishes.
 
     Jittered times get divided differences: taken for even, they would turn motion into noise. Single spikes
     and the kinks of dry friction are left out.
@@ -98,7 +98,7 @@ def noise_level(time: Array, signal: Array) -> float:
 
 
 def _divided_difference(time: Array, signal: Array) -> Array:
-    """Size of the sixth divided differences, scaled to the noise of one sample."""
+    """Return the size of the sixth divided differences, scaled to the noise of one sample."""
     count = time.size - 6
     near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
     difference, squares = np.zeros(count), np.zeros(count)
@@ -111,7 +111,7 @@ def _divided_difference(time: Array, signal: Array) -> Array:
 
 
 def quantisation_step(signal: Array) -> float:
-    """Smallest spacing between values; that of continuous values is negligible by itself.
+    """Return the smallest spacing between values; that of continuous values is negligible by itself.
 
     Spacings below a millionth of the range are rounding of the quantised values, not their step.
     """
@@ -122,12 +122,12 @@ def quantisation_step(signal: Array) -> float:
 
 
 def noise_of_record(time: Array, signal: Array) -> float:
-    """Noise of one sample: white, or that of the quantisation where it is larger."""
+    """Return the noise of one sample: white, or that of the quantisation where it is larger."""
     return max(noise_level(time, signal), quantisation_step(signal) / np.sqrt(12.0))
 
 
 def dominant_periods(time: Array, signal: Array) -> list[float]:
-    """Periods of the line that is strongest by its rate and, if others, by the root of its rate or by itself.
+    """Return periods of the strongest line by its rate and, if others, by the rate's root and by itself.
 
     Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
     line stands out of the spectrum's median, as it does not in noise. Where none does in the whole, a swing
@@ -150,16 +150,16 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     return []
 
 
-# A record in which no line stands out is searched in parts that are so many times shorter each, down to so
-# many samples.
+# A record without a strong line is searched in parts that are so many times shorter each, down to so many
+# samples.
 PART, SHORTEST_PART = 4, 32
 
 
 def _periods_of_lines(signal: Array, interval: float) -> list[float]:
-    """Periods of `dominant_periods` of samples with so much time between them."""
+    """Return the periods of `dominant_periods` of samples with so much time between them."""
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
-    # Few lines stand out: what follows is done with these alone.
+    # Few lines are strong: the next steps are done with these only.
     out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
     spectrum, index = spectrum[out], out + 1
     if not spectrum.size:
@@ -214,7 +214,7 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
 
 
 def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) -> Array:
-    """Mean of the first and last zero crossing between the points ``before`` and ``after``."""
+    """Return the mean of the first and last zero crossing between the points ``before`` and ``after``."""
     change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
     low, high = signal[change], signal[change + 1]
     instant = time[change] + (time[change + 1] - time[change]) * low / (low - high)
@@ -224,7 +224,7 @@ def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) ->
 
 
 def regular_run(halves: HalfPeriods, period: float) -> slice:
-    """The run of whole half periods with steady durations that covers the most travel, of all of a record.
+    """Return run of whole half periods with steady durations that covers the most travel, of all of a record.
 
     Rest, lifting and holding last too long or too short to belong to it, as does a stuck tail.
     """

@@ -85,7 +85,7 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
 
 
 def integrated(time: Array, signal: Array, period: float) -> Array:
-    """Integral of an oscillation over time, about its slow mean.
+    """Return the integral of an oscillation over time, about its slow mean.
 
     Parameters
     ----------
@@ -127,14 +127,14 @@ def _drift(time: Array, signal: Array, period: float) -> Array:
     normal = design.T @ design
     width = len(waves) * (DRIFT_DEGREE + 1)
     band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(width)])
-    # Where samples are few a wave may be a sum of others: what is this small does not count.
+    # With few samples a wave may be a sum of others: smaller parts than this are ignored.
     band[0] += SMALLEST_PIVOT * band[0].max()
     solution = solveh_banded(band, design.T @ signal, lower=True)
     return np.asarray(slow @ solution[:: len(waves)])
 
 
 def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:
-    """Angle or displacement of what was measured about its mean, as the attrs of its record say it.
+    """Return angle or displacement of a measured quantity, about its mean, as the record's attrs state it.
 
     Parameters
     ----------

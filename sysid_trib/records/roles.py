@@ -2,7 +2,7 @@
 
 import xarray as xr
 
-# The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
+# The input that acts by itself, an acceleration; every other one acts through the forces with its name.
 INPUT = "input"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"

@@ -14,17 +14,17 @@ LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
 ANGLE_UNIT = "rad"
 SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
-# Attribute with the name of the variable whose noise is white, of a record that was integrated from it.
+# Attribute with the name of the variable with white noise, of a record that was integrated from it.
 NOISE_IS_WHITE_IN = "white_noise_in"
 
 
 def unit_of_signal(record: xr.Dataset) -> str:
-    """Unit of the `angle` of a record or decay; rad where none is stated."""
+    """Return the unit of the `angle` of a record or decay; rad where none is stated."""
     return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
 
 
 def checked_signal(record: Any, *names: str) -> None:
-    """Refuse what is no record.
+    """Raise an error for an object that is no record.
 
     Parameters
     ----------
@@ -50,14 +50,14 @@ def checked_signal(record: Any, *names: str) -> None:
         if variable is None or variable.dims != ("time",):
             raise UsageError(f"{source}: a record has {name}(time), one number a sample; this one has none.")
         if variable.dtype.kind not in "fiu":
-            raise UsageError(f"{source}: {name}(time) holds {variable.dtype}; give numbers in s and rad.")
+            raise UsageError(f"{source}: {name}(time) contains {variable.dtype}; give numbers in s and rad.")
         # A value that is not finite is not below the limit either.
         # In double precision: single has no numbers as large as the limit.
         bad = np.flatnonzero(~(np.abs(variable.values.astype(float)) <= LARGEST_NUMBER))
         if bad.size:
             first, instant = bad[0], record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
-            wrong = f"{source}: {where} is not a finite number, or vast ({variable.values[first]:g})"
+            wrong = f"{source}: {where} is not a finite number, or too large ({variable.values[first]:g})"
             raise DecayError(f"{wrong}; cut it out.")
     _check_units(record, source)
     if record.sizes["time"] < FEWEST_SAMPLES:
@@ -85,25 +85,25 @@ def _check_units(record: xr.Dataset, source: str) -> None:
         raise DecayError(f'{source}: its angle is in {angle_unit}, not in rad; convert it, with units="rad".')
 
 
-# A gap of more than this part of a period parts a record: no polynomial knows what was in it.
+# A gap of more than this part of a period divides a record: no polynomial predicts the motion in it.
 LONGEST_FILLED = 0.25
 # A step longer than this many usual ones has samples missing in it.
 PARTED_STEP = 1.5
 
 
 def usual_step(steps: Array) -> float:
-    """Mean of steps, without those that have samples missing in them."""
+    """Return the mean of steps, without those that have samples missing in them."""
     return float(np.mean(steps[steps <= PARTED_STEP * np.median(steps)]))
 
 
 def clamped_knots(time: Array, intervals: int, degree: int) -> Array:
-    """Uniform knots between the first and the last sample, so many intervals, of splines of a degree."""
+    """Return uniform knots from first to last sample, with a number of intervals, of splines of a degree."""
     inner = np.linspace(time[0], time[-1], max(1, intervals) + 1)
     return np.concatenate([np.full(degree, time[0]), inner, np.full(degree, time[-1])])
 
 
 def is_uniform(time: Array) -> bool:
-    """True if all steps are within 2 % of the median (the limit itself is on the good side)."""
+    """Return true if all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
     # Deviation of a step from the usual one that the methods take as it is.

@@ -11,7 +11,7 @@ LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encod
 
 
 def by_spelling(kind: str) -> dict[str, str]:
-    """The name that results use of each spelling of a kind of unit."""
+    """Return the name that results use of each spelling of a kind of unit."""
     return {spelling: name for name, spellings in LAB_WORDS[kind].items() for spelling in spellings}
 
 

@@ -14,7 +14,7 @@ _STEP_WITHIN_CUBIC = np.linalg.pinv(np.column_stack([_AT**0, _AT, _AT**2, _AT**3
 
 
 def new_frames(signal: Array) -> Index | None:
-    """First rows of values that are held over several rows (a live camera's frames); None if none are held.
+    """Return first rows of values held over several rows (a live camera's frames); None if none are held.
 
     Values repeat too where a fine clock meets a coarse sensor; but then a new value is the next step.
     """
@@ -83,7 +83,7 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
 
 
 def pulses(signal: Array) -> bool:
-    """True if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    """Return true if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
     low, high = np.percentile(signal, [0.5, 99.5])
     # Clearly on either side: noise about the middle is no crossing.
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
@@ -95,5 +95,6 @@ def pulses(signal: Array) -> bool:
     # By medians: a single long rest, before a release or after a stop, is none of them.
     lasts, up = np.diff(clear[crossings]), above[crossings[:-1] + 1]
     high_for, low_for = np.median(lasts[up]), np.median(lasts[~up])
-    # Pulses are so many times shorter than what is between them; a swing's two sides last alike.
+    # Pulses are so many times shorter than the intervals between them; both sides of a swing last equally
+    # long.
     return bool(max(high_for, low_for) > 3.0 * min(high_for, low_for))

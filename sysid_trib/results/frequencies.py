@@ -9,7 +9,7 @@ from sysid_trib.results.models import library_of
 
 
 def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: float) -> tuple[float, Array]:
-    """Frequency w sqrt(1 + alpha - zeta^2) at vanishing amplitude, and its gradient by (coefficients, w)."""
+    """Return w sqrt(1 + alpha - zeta^2), the frequency at rest, and its gradient by (coefficients, w)."""
     value = dict(zip(library.symbols, coefficients, strict=True))
     gradient = np.zeros(len(library) + 1)
     squared = 1.0
@@ -28,7 +28,7 @@ def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: 
 
 
 def covariance_with_frequency(result: xr.Dataset) -> Array:
-    """Covariance of the coefficients, and behind them the reference frequency: (force + 1, force + 1)."""
+    """Return the covariance of coefficients and, last, reference frequency: (force + 1, force + 1)."""
     count, w = result.sizes["force"], result.reference_frequency.item()
     covariance, error = result.covariance.values, result.reference_frequency_standard_error.item()
     whole = np.zeros((count + 1, count + 1))

@@ -57,7 +57,7 @@ def identification(
     offered: ForceLibrary,
     active: Mask | None = None,
 ) -> xr.Dataset:
-    """The Dataset that every method returns, provenance in its attrs.
+    """Return the Dataset that every method returns, provenance in its attrs.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = Non
 
 
 def _shape_values(method: Any, library: ForceLibrary, estimate: Estimate) -> dict[str, Any]:
-    """Shape parameters and their errors; nothing where the forces have none (netCDF has no empty axis)."""
+    """Return shape parameters and their errors; nothing if there are none (netCDF has no empty axis)."""
     shapes = library.shape_values(dict(getattr(method, "shapes", {})))
     errors = [estimate.shape_errors.get(name, np.nan) for name in shapes]
     values = {"shape": list(shapes.values()), "shape_standard_error": errors}
@@ -157,7 +157,7 @@ def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, A
 
 
 def model_of(result: xr.Dataset, run: int = 0) -> Model:
-    """The identified model: active forces that refer to the reference frequency.
+    """Return the identified model: active forces that refer to the reference frequency.
 
     Parameters
     ----------

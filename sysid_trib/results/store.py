@@ -7,7 +7,7 @@ TIED = "tied"
 EFFECT_P_VALUE = "effect_p_value"
 # Verdict of `compare` before the name of a method.
 PREDICTS_BEST = "predicts best: "
-# What may become of a record, by the number that the store has of it.
+# Status of a record, by its number in the store.
 STATUS = ("waiting", "done", "refused", "failed", "lost")
 WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
 

@@ -22,7 +22,7 @@ FAR_START = 1e-2
 # with friction the start goes to and fro.
 NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
-# A direction that moves the motion by this part of what another does is not told from rounding.
+# A direction is lost in rounding if it moves the motion by this part of the other directions.
 SINGULAR = 1e-7
 # A motion that does not come near the record in so many rounds has slipped out of phase.
 NEARBY_ROUNDS = 4
@@ -64,13 +64,13 @@ class FittedMotion:
 
 
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
-    """Angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
+    """Return the angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
     value, slope = first_of_spline(frequency * (time - time[0]), angle)
     return value, slope * frequency
 
 
 def first_zero(model: Model) -> float | None:
-    """First guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
+    """Return first guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
 
     Nothing tells it from where such a body begins.
     """
@@ -88,7 +88,7 @@ def fit_start(
     near: bool = False,
     most_steps: int = STEPS_A_PERIOD,
 ) -> FittedMotion:
-    """Least squares of a record on the initial conditions of a model's motion.
+    """Return the least squares of a record on the initial conditions of a model's motion.
 
     Parameters
     ----------

@@ -103,7 +103,7 @@ def _known(values: ArrayLike | KnownInput, time: Vector) -> KnownInput:
         values = np.asarray(values, dtype=float)
         values = KnownInput(time - time[0], values, usual_between(values))
     if not np.array_equal(values.elapsed, time - time[0]):
-        raise UsageError("A known input is to be sampled at the times of the simulation, from zero on.")
+        raise UsageError("A known input must be sampled at the times of the simulation, from zero on.")
     return values
 
 

@@ -10,7 +10,7 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.trajectory import trajectory
 
-# A start whose motion leaves more than this part of the record's (RMS) may be in a local minimum.
+# A start may be in a local minimum if its residual (RMS) is more than this part of the record's.
 LOCAL_MINIMUM = 0.3
 # Sizes of the swing and phases of a period at which others then begin; the nearest of them are fitted.
 SWING_SIZES, START_PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
@@ -24,7 +24,7 @@ def fit_start_of_several(
     *,
     offset: float | None = 0.0,
 ) -> FittedMotion:
-    """`fit_start` from further first guesses where the motion from the first one misses the record.
+    """Return `fit_start` from further first guesses where the motion from the first one misses the record.
 
     Where the frequency of a model is a little off, its motion slips out of phase in a long record, and the
     sum of squares has a minimum for each slip. A better motion may begin at another phase, or with another
@@ -57,6 +57,6 @@ def fit_start_of_several(
 
 
 def _missed(motion: FittedMotion, angle: Array) -> float:
-    """RMS of a record minus a motion; infinite where that is no number."""
+    """Return the RMS of a record minus a motion; infinite where that is no number."""
     rms = float(np.sqrt(np.mean((angle - motion.offset - motion.x) ** 2)))
     return rms if np.isfinite(rms) else float("inf")
