@@ -77,7 +77,8 @@ class AskedModel:
 def asked_model(given: ModelOptions) -> AskedModel:
     """Return what is to be identified, with what the system always has."""
     moving = load_system(given.system)
-    contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
+    contactless = app.parse_value_with_error(given.omega0, "--omega0")
+    held = given.reference_frequency
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency both define alpha: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
@@ -136,7 +137,9 @@ def asked_search(
         A level that is none, a time limit that leaves no time, or a candidate with the symbol of another
         force of the model: a name would then say nothing.
     """
-    held, moving, forces = given.reference_frequency, load_system(given.system), given.forces
+    held = given.reference_frequency
+    moving = load_system(given.system)
+    forces = given.forces
     if not 0.0 < given.level < 1.0:
         raise UsageError(f"--level '{given.level:g}' must lie between 0 and 1, such as 0.01.")
     if forces is None:
@@ -176,7 +179,8 @@ def held_shapes(texts: list[str], library: ForceLibrary) -> dict[str, float]:
 
 def parse_random_force(text: str) -> RandomForceOption:
     """Parse a word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
-    word, density = text.strip(), float("nan")
+    word = text.strip()
+    density = float("nan")
     if word in OPTIONS:
         return word  # type: ignore[return-value]
     with suppress(ValueError):

@@ -68,7 +68,8 @@ def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
 
 def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     """Identify the forces of records in two ways."""
-    measured, calibration = measured_given(given), calibration_of(given)
+    measured = measured_given(given)
+    calibration = calibration_of(given)
     wanted = asked_model(given)
     profiled = names_in(given.profile)
     tell("reading")
@@ -84,7 +85,8 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         raise UsageError(
             "--warm-up is 0 s or more of a driven record, or of --test; use --window to cut decays."
         )
-    own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
+    own = tuple(names_in(given.own))
+    warm_up = given.warm_up or 0.0
     starts = checked_starts(given.starts, driven=driven or given.test is not None)
     asked = wanted.reference_frequency, wanted.shapes, own, warm_up, starts
     usual = usual_methods(decays, wanted.library, *asked)
@@ -202,7 +204,8 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
     if window is None:
         return decays, [], ""
     low, high = parse_window(window, "--holdout")
-    seen, held = [], []
+    seen = []
+    held = []
     for decay in decays:
         part = decay.sel(time=slice(low, high))
         rest = decay.drop_sel(time=part.time)

@@ -36,7 +36,8 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
         raise UsageError("--random-force 'auto' is not for laws: give off, estimated, or a density.")
     if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
         raise UsageError("--warm-up is 0 s or more of the record of --test: give both.")
-    measured, calibration = measured_given(given), calibration_of(given)
+    measured = measured_given(given)
+    calibration = calibration_of(given)
     system = load_system(given.system)
     library = load_library(given.library) if given.changed(["library"]) else None
     tell("reading")

@@ -17,7 +17,9 @@ from sysid_trib.results import judged, kinds, models, variables
 from sysid_trib.results.kinds import GIVEN, MU, si_of
 
 # Columns of the LaTeX table other than the methods: keys of the column `method` of the CSV table.
-SI_COLUMN, DIFFERENCE_ROWS, RECORD_ROWS = "SI units", "first minus second", "record"
+SI_COLUMN = "SI units"
+DIFFERENCE_ROWS = "first minus second"
+RECORD_ROWS = "record"
 # More methods than this are rows.
 MOST_COLUMNS = 3
 LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
@@ -66,7 +68,8 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written
     if kind == "discover":
-        said, model = {"verdict": str(tree.attrs["verdict"])}, "after"
+        said = {"verdict": str(tree.attrs["verdict"])}
+        model = "after"
     else:
         model = judged.preferred_of(tree)
         said = {"verdict": judged.verdict_of(tree), "answer": model}
@@ -187,7 +190,8 @@ def methods_text(tree: xr.DataTree) -> str:
         "version": __version__,
     }
     if main is not None:
-        method, ratio = main.attrs["method"], judged.residual_over_noise(tree, main.attrs["method"])
+        method = main.attrs["method"]
+        ratio = judged.residual_over_noise(tree, main.attrs["method"])
         others = [name for name in judged.kept_results(tree) if name != method]
         if others and "agreement" in tree.children:
             values["other"] = IN_WORDS.get(others[0], others[0])

@@ -38,7 +38,8 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
         return
     data, (first, second) = tree[LAW_DIFFERENCE].to_dataset(), sample_names(tree.to_dataset())
     for law, variable in VARIABLE_OF_LAW.items():
-        places, unit = data[variable].values, data[variable].attrs["units"]
+        places = data[variable].values
+        unit = data[variable].attrs["units"]
         p_value = layout.p_value_text(data[f"{law}_p_value"].item())
         ends = f"{np.abs(places).min():.3g} to {np.abs(places).max():.3g} {unit}"
         if not data[f"{law}_differs"].any():
@@ -90,7 +91,8 @@ def law_blocks(tree: xr.DataTree) -> list[Block]:
 
 def _table(data: xr.Dataset, law: str, names: dict[str, str]) -> Table:
     variable = VARIABLE_OF_LAW[law]
-    unit, rows = data[variable].attrs["units"], []
+    unit = data[variable].attrs["units"]
+    rows = []
     chosen = np.unique(np.linspace(0, data.sizes[variable] - 1, MOST_PLACES).round().astype(int))
     for at in chosen:
         row = data.isel({variable: at})

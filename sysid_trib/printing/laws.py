@@ -17,13 +17,16 @@ from sysid_trib.results.law_curves import LARGE_DIFFERENCE, LAWS_SI, NO_BETTER, 
 from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 
-FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
-SURENESS_TITLE, FORMULA_TITLE = "Uncertainty", "Formulas within the bands"
+FRICTION_TITLE = "Friction against speed"
+RESTORING_TITLE = "Restoring force against displacement"
+SURENESS_TITLE = "Uncertainty"
+FORMULA_TITLE = "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
 # Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
-SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
+SHOWN_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+SIDE_PARTS = (0.1, 0.4, 0.7, 1.0, 1.2)
 # A motion that is larger by this factor leaves the visited range.
 LARGER_MOTION = 1.02
 REMAINING = (
@@ -100,13 +103,15 @@ def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Return how far the motion of the laws follows the record."""
-    checked, answer = tree["judged"], judged.preferred_of(tree)
+    checked = tree["judged"]
+    answer = judged.preferred_of(tree)
     decided = judged.verdict_of(tree)
     curves = not checked.attrs["reason"]
     name = "The laws" if curves else "Laws of the named forces"
     if decided == "explained":
         return f"{name} explain the record: the residual is noise."
-    part, near = float(checked.residual_over_motion.sel(model=answer)), "their motion diverges"
+    part = float(checked.residual_over_motion.sel(model=answer))
+    near = "their motion diverges"
     if np.isfinite(part):
         near = f"their simulated motion differs from the record by {100.0 * part:.2g} % (RMS)"
         if not is_of_driven(tree):
@@ -127,7 +132,8 @@ def _no_curve(tree: xr.DataTree) -> Iterator[str]:
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe the preferred method with the reason, the residuals, and failed methods."""
-    attrs, results = tree["judged"].attrs, judged.kept_results(tree)
+    attrs = tree["judged"].attrs
+    results = judged.kept_results(tree)
     if attrs["averaging_failed"]:
         name = "Trajectory" if is_of_driven(tree) else "Averaging"
         yield f"{name} failed: {_ended(attrs['averaging_failed'])} The laws are those of direct alone."
@@ -158,7 +164,8 @@ def _ended(text: str) -> str:
 
 def _why(tree: xr.DataTree) -> str:
     """Give the reason why a method is preferred."""
-    answer, results = judged.preferred_of(tree), judged.kept_results(tree)
+    answer = judged.preferred_of(tree)
+    results = judged.kept_results(tree)
     (other,) = (name for name in results if name != answer)
     if is_of_driven(tree):
         return "its residual is smaller"
@@ -178,10 +185,12 @@ def _why(tree: xr.DataTree) -> str:
 
 def law_table(tree: xr.DataTree, law: str) -> Table:
     """Return a law by each method at some places, their difference, and the band of the preferred one."""
-    answer, curves = judged.preferred_of(tree), _chosen_curves(tree, law)
+    answer = judged.preferred_of(tree)
+    curves = _chosen_curves(tree, law)
     if not curves:
         return layout.text_table([])
-    main, deviations = curves[answer], _beyond_known(tree, law, curves)
+    main = curves[answer]
+    deviations = _beyond_known(tree, law, curves)
     scale = 10.0 ** _power(tree, law)
     z = law_curves.difference_over_error(*curves.values()) if len(curves) == 2 else None
     rows = []
@@ -232,7 +241,9 @@ def _words(tree: xr.DataTree, law: str) -> tuple[str, str, str]:
 
 def _caption(tree: xr.DataTree, law: str) -> str:
     """Return the caption above a table: its contents and units."""
-    unit, power, w = signal_units(tree), _power(tree, law), _preferred(tree).reference_frequency.item()
+    unit = signal_units(tree)
+    power = _power(tree, law)
+    w = _preferred(tree).reference_frequency.item()
     _, unit_at, unit_of = _words(tree, law)
     inertia = "inertia" if unit == "rad" else "mass"
     scaled = f"1e{power:+03d} {unit_of}" if power else unit_of
@@ -277,7 +288,8 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe where friction feeds energy in, or would without the constraint of passivity."""
     if PASSIVE in tree["judged"].attrs:
         yield _passivity(tree)
-    spans, unit = law_curves.feeding(_preferred(tree)), _words(tree, "friction")[1]
+    spans = law_curves.feeding(_preferred(tree))
+    unit = _words(tree, "friction")[1]
     if spans["certainly"]:
         said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, with all of its 95 % band."
         yield f"{said} {ACTIVE_FRICTION}"
@@ -546,7 +558,8 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """Yield the preferred laws, and those of each run that has its own, a row each place."""
-    result, preferred = _preferred(tree), judged.preferred_of(tree)
+    result = _preferred(tree)
+    preferred = judged.preferred_of(tree)
     yield from _rows_of_curves(tree, result, preferred)
     if OWN_LAWS in tree.children:
         own = tree[OWN_LAWS].to_dataset()

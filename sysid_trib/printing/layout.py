@@ -167,13 +167,16 @@ def coefficient_table(
     # Forces, then shape parameters, then frequencies, of whichever method.
     pairs.sort(key=lambda pair: 2 if pair[1]["quantity"] in FREQUENCY_ROWS else int("formula" not in pair[1]))
     for method, row in pairs:
-        label, name = row["quantity"], row["name"]
+        label = row["quantity"]
+        name = row["name"]
         if "formula" in row:
-            what, formula = f"{label:{width}} {name_and_unit(name, row['unit'])}", row["formula"]
+            what = f"{label:{width}} {name_and_unit(name, row['unit'])}"
+            formula = row["formula"]
         elif label in FREQUENCY_ROWS:
             label, what, formula = name, FREQUENCY_ROWS[label], name
         else:
-            what, formula = label, "shape parameter"
+            what = label
+            formula = "shape parameter"
         cells = rows.setdefault(label, {"force": what, "formula": formula, **dict.fromkeys(results, "-")})
         dropped = not row.get("active", True)
         cells[method] = (

@@ -34,7 +34,9 @@ def parameters_of(result: xr.Dataset) -> dict[str, Any]:
     symbols = result.force.values.tolist()
     formulas = {force.symbol: force.formula.text for force in library_of(result)}
     uses = {force.symbol: list(force.uses) for force in library_of(result)}
-    forces, shapes, frequencies = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
+    forces = list[dict[str, Any]]()
+    shapes = list[dict[str, Any]]()
+    frequencies = list[dict[str, Any]]()
     for row in layout.quantities(result):
         name = row["quantity"]
         plain = {"symbol": name, "name": row.get("name"), "value": row["value"], "unit": row.get("unit")}

@@ -17,7 +17,8 @@ def si_blocks(tree: xr.DataTree) -> list[Block]:
     """Return the table of the friction in SI units; nothing where no inertia or mass was given."""
     if LAWS_SI not in tree.children:
         return []
-    data, rows = tree[LAWS_SI].to_dataset(), []
+    data = tree[LAWS_SI].to_dataset()
+    rows = []
     along, name = ("sliding_speed", MU) if MU in data else ("speed", "friction")
     visited = np.flatnonzero(data.speed_visited.values)
     for at in visited[np.unique(np.linspace(0, len(visited) - 1, SI_ROWS).round().astype(int))]:

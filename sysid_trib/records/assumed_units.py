@@ -103,7 +103,8 @@ def unit_of(
         # In whatever it is, no coefficient would have its size.
         wrong = f"{table.source}: --units '{how.units}' is no unit of an angle that is known"
         raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
-    unit, why = given or stated, ""
+    unit = given or stated
+    why = ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
         # A column without a name, or named by its axis alone, may be an accelerometer.
@@ -177,7 +178,8 @@ def _assumed_unit(
         text, why = _on_circle(time, values, radius)
     elif meant == "displacement" or (not meant and half > 180.0):
         # In degrees: a signal that is not named as an angle and swings farther is no angle.
-        text, why = "au", "coefficients are in its unit, au"
+        text = "au"
+        why = "coefficients are in its unit, au"
     elif meant in (None, "", "angle"):
         text, why = _of_angle(time, values, half) if gravity else _of_angle_without_gravity(signal, half)
     elif meant == "rate":
@@ -198,7 +200,8 @@ def _assumed_unit(
 
 # An axis that points down shows gravity but for so much of it, in a sensor that is not calibrated; the three
 # axes of one show it together but for less.
-OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
+OF_GRAVITY = 0.055
+OF_GRAVITY_ON_AXES = 0.02
 
 
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:

@@ -57,9 +57,12 @@ def _off_neighbours(signal: Array) -> Array:
 
 
 # Of the spline: its degree, knots in a period, and fewest samples between knots.
-OUTLIER_DEGREE, KNOTS, SAMPLES_PER_INTERVAL = 5, 12, 3
+OUTLIER_DEGREE = 5
+KNOTS = 12
+SAMPLES_PER_INTERVAL = 3
 # An impact bends the motion: then the neighbours deviate as well, by more than this part.
-NEIGHBOURS, NEIGHBOURS_PART = 3, 0.2
+NEIGHBOURS = 3
+NEIGHBOURS_PART = 0.2
 # Noise with so many samples in its tails has no outliers.
 MOST_OUTLIERS = 0.05
 
@@ -130,7 +133,8 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
 def _is_by_itself(at: int, signal: Array, off: Array, bad: Mask) -> bool:
     """Return true if a bad sample is among good ones, or is one of several that hold one value."""
     near = slice(max(0, at - NEIGHBOURS), at + NEIGHBOURS + 1)
-    values, others = signal[near][bad[near]], off[near][~bad[near]]
+    values = signal[near][bad[near]]
+    others = off[near][~bad[near]]
     # More of its neighbours are bad only if they have one value, as of a sensor that drops out or freezes.
     few = values.size <= 2 or np.ptp(values) == 0.0
     return bool(few and np.all(others <= NEIGHBOURS_PART * off[at]))

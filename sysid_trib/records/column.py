@@ -81,7 +81,8 @@ class Column:
         values = values.astype(np.float64)
         wrong = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
         if wrong.size:
-            row, infinite = wrong[0], np.isinf(values)
+            row = wrong[0]
+            infinite = np.isinf(values)
             said = f"contains {values[row]:g}, too much for an oscillation or its time; scale it."
             if infinite[row]:
                 count = np.count_nonzero(infinite)

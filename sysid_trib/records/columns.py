@@ -346,7 +346,8 @@ def _is_rate_of(swing: equilibrium.Swing | None, other: equilibrium.Swing | None
     """Return true if a swing is the derivative of another: a quarter period ahead, and w times as large."""
     if swing is None or other is None or swing is other:
         return False
-    mine, its = swing.oscillation, other.oscillation
+    mine = swing.oscillation
+    its = other.oscillation
     if mine.signal.size != its.signal.size or abs(mine.period / its.period - 1.0) > 0.05:
         return False
     w = 2.0 * np.pi / its.period
@@ -379,7 +380,8 @@ def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
     if first.size != second.size:
         return False
     good = np.isfinite(first) & np.isfinite(second)
-    x, y = first[good], second[good]
+    x = first[good]
+    y = second[good]
     return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > least)
 
 

@@ -111,7 +111,8 @@ def free_decays(
     inside = _in_window(record, window, source)
     # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
-    time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
+    time = inside["time"].to_numpy().astype(float)
+    angle = measured.to_numpy().astype(float)
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
     value = None if equilibrium == "auto" else _given(equilibrium)
@@ -144,7 +145,8 @@ def _pieces(
 ) -> tuple[list[Piece], list[str]]:
     """Return pieces on a uniform clock of the samples that are kept, and sentences on the others."""
     kept, said = _kept_samples(time, angle, keep_outliers)
-    time, angle = time[kept], angle[kept]
+    time = time[kept]
+    angle = angle[kept]
     periods = half_periods.dominant_periods(time, angle)
     period = periods[0] if periods else float(time[-1] - time[0])
     return uniform_pieces(time, angle, period, tuple(breaks)), said
@@ -152,7 +154,8 @@ def _pieces(
 
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
     """Return the indices of the samples that are kept, and sentences on the others."""
-    kept, said = np.arange(time.size), []
+    kept = np.arange(time.size)
+    said = []
     frames = new_frames(angle)
     if frames is not None:
         kept = frames
@@ -319,7 +322,8 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     stop = np.inf if window[1] is None else float(window[1])
     if not start < stop:
         raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
-    time, inside = record["time"].to_numpy(), record.sel(time=slice(start, stop))
+    time = record["time"].to_numpy()
+    inside = record.sel(time=slice(start, stop))
     if (count := inside.sizes["time"]) < 20:
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
         where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."

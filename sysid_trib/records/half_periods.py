@@ -101,7 +101,8 @@ def _divided_difference(time: Array, signal: Array) -> Array:
     """Return the size of the sixth divided differences, scaled to the noise of one sample."""
     count = time.size - 6
     near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
-    difference, squares = np.zeros(count), np.zeros(count)
+    difference = np.zeros(count)
+    squares = np.zeros(count)
     # One point after the other: all spacings of a long record at once take a gigabyte.
     for at in range(7):
         weight = 1.0 / math.prod(near[at] - near[other] for other in range(7) if other != at)
@@ -134,7 +135,8 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     that is soon damped away may in the part in which most happens.
     """
     good = np.isfinite(signal)
-    time, signal = time[good], signal[good]
+    time = time[good]
+    signal = signal[good]
     if signal.size < 2:
         return []
     interval = (time[-1] - time[0]) / (time.size - 1)
@@ -152,7 +154,8 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
 
 # A record without a strong line is searched in parts that are so many times shorter each, down to so many
 # samples.
-PART, SHORTEST_PART = 4, 32
+PART = 4
+SHORTEST_PART = 32
 
 
 def _periods_of_lines(signal: Array, interval: float) -> list[float]:
@@ -161,7 +164,8 @@ def _periods_of_lines(signal: Array, interval: float) -> list[float]:
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
     # Few lines are strong: the next steps are done with these only.
     out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
-    spectrum, index = spectrum[out], out + 1
+    spectrum = spectrum[out]
+    index = out + 1
     if not spectrum.size:
         return []
     peaks = [int(np.argmax(spectrum * index**power)) for power in (1.0, 0.5, 0.0)]
@@ -196,7 +200,8 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
     A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis). The
     middle of several noisy crossings counts.
     """
-    time, signal = oscillation.time, oscillation.signal - equilibrium
+    time = oscillation.time
+    signal = oscillation.signal - equilibrium
     magnitude = np.abs(signal)
     points = max(3, round(oscillation.period * (time.size - 1) / (time[-1] - time[0])))
     clear = magnitude > np.maximum(0.1 * maximum_filter1d(magnitude, points), oscillation.floor)
@@ -216,7 +221,8 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
 def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) -> Array:
     """Return the mean of the first and last zero crossing between the points ``before`` and ``after``."""
     change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
-    low, high = signal[change], signal[change + 1]
+    low = signal[change]
+    high = signal[change + 1]
     instant = time[change] + (time[change + 1] - time[change]) * low / (low - high)
     first = np.searchsorted(change, before)
     last = np.searchsorted(change, after) - 1

@@ -64,7 +64,8 @@ class KnownInput:
         degree = degree if degree < len(self.elapsed) else 1
         spline = make_interp_spline(self.elapsed, self.values, degree)
         # Without the empty pieces between the knots that are repeated at either end.
-        knots, powers = np.unique(spline.t), PPoly.from_spline(spline).c[:, degree : -max(1, degree)]
+        knots = np.unique(spline.t)
+        powers = PPoly.from_spline(spline).c[:, degree : -max(1, degree)]
         whole = np.pad(powers, ((0, 0), (1, 1)))
         whole[-1, [0, -1]] = self.values[[0, -1]]
         value = PPoly(whole, np.concatenate([[knots[0] - 1.0], knots, [knots[-1] + 1.0]]))
@@ -77,7 +78,8 @@ class KnownInput:
 
     def of(self, elapsed: ArrayLike, order: int = 0) -> Array:
         """Return input, or a time derivative, at times since the first sample; at a jump the mean of both."""
-        polynomial, degree = self._polynomials[order], BETWEEN_SAMPLES[self.between]
+        polynomial = self._polynomials[order]
+        degree = BETWEEN_SAMPLES[self.between]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
         if degree > 1:
             # A derivative at the last sample is that before it, not that of the held value after it.
@@ -155,7 +157,8 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
 
 
 def _input(record: xr.Dataset, name: str) -> KnownInput:
-    given, unit = record[name], unit_of_signal(record)
+    given = record[name]
+    unit = unit_of_signal(record)
     if given.dims == ("time",):
         checked_signal(record, name)
     units = given.attrs.get("units")

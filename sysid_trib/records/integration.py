@@ -68,7 +68,8 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
     value = CubicSpline(time, signal)(grid)
     filled = 0
     for start in np.flatnonzero(np.diff(time) > PARTED_STEP * usual):
-        low, high = time[start], time[start + 1]
+        low = time[start]
+        high = time[start + 1]
         # The samples at its ends are there: by rounding a point of the grid may be after one.
         inside = (grid > low + 0.5 * usual) & (grid < high - 0.5 * usual)
         near = (time >= low - LONGEST_FILLED * period) & (time <= high + LONGEST_FILLED * period)

@@ -22,7 +22,8 @@ def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
     name = record.attrs.get("measured")
     if not record.attrs.get("integrations"):
         return record
-    measured, time = record[name], record.time.values.astype(float)
+    measured = record[name]
+    time = record.time.values.astype(float)
     attrs = dict(measured.attrs) | {"long_name": f"{name} as measured"}
     at = {"measured_time": ("measured_time", time, {"units": "s", "long_name": "time"})}
     record = record.assign(measured=xr.DataArray(measured.values, at, "measured_time", attrs=attrs))

@@ -55,7 +55,8 @@ def checked_signal(record: Any, *names: str) -> None:
         # In double precision: single has no numbers as large as the limit.
         bad = np.flatnonzero(~(np.abs(variable.values.astype(float)) <= LARGEST_NUMBER))
         if bad.size:
-            first, instant = bad[0], record.variables["time"].values[bad[0]]
+            first = bad[0]
+            instant = record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
             wrong = f"{source}: {where} is not a finite number, or too large ({variable.values[first]:g})"
             raise DecayError(f"{wrong}; cut it out.")

@@ -15,7 +15,8 @@ def by_spelling(kind: str) -> dict[str, str]:
     return {spelling: name for name, spellings in LAB_WORDS[kind].items() for spelling in spellings}
 
 
-ANGLE_UNITS, POSITION_UNITS = by_spelling("angles"), by_spelling("positions")
+ANGLE_UNITS = by_spelling("angles")
+POSITION_UNITS = by_spelling("positions")
 _TURN = 2.0 * np.pi
 _PER_TURN = {"rev": 1.0, "deg": 360.0, "gon": 400.0, "arcmin": 21600.0, "arcsec": 1296000.0}
 RADIANS = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6}

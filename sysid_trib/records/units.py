@@ -125,7 +125,8 @@ def split_header(name: str) -> tuple[str, str]:
     text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(name.lower().split()).replace("μ", "µ"))
     bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
-        base, unit = bracket[1], plain_unit(bracket[2])
+        base = bracket[1]
+        unit = plain_unit(bracket[2])
     else:
         base, unit = _without_bracket(text)
     *groups, base = re.split(r"[./](?=\D)|:\s+", base)

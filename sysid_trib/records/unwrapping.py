@@ -68,7 +68,8 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
     cut = cut[(cut >= CUT_REACH) & (cut < step.size - CUT_REACH)]
     if not cut.size:
         return float("nan"), 0
-    before, after = signal[cut] - signal[cut - CUT_REACH], signal[cut + 1 + CUT_REACH] - signal[cut + 1]
+    before = signal[cut] - signal[cut - CUT_REACH]
+    after = signal[cut + 1 + CUT_REACH] - signal[cut + 1]
     apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
     slope = 0.5 * (before + after) / CUT_REACH
     against = (before * after > 0.0) & (slope * step[cut] < 0.0)
@@ -93,8 +94,10 @@ def pulses(signal: Array) -> bool:
     if crossings.size < 12:
         return False
     # By medians: a single long rest, before a release or after a stop, is none of them.
-    lasts, up = np.diff(clear[crossings]), above[crossings[:-1] + 1]
-    high_for, low_for = np.median(lasts[up]), np.median(lasts[~up])
+    lasts = np.diff(clear[crossings])
+    up = above[crossings[:-1] + 1]
+    high_for = np.median(lasts[up])
+    low_for = np.median(lasts[~up])
     # Pulses are so many times shorter than the intervals between them; both sides of a swing last equally
     # long.
     return bool(max(high_for, low_for) > 3.0 * min(high_for, low_for))

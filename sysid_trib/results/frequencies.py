@@ -29,8 +29,10 @@ def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: 
 
 def covariance_with_frequency(result: xr.Dataset) -> Array:
     """Return the covariance of coefficients and, last, reference frequency: (force + 1, force + 1)."""
-    count, w = result.sizes["force"], result.reference_frequency.item()
-    covariance, error = result.covariance.values, result.reference_frequency_standard_error.item()
+    count = result.sizes["force"]
+    w = result.reference_frequency.item()
+    covariance = result.covariance.values
+    error = result.reference_frequency_standard_error.item()
     whole = np.zeros((count + 1, count + 1))
     whole[:count, :count] = covariance
     if error > 0.0:

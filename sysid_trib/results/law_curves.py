@@ -143,9 +143,11 @@ def curves_of(
 
 def _odd_curve(result: xr.Dataset, law: str) -> Curve:
     """Return the odd part of a law, with a band as wide as that of the law in standard errors."""
-    whole, odd = curve_of(result, law), odd_part(result, law)
+    whole = curve_of(result, law)
+    odd = odd_part(result, law)
     at = whole.places > 0.0
-    values, errors = odd[law].values, odd[f"{law}_standard_error"].values
+    values = odd[law].values
+    errors = odd[f"{law}_standard_error"].values
     known = at & (whole.errors > 0.0)
     ratios = (whole.high - whole.values)[known] / whole.errors[known]
     width = float(np.max(ratios, initial=0.0))
@@ -230,7 +232,8 @@ def difference_over_error(first: Curve, second: Curve) -> Array:
 
     Both methods saw the same noise: the numbers are rather too small.
     """
-    error, difference = np.hypot(first.errors, second.errors), first.values - second.values
+    error = np.hypot(first.errors, second.errors)
+    difference = first.values - second.values
     return np.divide(difference, error, out=np.zeros_like(difference), where=error > 0.0)
 
 

@@ -103,7 +103,8 @@ def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float)
 
 def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
     """Return the covariance that a method states, of the coefficients and the asymptotic frequency."""
-    symbols, count = list(kept), len(kept)
+    symbols = list(kept)
+    count = len(kept)
     covariance = np.empty((count + 1, count + 1))
     covariance[:count, :count] = result.covariance.sel(force=symbols, other_force=symbols)
     covariance[count, :count] = covariance[:count, count] = result.frequency_covariance.sel(force=symbols)
@@ -113,7 +114,8 @@ def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
 
 def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
     """Return the covariance of `comparison_values`; conversion adds the frequency's error."""
-    factors, count = reference_factors(result, kept, frequency), len(kept)
+    factors = reference_factors(result, kept, frequency)
+    count = len(kept)
     jacobian = np.diag(np.append(factors, 1.0))
     if result.reference_frequency_standard_error.item() > 0.0:
         power = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
