@@ -10,7 +10,7 @@ import xarray as xr
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import check_is_file
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY
-from sysid_trib.results.store import IDENTIFIED
+from sysid_trib.results.store import Status
 
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
 RECORD = "record"
@@ -33,7 +33,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
         frequency (attrs), `run` the record's name, `at(run)` its place. Records in another unit than most
         are not among them (attrs: `signal_units`, `other_units` their number).
     """
-    places = np.flatnonzero(store.status.values == IDENTIFIED)
+    places = np.flatnonzero(store.status.values == Status.DONE)
     units = store.signal_units.values[places].astype(str)
     usual = pd.Series(units).mode().get(0, "")
     places = places[units == usual]

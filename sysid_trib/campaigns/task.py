@@ -31,7 +31,7 @@ from sysid_trib.results import effects, judged, variables
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import force_labels
-from sysid_trib.results.store import EFFECT_P_VALUE, FAILED, IDENTIFIED, PREDICTS_BEST, REFUSED, TIED
+from sysid_trib.results.store import EFFECT_P_VALUE, PREDICTS_BEST, TIED, Status
 from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare, cross_check, verdict
@@ -237,12 +237,12 @@ def _row_of(task: Task, record: Any) -> stored.Row:
         row["record_checksum"] = checksum_of(record)
         decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
         row |= {"signal_units": variables.signal_units(decays[0]), "outline": _outline(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": IDENTIFIED}
+        row |= _numbers(task, task.result(decays)) | {"status": Status.DONE}
     except SysidTribError as error:
-        row |= {"status": REFUSED, "message": str(error)}
+        row |= {"status": Status.REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record does not end a campaign; its error is kept with it.
-        row |= {"status": FAILED, "message": f"{type(error).__name__}: {error}"}
+        row |= {"status": Status.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
 

@@ -11,11 +11,11 @@ from rich.table import Table
 from sysid_trib.printing import Block, layout
 from sysid_trib.results.kinds import SIDES
 from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW, stretches
-from sysid_trib.results.variables import BAND_PROBABILITY, signal_units
+from sysid_trib.results.variables import CONFIDENCE, signal_units
 
 LAWS_TITLE = "Difference of the laws"
 # Of no difference along a law.
-NO_DIFFERENCE_LEVEL = 1.0 - BAND_PROBABILITY
+NO_DIFFERENCE_LEVEL = 1.0 - CONFIDENCE
 # Rows of a table of a law.
 MOST_PLACES = 8
 

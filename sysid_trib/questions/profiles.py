@@ -15,9 +15,9 @@ from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import models, signal_scale, variables
 from sysid_trib.results.random_force import random_force_of
+from sysid_trib.results.variables import CONFIDENCE
 
-# Confidence of the intervals, and the root of the deviance at their ends.
-CONFIDENCE = 0.95
+# The root of the deviance at the ends of an interval.
 END_ROOT = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 # Standard errors of the first step by which the ends are looked for, by how much the next is longer, and how
 # many each way: some fifty errors.

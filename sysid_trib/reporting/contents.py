@@ -27,7 +27,7 @@ from sysid_trib.printing import (
     layout,
 )
 from sysid_trib.results.kinds import kind_of
-from sysid_trib.results.store import STATUS, counts_of, reported_method
+from sysid_trib.results.store import Status, counts_of, reported_method
 from sysid_trib.results.variables import record_groups
 
 # A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
@@ -198,7 +198,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
 def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
     cells = [layout.quantity(record.sel(force=symbol), "coefficient") for symbol in symbols]
     cells.append(layout.quantity(record, "asymptotic_frequency"))
-    status = STATUS[int(record.status)]
+    status = Status(int(record.status)).name.lower()
     texts = [text for text in (record.verdict.item(), campaign.named_text(record)) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
     name = str(record.record.item())

@@ -11,7 +11,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.results import models
 from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
-from sysid_trib.results.variables import BAND_PROBABILITY, Variables, described
+from sysid_trib.results.variables import CONFIDENCE, Variables, described
 
 # Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
 VISITED_POINTS, SHOWN_BEYOND = 40, 0.25
@@ -192,7 +192,7 @@ def simultaneous_factor(covariance: Array) -> float:
     Sec. 6.5).
     """
     draws = largest_of_draws(covariance)
-    return float(np.quantile(draws, BAND_PROBABILITY)) if len(draws) else 0.0
+    return float(np.quantile(draws, CONFIDENCE)) if len(draws) else 0.0
 
 
 def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str, Array]:

@@ -29,6 +29,7 @@ from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_along
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.results import models, references, schema
+from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_zero
 from sysid_trib.simulation.measured_motion import MEASURED
@@ -227,7 +228,7 @@ class _Parameters:
 
 
 def _parameters(result: xr.Dataset, method: Any) -> _Parameters:
-    symbols = references.forces_in_model(result)
+    symbols = forces_in_model(result)
     library = models.library_of(result).select(symbols)
     shapes = dict(models.shape_values_of(result))
     constraints = Constraints(method.constraints)

@@ -15,6 +15,7 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.scope import Method, constrained, with_random_force
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results import models, references, signal_scale, variables
+from sysid_trib.results.models import forces_in_model
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
@@ -73,7 +74,7 @@ def at_reference(
     covariances = np.full((len(results), count, count), missing)
     for row, result in enumerate(results):
         if result is not None:
-            kept = [symbol for symbol in symbols if symbol in references.forces_in_model(result)]
+            kept = [symbol for symbol in symbols if symbol in forces_in_model(result)]
             at = [*map(symbols.index, kept), len(symbols)]
             values[row, at] = references.comparison_values(result, kept, reference)
             covariances[row][np.ix_(at, at)] = references.comparison_covariance(result, kept, reference)
@@ -115,7 +116,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     sensor's alone and a random force with it.
     """
     runs, library = as_runs(decay, driven=True), models.library_of(result)
-    symbols = references.forces_in_model(result)
+    symbols = forces_in_model(result)
     reference, made = result.reference_frequency.item(), []
     for fit in _fits(method_of(result), runs, reference):
         tell(f"{fit.kind}: {fit.label}")

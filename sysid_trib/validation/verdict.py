@@ -18,7 +18,8 @@ from sysid_trib.methods.scope import Method, scope_of, with_random_force
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.roles import INPUT
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results import effects, models, references, signal_scale, variables
+from sysid_trib.results import effects, models, signal_scale, variables
+from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import model_error
 from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
@@ -230,7 +231,7 @@ def _depends_on_amplitude(followed: FollowedRuns) -> bool:
     if len(moving) < len(followed.motions):
         return False
     runs, result = [*followed.runs.values()], followed.result
-    library = models.library_of(result).select(references.forces_in_model(result))
+    library = models.library_of(result).select(forces_in_model(result))
     free_motions = [
         xr.Dataset({"angle": ("time", motion.x)}, {"time": run.time})
         for run, motion in zip(runs, moving, strict=True)
