@@ -22,6 +22,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.offered import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
+from sysid_trib.methods.options import constrained
 from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import one_record
@@ -203,7 +204,7 @@ class Task:
             trajectory = Trajectory(**{name: getattr(averaging, name) for name in names})
             methods = {"trajectory": trajectory} | {k: m for k, m in methods.items() if m is not averaging}
         table = Constraints(self.constraints)
-        chosen = [scope.constrained(method, table) for method in methods.values()]
+        chosen = [constrained(method, table) for method in methods.values()]
         asked = one_or_all(list(decays)), self.library, chosen
         if self.judged:
             tree = cross_check.identified_and_checked(*asked, **self.options)

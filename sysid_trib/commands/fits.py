@@ -26,7 +26,8 @@ from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.methods.scope import Method, with_random_force
+from sysid_trib.methods.options import with_random_force
+from sysid_trib.methods.scope import Method
 from sysid_trib.methods.trajectory import KINDS_OF_STARTS, StartsOption
 from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.physics.si_units import check_angle_unit, check_length_unit, check_measured, in_si_units

@@ -15,7 +15,8 @@ from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import as_method, every_kind
 from sysid_trib.methods.labels import by_unique_label
-from sysid_trib.methods.scope import Method, constrained, scope_of, with_stated
+from sysid_trib.methods.options import constrained, with_stated
+from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all

@@ -15,7 +15,8 @@ from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.methods import Averaging, Direct, Trajectory, as_method, method_of
-from sysid_trib.methods.scope import Method, constrained, with_stated
+from sysid_trib.methods.options import constrained, with_stated
+from sysid_trib.methods.scope import Method
 from sysid_trib.methods.trajectory import StartsOption
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import models, references, signal_scale

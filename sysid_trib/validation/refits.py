@@ -12,7 +12,8 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
-from sysid_trib.methods.scope import Method, constrained, with_random_force
+from sysid_trib.methods.options import constrained, with_random_force
+from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.results import models, references, signal_scale, variables
 from sysid_trib.results.models import forces_in_model

@@ -14,7 +14,8 @@ from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
-from sysid_trib.methods.scope import Method, scope_of, with_random_force
+from sysid_trib.methods.options import with_random_force
+from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.roles import INPUT
 from sysid_trib.records.runs import Decays, as_runs
