@@ -53,7 +53,8 @@ OR_FEWER = "give a longer record or fewer."
 
 def names_in(text: str | None) -> list[str]:
     """Return names between commas, each once."""
-    return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
+    names = [name.strip() for name in (text or "").split(",")]
+    return list(dict.fromkeys(filter(None, names)))
 
 
 def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Callable[[], str]]:
@@ -63,8 +64,11 @@ def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Ca
 
 def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
     """Return the sentence on each record, and what was cut of it."""
-    pairs = zip(sentences, record_groups(tree), strict=True)
-    return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
+    said = []
+    for sentence, group in zip(sentences, record_groups(tree), strict=True):
+        said.append(sentence)
+        said.append(tree[group].attrs.get("free_decay", ""))
+    return said
 
 
 def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
@@ -214,7 +218,9 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
         if not (part.sizes["time"] and rest.sizes["time"]):
             amount = "all" if part.sizes["time"] else "nothing"
             raise DecayError(f"--holdout '{window}' holds out {amount}: {here}.")
-        if not {part.time[0].item(), part.time[-1].item()} & {decay.time[0].item(), decay.time[-1].item()}:
+        ends_of_part = {part.time[0].item(), part.time[-1].item()}
+        ends_of_decay = {decay.time[0].item(), decay.time[-1].item()}
+        if not ends_of_part & ends_of_decay:
             raise UsageError(f"--holdout '{window}' must reach to the start or the end: {here}.")
         seen.append(rest)
         held.append(part)

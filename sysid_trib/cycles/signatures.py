@@ -104,13 +104,6 @@ def averages(
     return np.concatenate(sine), np.concatenate(cosine)
 
 
-# Amplitudes (rad) at which a table shows the averages of a force, and those at which its power is judged.
-TABLE_AMPLITUDES = (0.1, 1.0)
-POWER_AMPLITUDES = (0.05, 0.3, 1.0)
-# Power below which a force has none: rounding of the averages.
-NO_POWER = 1e-13
-
-
 def signatures_of(library: ForceLibrary) -> xr.Dataset:
     """Return the averages of the forces of a library over a cycle, and their effect on the energy.
 
@@ -125,7 +118,7 @@ def signatures_of(library: ForceLibrary) -> xr.Dataset:
         holds time; and `power`, what a positive coefficient does to the energy: `yes` if it takes energy out,
         `no`, `gains power` or `by amplitude`; empty of a sensor's error.
     """
-    amplitudes = np.array(TABLE_AMPLITUDES)
+    amplitudes = np.array([0.1, 1.0])
     pairs = [averages(force, amplitudes, None, 1.0 if force.holds_time else 0.0) for force in library]
     power = ["" if force.kind == "sensor" else _loses_power(force) for force in library]
     sine, cosine = np.moveaxis(np.array(pairs), 1, 0)
@@ -139,13 +132,15 @@ def signatures_of(library: ForceLibrary) -> xr.Dataset:
 
 def _loses_power(force: Force) -> str:
     """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
-    a = np.array(POWER_AMPLITUDES)
+    a = np.array([0.05, 0.3, 1.0])
+    # Rounding of the averages.
+    rounding = 1e-13
     power = -a * averages(force, a, time=1.0)[0]
-    if np.all(np.abs(power) < NO_POWER):
+    if np.all(np.abs(power) < rounding):
         return "no"
-    if np.all(power > -NO_POWER):
+    if np.all(power > -rounding):
         return "yes"
-    return "gains power" if np.all(power < NO_POWER) else "by amplitude"
+    return "gains power" if np.all(power < rounding) else "by amplitude"
 
 
 def tabulated_averages(

@@ -87,16 +87,18 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
         "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
         "time (s)": (table.time_taken, "{:#.2g}".format),
     }
-    given = table.model.isin(applied_methods(table).model.values).values | (table.failure == "").values
-    columns = {
-        head: [as_text(x) if np.isfinite(x) else "-" for x in np.where(given, values.values, np.nan).tolist()]
-        for head, (values, as_text) in numbered.items()
-    }
+    applied = table.model.isin(applied_methods(table).model.values).values
+    given = applied | (table.failure == "").values
+    columns = {}
+    for head, (values, as_text) in numbered.items():
+        known = np.where(given, values.values, np.nan)
+        columns[head] = [as_text(x) if np.isfinite(x) else "-" for x in known.tolist()]
     remarks = {"failure": "failed: {}", "reason": "{}", "bias": "{}", "neglects": "neglects {}"}
-    columns["remarks"] = [
-        "; ".join(said.format(row[name].item()) for name, said in remarks.items() if row[name].item())
-        for row in layout.by_label(table, "model").values()
-    ]
+    columns["remarks"] = []
+    for row in layout.by_label(table, "model").values():
+        values_of = {name: row[name].item() for name in remarks}
+        said = [text.format(values_of[name]) for name, text in remarks.items() if values_of[name]]
+        columns["remarks"].append("; ".join(said))
     return _method_table(pd.DataFrame(columns, table.model.values))
 
 

@@ -214,4 +214,9 @@ def methods_text(tree: xr.DataTree) -> str:
 def cited(text: str) -> str:
     """Return the entries of BibTeX that a text cites."""
     entries = BIBLIOGRAPHY.read_text(encoding="utf-8").split("\n\n")
-    return "\n\n".join(e.strip() for e in entries if e[e.find("{") + 1 : e.find(",")] in text) + "\n"
+    kept = []
+    for entry in entries:
+        key = entry[entry.find("{") + 1 : entry.find(",")]
+        if key in text:
+            kept.append(entry.strip())
+    return "\n\n".join(kept) + "\n"

@@ -62,7 +62,11 @@ def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
     difference = np.sign(places) * data[f"{law}_difference"].values
     differs = data[f"{law}_differs"].values
     ways = {"larger": differs & (difference > 0.0), "smaller": differs & (difference < 0.0)}
-    return [(way, ", ".join(map(_range_text, stretches(places, chosen)))) for way, chosen in ways.items()]
+    said = []
+    for way, chosen in ways.items():
+        ranges = map(_range_text, stretches(places, chosen))
+        said.append((way, ", ".join(ranges)))
+    return said
 
 
 def _range_text(ends: tuple[float, float]) -> str:
@@ -93,8 +97,7 @@ def _table(data: xr.Dataset, law: str, names: dict[str, str]) -> Table:
     variable = VARIABLE_OF_LAW[law]
     unit = data[variable].attrs["units"]
     rows = []
-    chosen = np.unique(np.linspace(0, data.sizes[variable] - 1, MOST_PLACES).round().astype(int))
-    for at in chosen:
+    for at in layout.spread(data.sizes[variable], MOST_PLACES):
         row = data.isel({variable: at})
         low, high = (row[f"{law}_difference_{end}"].item() for end in ("low", "high"))
         rows.append(

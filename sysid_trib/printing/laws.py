@@ -260,7 +260,9 @@ def _caption(tree: xr.DataTree, law: str) -> str:
 def _power(tree: xr.DataTree, law: str) -> int:
     """Return the power of ten of the columns of a table."""
     curves = _beyond_known(tree, law, _chosen_curves(tree, law))
-    size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values))) if curves else 0.0
+    if not curves:
+        return 0
+    size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values)))
     power = floor(log10(size)) if size > 0.0 else 0
     return 0 if -3 < power < 4 else power
 
@@ -314,7 +316,8 @@ def _passivity(tree: xr.DataTree) -> str:
     places = result.speed.values
     largest = float(np.max(places[result.speed_visited.values]))
     # The constraint is also active just above and below zero speed.
-    near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
+    speeds = largest * np.array(acting)
+    near = np.argmin(np.abs(places[:, None] - speeds), axis=0)
     spans = law_curves.stretches(places, np.isin(np.arange(len(places)), near))
     return (
         f"The passivity constraint is active at {_spans(spans, _words(tree, 'friction')[1])}: without it, "
@@ -329,7 +332,9 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
     if len(results) == 2:
         yield from _differences(tree)
     attrs = tree["judged"].attrs
-    if any(np.any(_preferred(tree)[place].values < 0.0) for place in law_curves.VARIABLE_OF_LAW.values()):
+    result = _preferred(tree)
+    two_sided = (np.any(result[place].values < 0.0) for place in law_curves.VARIABLE_OF_LAW.values())
+    if any(two_sided):
         yield NOT_ODD + f" {ODD_COMPARED}" * ("averaging" in results)
     if attrs["sensor"]:
         yield _sensor_sentence(tree, attrs["sensor"].split(", "))
@@ -622,7 +627,8 @@ def laws_latex(tree: xr.DataTree) -> str:
         columns[r"95\,\% band"] = [f"${_band(low, high).replace(' to ', '$ to $')}$" for low, high in pairs]
         columns["range"] = ["visited" if seen else "extrapolated" for seen in curve.visited]
         table = pd.DataFrame(columns)
-        tables.append(table.to_latex(index=False, column_format="r" * (table.shape[1] - 1) + "l").rstrip())
+        column_format = "r" * (table.shape[1] - 1) + "l"
+        tables.append(table.to_latex(index=False, column_format=column_format).rstrip())
     inertia = "inertia" if signal_units(tree) == "rad" else "mass"
     record = "; ".join(f"{name}: {text}" for name, text in exported.about_the_record(tree).items())
     caption = exported.plain_latex(

@@ -21,7 +21,7 @@ def si_blocks(tree: xr.DataTree) -> list[Block]:
     rows = []
     along, name = ("sliding_speed", MU) if MU in data else ("speed", "friction")
     visited = np.flatnonzero(data.speed_visited.values)
-    for at in visited[np.unique(np.linspace(0, len(visited) - 1, SI_ROWS).round().astype(int))]:
+    for at in visited[layout.spread(len(visited), SI_ROWS)]:
         row = data.isel(speed=at, other_speed=at)
         unit = data[along].attrs["units"]
         cells = {f"{along.replace('_', ' ')} ({unit})": f"{row[along].item():.3g}"}

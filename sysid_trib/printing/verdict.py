@@ -203,7 +203,9 @@ def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
     result = results.get(judged.preferred_of(tree), next(reversed(results.values())))
     noise, model = judged.error_parts(result)
     if np.any(model > 0.0):
-        factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
+        known = noise > 0.0
+        ratios = np.hypot(noise, model)[known] / noise[known]
+        factor = float(np.max(ratios, initial=1.0))
         yield (
             f"{EFFECTIVE}. Standard errors include the change between parts of the record: they are up to "
             f"{factor:.3g} times the errors from noise alone (--explain)."

@@ -152,7 +152,12 @@ def _odd_curve(result: xr.Dataset, law: str) -> Curve:
     ratios = (whole.high - whole.values)[known] / whole.errors[known]
     width = float(np.max(ratios, initial=0.0))
     return Curve(
-        whole.places[at], values, errors, values - width * errors, values + width * errors, whole.visited[at]
+        whole.places[at],
+        values,
+        errors,
+        values - width * errors,
+        values + width * errors,
+        whole.visited[at],
     )
 
 
@@ -179,15 +184,14 @@ def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
     half = len(places) // 2
     part = 0.5 * np.hstack([-np.eye(half)[::-1], np.eye(half)])
     covariance = part @ result[f"{law}_covariance"].values @ part.T
-    return (
-        result[names]
-        .isel({variable: slice(half, None)})
-        .assign(
-            {
-                names[0]: (variable, part @ result[law].values, result[law].attrs),
-                names[1]: (variable, np.sqrt(np.diag(covariance)), result[names[1]].attrs),
-            }
-        )
+    values = part @ result[law].values
+    errors = np.sqrt(np.diag(covariance))
+    right = result[names].isel({variable: slice(half, None)})
+    return right.assign(
+        {
+            names[0]: (variable, values, result[law].attrs),
+            names[1]: (variable, errors, result[names[1]].attrs),
+        }
     )
 
 
@@ -220,11 +224,11 @@ def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
 
 def stretches(places: Array, chosen: Mask) -> list[tuple[float, float]]:
     """Return the first and last place of each unbroken stretch of chosen places."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    return [
-        (float(places[start]), float(places[stop - 1]))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    between = np.concatenate([[False], chosen, [False]])
+    edges = np.flatnonzero(np.diff(between.astype(int)))
+    firsts = places[edges[::2]]
+    lasts = places[edges[1::2] - 1]
+    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
 
 
 def difference_over_error(first: Curve, second: Curve) -> Array:
