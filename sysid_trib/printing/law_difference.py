@@ -97,7 +97,7 @@ def _table(data: xr.Dataset, law: str, names: dict[str, str]) -> Table:
     variable = VARIABLE_OF_LAW[law]
     unit = data[variable].attrs["units"]
     rows = []
-    for at in layout.spread(data.sizes[variable], MOST_PLACES):
+    for at in layout.evenly_chosen(data.sizes[variable], MOST_PLACES):
         row = data.isel({variable: at})
         low, high = (row[f"{law}_difference_{end}"].item() for end in ("low", "high"))
         rows.append(

@@ -251,7 +251,7 @@ def _place_in_table(pair: tuple[str, Mapping[str, Any]]) -> int:
     return int("formula" not in row)
 
 
-def spread(count: int, most: int) -> Index:
+def evenly_chosen(count: int, most: int) -> Index:
     """Return indices of at most so many items out of a count, evenly spread from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 

@@ -21,7 +21,7 @@ def si_blocks(tree: xr.DataTree) -> list[Block]:
     rows = []
     along, name = ("sliding_speed", MU) if MU in data else ("speed", "friction")
     visited = np.flatnonzero(data.speed_visited.values)
-    for at in visited[layout.spread(len(visited), SI_ROWS)]:
+    for at in visited[layout.evenly_chosen(len(visited), SI_ROWS)]:
         row = data.isel(speed=at, other_speed=at)
         unit = data[along].attrs["units"]
         cells = {f"{along.replace('_', ' ')} ({unit})": f"{row[along].item():.3g}"}
