@@ -75,7 +75,7 @@ class AskedModel:
 
 
 def asked_model(given: ModelOptions) -> AskedModel:
-    """Return what is to be identified, with what the system always has."""
+    """Return the model to identify, with the forces that the system always has."""
     moving = load_system(given.system)
     contactless = app.parse_value_with_error(given.omega0, "--omega0")
     held = given.reference_frequency

@@ -230,7 +230,7 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
-# Where a result goes that is to be kept.
+# Place of a result that is to be kept.
 KEPT = "result.nc"
 
 
@@ -277,7 +277,7 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
     tree : DataTree
         Result of a command.
     given : RecordOptions
-        What the command was given; the next command takes over the options that it knows.
+        Options of the command; the next command takes over those that it knows.
     """
     step = next_step(tree)
     if kind_of(tree) == "driven" and (after := _after_driven(tree, given)) is not None:
@@ -305,9 +305,9 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     Parameters
     ----------
     tree : DataTree
-        Of `look`.
+        Result of `look`.
     system : str or None
-        What moves, if the user has said it.
+        System, if the user has named it.
     """
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
     library = load_library()

@@ -52,7 +52,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     trends = []
     for name, power in SHAPES.items():
         rate = tau - tau.min() if power is None else amplitude**power
-        # From one run to the next it steps, as the runs' offsets do.
+        # It may jump from one run to the next, like the runs' offsets.
         integral = cumulative_trapezoid(rate, tau, initial=0.0)
         values, remaining = _fitted_trend(np.column_stack([plain, integral]), value, error)
         trends.append((remaining, values[-2] + values[-1] * rate, name.replace("larger", "large")))
@@ -130,7 +130,7 @@ def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]
     x, v = run.motion.x[:moving], run.motion.v[:moving]
     phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
-    # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
+    # Largest number of spans of the record in which the residual is demodulated; each has a period at least.
     spans = np.array_split(np.arange(moving), int(max(1, min(24, periods))))
     step = float(np.median(np.diff(run.time)))
     harmonics = np.array([harmonic for harmonic, _ in DEMODULATED.values()])
@@ -205,7 +205,7 @@ def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
     edges = np.linspace(-size, size, CELLS + 1)
     good = np.isfinite(force)
     if not np.any(good):
-        # Where a smoothed residual has no middle, as in a record of a period: every cell is empty.
+        # A smoothed residual without a middle, as in a record of one period: every cell is empty.
         good, force = np.ones(len(x), dtype=bool), np.full(len(x), np.nan)
     x, v, values = x[good], v[good], np.vstack([force, drawn])[:, good]
     mean, *scatter = scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic

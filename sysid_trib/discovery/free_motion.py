@@ -34,11 +34,11 @@ class FreeMotion:
     ----------
     time : (sample,) array of float, s
     motion : FittedMotion
-        Of the model, with its start and the sensor's zero.
+        Motion of the model, with its start and the sensor's zero.
     residual : (sample,) array of float, rad
         Record minus model, errors of the sensor and its zero included.
     noise : NoiseModel
-        Of the sensor.
+        Noise of the sensor.
     model : Model
     """
 

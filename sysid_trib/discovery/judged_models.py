@@ -23,7 +23,7 @@ def judged_models(
     groups : mapping of str to Dataset
         The records, the identifications and `holdout` of a result of `discover`.
     motions : mapping of str to sequence of FreeMotion
-        Of each model its motion in each run, by the name of its group.
+        Motion of each model in each run, by the name of its group.
     """
     count = len(next(iter(motions.values())))
     records = [groups[name] for name in group_names("record", count)]

@@ -26,7 +26,7 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     Parameters
     ----------
     models : sequence of FittedModel
-        Of several runs each; the last is the final one.
+        Models of several runs each; the last is the final one.
 
     Returns
     -------
@@ -172,7 +172,7 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
     symbols = dict.fromkeys(trial.force.symbol for trial in screening.trials)
     at = np.array([_best(screening, symbol) for symbol in symbols], dtype=int)
     reasons = [screening.reasons[i] for i in at]
-    # Where every candidate was added there is none.
+    # If every candidate was added none is left.
     testable = np.array([not reason for reason in reasons], dtype=bool)
     cosine = np.abs(screening.correlation[np.ix_(at, at)])
     np.fill_diagonal(cosine, 1.0)

@@ -35,26 +35,26 @@ class Screening:
     reasons : list of str
         Why a trial cannot be tested, else empty.
     gains : (trial,) array of float
-        By how much its column lowers the deviance, both variances of each run at their most likely values
+        Decrease of the deviance by its column, both variances of each run at their most likely values
         with and without it; 0 where physics forbids the sign of its coefficient.
     coefficients, errors, effective_rows : (trial,) array of float
         And the rows that tell the error.
     outside : (trial,) array of float
         Part of its column that the model's cannot make.
     correlation : (trial, trial) array of float
-        Of these parts.
+        Correlation of these parts.
     relative_force : (trial,) array of float
         RMS of its force, with a coefficient of 1, over the restoring force.
     tests : float
         Number of independent tests, those of the omnibus test counted as as many.
     products : sequence of RunProducts
-        Of the model's columns, then the trials', then the omnibus test's.
+        Products of the model's columns, then the trials', then the omnibus test's.
     omnibus_z : (trial_force,) array of float
         Scores of forces of any form: roots of what each gains alone, with the sign of its coefficient.
     omnibus_p_value : float
-        Of the test that knows no candidate (see `omnibus`).
+        P-value of the test without candidates (see `omnibus`).
     whole : Likelihood
-        Of the model's columns along its path, steps of its shapes among them.
+        Likelihood of the model's columns along its path, steps of its shapes among them.
     fine : dict of int to bool
         Whether the motion is known as finely as a trial acts, of those that were asked.
     """

@@ -130,7 +130,7 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         # change.
         duration = 2.0 * np.pi / swing_frequency(run) * 60
     except DecayError:
-        # Where nothing swings there are no periods to be counted.
+        # Without a swing there are no periods to count.
         yield part
         return
     time = part.time.values
@@ -161,7 +161,7 @@ def predicted(
     runs : sequence of int
         Whose noises are those of each.
     frequency : float, rad/s
-        Of the test functions, the same for models that are compared.
+        Frequency of the test functions, the same for models that are compared.
 
     Notes
     -----

@@ -47,7 +47,7 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
     of_inputs += [force for force in load_library(HYSTERESIS) if inputs and len(force.shape) < 3]
     others = [force for force in (*library, *of_inputs) if force.symbol not in start.symbols]
     taken = [force.symbol for force in (*start, *others)]
-    # One's own force of a symbol goes before the usual effect of the same.
+    # A user's own force of a symbol precedes the usual effect of the same symbol.
     others += [force for force in effects if force.symbol not in taken]
     return replace(effects, forces=tuple(others))
 

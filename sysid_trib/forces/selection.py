@@ -109,7 +109,7 @@ def known_coefficients(library: ForceLibrary) -> dict[str, float]:
     sources = library.source.split(" + ")
     if all(source in shipped for source in sources):
         return {}
-    # Of a sum of libraries.
+    # For a sum of libraries.
     free = {force for source in sources if source in shipped for force in load_library(shipped[source])}
     stated = (force for force in library if force.coefficient is not None and force not in free)
     return {force.symbol: force.coefficient for force in stated if force.coefficient is not None}

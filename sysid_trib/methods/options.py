@@ -18,7 +18,7 @@ def constrained(method: Method, constraints: Constraints) -> Method:
     method : Method
         The method without them.
     constraints : Constraints
-        What is fixed, bounded and tied.
+        Fixed values, bounds and ties.
 
     Raises
     ------
@@ -38,11 +38,11 @@ def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Met
     Parameters
     ----------
     constraints : mapping of str to float, (float, float) or str
-        What is asked for.
+        Constraints asked for.
     library : ForceLibrary
-        Those offered.
+        Forces offered.
     method : Method
-        What its own constraints ask for is left to it.
+        Method; its own constraints are left as they are.
     """
     asked = {*constraints, *getattr(method, "constraints", {})}
     stated = {name: value for name, value in known_coefficients(library).items() if name not in asked}

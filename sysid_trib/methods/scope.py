@@ -28,11 +28,11 @@ class MethodScope:
     label : str
         Name in tables and sentences.
     assumes : str
-        What must hold for its numbers to be right.
+        Assumptions of the method.
     observes : str
-        What it takes from the record: the motion itself, or averages over half periods.
+        Observed quantity: the motion itself, or averages over half periods.
     identifies : str
-        The forces that it identifies of those offered.
+        Forces that it identifies among those offered.
     several_runs : bool
         Whether it identifies several runs together.
     white_noise : bool

@@ -25,7 +25,7 @@ from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.lack_of_fit import residual_force
 
-# Of a row of panels, and of one of residuals, over the page and in a column, inch.
+# Height of a row of panels, and of one of residuals, over the page and in a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
 # Coefficients for which there is room in it, and of each more.
 ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
@@ -57,7 +57,7 @@ EFFECTIVE_TITLE = "The model does not explain the record."
     },
 )
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """A result at a glance: the record and its models, what these leave, and the forces.
+    """A result at a glance: the record and its models, their residuals, and the forces.
 
     Where there is a backbone, frequency and damping ratio against amplitude, of the record without any model,
     with 95 % bands (dots are single periods), and of the models. The record and the motion of each model, its
@@ -75,7 +75,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     run : int
         Which of several runs, from 0.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     if is_of_driven(tree):
         # Its motion has no half periods.

@@ -43,7 +43,7 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
     bands : xr.Dataset, optional
         Result of `prediction_bands`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
     figure = new_figure(width, sum(heights))
@@ -120,9 +120,9 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `forced_response`.
+        Result of `forced_response`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     figure, panels = style.grid(2, 2, width, RESPONSE_HEIGHT)
     amplitude, phase = panels
@@ -159,9 +159,9 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `validation.plan`.
+        Result of `validation.plan`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     drawn = {"entropy left (nat)": data.entropy} if "parting" in data else {}
     limits = {

@@ -45,7 +45,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
     counts : mapping of str to int
         How many records have which status.
     compared : Dataset, optional
-        What varies between its records; None of too few.
+        Variation between its records; None if there are too few.
     """
     # A message on a file begins with its name.
     reasons = [
@@ -58,7 +58,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
-    """Return why records have no numbers, by record name."""
+    """Return the reasons why records have no numbers, by record name."""
     return dict(store.message[store.status.values > Status.DONE].to_series())
 
 

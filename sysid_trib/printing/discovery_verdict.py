@@ -22,7 +22,7 @@ from sysid_trib.results.judged import held_out_excess, record_noise
 from sysid_trib.results.kinds import has_input
 from sysid_trib.results.variables import PARTS_OF_RECORD, record_groups, signal_units
 
-# By the verdict of the judge, of a search that found nothing more.
+# Words by the verdict of the judge, for a search that found nothing more.
 UNEXPLAINED_WORDS = {
     "approximate": "The model is approximate",
     "not explained": "The model does not explain the record",

@@ -31,7 +31,7 @@ DRIVEN_VERDICTS = {
     "approximate": "The model is approximate: the residual is {} (RMS), which is more than noise.",
     "not explained": "The model does not explain the record: the residual is {} (RMS).",
 }
-# A coefficient of less than so many of its errors may be zero.
+# A coefficient below this number of its errors may be zero.
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."
@@ -41,7 +41,7 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """Return the blocks of an identification with inputs; `record` describes what was read."""
+    """Return the blocks of an identification with inputs; `record` describes the record."""
     compared, unit = tree["judged"].to_dataset(), signal_units(tree)
     answer = compared.attrs["preferred"]
     best = compared.sel(model=answer)

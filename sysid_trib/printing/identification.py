@@ -37,7 +37,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
     tree : DataTree
         The result.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     """
     agree, remarks = [*_how_methods_agree(tree)], [*_remarks(tree)]
     stochastic, details = [*random_force_sentences(tree)], Layer.EXPLAIN

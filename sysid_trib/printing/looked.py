@@ -26,7 +26,7 @@ WORDS, AT_TWO = 34, " (a = 0.1, 1)"
 
 
 def force_table(library: ForceLibrary, averages: xr.Dataset) -> Table:
-    """Return the forces of a library with their equations, and what is derived from these.
+    """Return the forces of a library with their equations and derived properties.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def _closed(value: float) -> str:
 POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or gains"}
 
 
-# Below so many samples a period the weak form has few rows, and half-sines few samples.
+# Below this number of samples a period the weak form has few rows, and half-sines few samples.
 FEW_SAMPLES = 20.0
 # A drift counts above this part of the last amplitude.
 DRIFTS = 0.1
@@ -126,9 +126,9 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
     Parameters
     ----------
     tree : DataTree
-        Of `look`.
+        Result of `look`.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     next_command : str
         To copy.
     """
@@ -160,7 +160,7 @@ def driven_look_blocks(
     tree : DataTree
         The records, with their inputs.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     models : Dataset
         Of `fitting_models`.
     next_command : str
@@ -305,9 +305,9 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
     Parameters
     ----------
     backbones : mapping of str to Dataset
-        That of each run, of `backbone`.
+        Result of `backbone` of each run.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     """
     yield Block(list(dict.fromkeys(sources)))
     for run, data in enumerate(backbones.values(), 1):

@@ -24,7 +24,7 @@ def modes_blocks(modes: xr.Dataset, sources: Sequence[str], next_command: str) -
     Parameters
     ----------
     modes : Dataset
-        Of `modes`.
+        Result of `modes`.
     sources : sequence of str
         Descriptions of the record.
     next_command : str

@@ -18,7 +18,7 @@ from sysid_trib.results.store import Status
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
-# Of a campaign: whether there is one for each force.
+# For a campaign: whether there is one for each force.
 _CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 
@@ -29,7 +29,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
+        Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
 
     Returns
     -------

@@ -94,7 +94,9 @@ def difference(
     """
     given = [_is_identified(side) for side in (first, second)]
     if all(given) and library is not None:
-        raise UsageError("difference takes a library with records only; identifications have theirs.")
+        raise UsageError(
+            "difference takes a library only with records; identifications contain their library."
+        )
     if any(given) and not all(given):
         raise UsageError(
             "difference takes two identifications or two records, not one of each; identify the record first."
@@ -136,7 +138,7 @@ def _difference(
         of_runs, by_noise, by_model = (np.array(part) for part in zip(*runs, strict=True))
         samples.append((*random_effects.mean_of_runs(of_runs, by_noise), by_model.mean(axis=0)))
     values, by_noise, between, freedoms, by_model = map(np.array, zip(*samples, strict=True))
-    # At a bound an estimate has but one side: no test rests on it.
+    # An estimate at a bound can move to one side only: no test uses it.
     bounded = {symbol for member in members for symbol in at_bound(member)}
     testable = np.array([symbol not in bounded for symbol in symbols])
     variables = _contrast(values, by_noise, by_model, freedoms, testable, level=level, of_model=of_model)

@@ -28,12 +28,12 @@ COUNTED_PART = 0.005
 
 
 def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.DataTree) -> xr.Dataset:
-    """Return where the laws of two samples differ: two materials, or a contact and none.
+    """Find the places at which the laws of two samples differ: two materials, or a contact and none.
 
     Parameters
     ----------
     first, second : Dataset or DataTree
-        Of `laws`, of different records in one unit; several runs of a sample share their laws.
+        Result of `laws`, of different records in one unit; several runs of a sample share their laws.
 
     Returns
     -------
@@ -129,7 +129,7 @@ def p_value(z: Array, covariance: Array) -> float:
     z : (place,) array of float
         The curve over its standard errors.
     covariance : (place, place) array of float
-        Of the curve.
+        Covariance of the curve.
     """
     largest, draws = float(np.max(np.abs(z))), bands.largest_of_draws(covariance)
     if not len(draws):

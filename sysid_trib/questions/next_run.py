@@ -41,16 +41,16 @@ def plan(
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, or of `discover`, whose last effect may be any of its credible set.
+        Result of `identify`, or of `discover`, whose last effect may be any of its credible set.
     amplitude, duration : (float, float)
         Limits of the release (in the unit of the record) and of the time that is recorded (s); None for 0.3
         and 1.5 times the record's release, half of and twice its duration.
     sampling_rate : float, Hz
-        That of the record where left out.
+        Sampling rate of the next run; by default that of the record.
     repeats : int
-        How often each run is made.
+        Number of repeats of each run.
     wanted : mapping of str to float
-        Standard errors that are wanted, `{"delta": 0.0005}`.
+        Wanted standard errors, `{"delta": 0.0005}`.
     tell : callable
         Called with each release.
 
@@ -58,31 +58,31 @@ def plan(
     -------
     Dataset
         Over `run`, the best first: `amplitude`, `duration` (s; no longer than the motion), `samples`;
-        `entropy` that is left of the models (nats; 0 of one model) and the `probability` that the right one
+        expected `entropy` of the models (nats; 0 for one model) and the `probability` that the right one
         has odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
-        by all records together, the error of the model added, and whether it `meets` what is wanted.
-        `parting(time)` of the best run: by how much its two likeliest `models` part up to each time, as the
-        logarithm of their likelihood ratio.
+        from all records together, including the error of the model, and whether it `meets` the wanted errors.
+        `parting(time)` of the best run: expected logarithm of the likelihood ratio of its two most likely
+        `models` up to each time.
         attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
 
     Raises
     ------
     UsageError
-        The records are driven, nothing was identified, no limits can be had from the result, or an error is
-        wanted of a coefficient that the model has not or holds.
+        The records are driven, nothing was identified, the result gives no limits, or a wanted error is that
+        of a coefficient that is held or not in the model.
     DecayError
         No run within the limits has a motion.
 
     Notes
     -----
-    Each model predicts a run: its motion, moved by what the records leave of its coefficients, shapes and
-    frequency, by its start and the sensor's zero, of which nothing is known, and the noise, to first order.
-    A random force that pushes the record pushes the next run as much.
-    Runs are drawn from what each of them predicts, taken as the truth with its present probability (Box and
-    Hill 1967). A rival's evidence then changes as that of `discover` does: by r' V^-1 r, r the difference to
-    its motion and V the covariance of what it predicts, and by what its shapes become better known. Its odds
-    are those after all records. Of a run only what a search fits counts: where the last third is held out,
-    the rest. Errors are by the inverse of Fisher's informations of all runs.
+    Each model predicts a run to first order: its motion with the uncertainty of its coefficients, shapes and
+    frequency, an unknown start and an unknown zero of the sensor, and the noise. The next run has the random
+    force of the record.
+    Runs are drawn from the predictions of each model, taken as the truth with its present probability (Box
+    and Hill 1967). The evidence of a model then changes as in `discover`: by r' V^-1 r, with r the difference
+    from its motion and V the covariance of its prediction, and by the information on its shapes. Its odds are
+    those after all records. Only the part of a run that a search fits counts: without the last third if this
+    is held out. Errors follow from the inverse of the sum of the Fisher informations of all runs.
     """
     if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
         raise UsageError("plan is for free decays; the records of this result are driven.")

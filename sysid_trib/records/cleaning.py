@@ -56,14 +56,14 @@ def _off_neighbours(signal: Array) -> Array:
     return off
 
 
-# Of the spline: its degree, knots in a period, and fewest samples between knots.
+# Properties of the spline: its degree, knots in a period, and fewest samples between knots.
 OUTLIER_DEGREE = 5
 KNOTS = 12
 SAMPLES_PER_INTERVAL = 3
 # An impact bends the motion: then the neighbours deviate as well, by more than this part.
 NEIGHBOURS = 3
 NEIGHBOURS_PART = 0.2
-# Noise with so many samples in its tails has no outliers.
+# Noise with this number of samples in its tails has no outliers.
 MOST_OUTLIERS = 0.05
 
 
@@ -77,7 +77,7 @@ def outliers(time: Array, signal: Array, period: float) -> Index:
     signal : (sample,) array of float
         In any unit.
     period : float, s
-        Of the swing.
+        Period of the swing.
 
     Notes
     -----
@@ -122,7 +122,7 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
         if not further.any():
             break
         bad = bad | further
-    # Where it stays at the end of its range a sensor is clipped.
+    # A signal that stays at the end of its range is clipped.
     at_end = np.minimum(signal - np.min(signal), np.max(signal) - signal) <= limit
     clipped = at_end & (np.append(False, at_end[:-1]) | np.append(at_end[1:], False))
     bad &= (off > limit) & ~clipped

@@ -125,7 +125,7 @@ def values_of_inputs(
     ----------
     inputs : mapping of str to KnownInput
     channels : iterable of Channel
-        What is wanted.
+        Inputs to return.
     elapsed : array of float, s
     frequency : float, rad/s
         Reference frequency.
@@ -169,7 +169,7 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
         )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
-    # Two clocks of large numbers have one instant but for their rounding.
+    # Two clocks of large numbers have the same instant up to their rounding.
     rounding = 1e-3 * float(np.median(np.diff(record.time.values.astype(float))))
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
@@ -276,7 +276,7 @@ CONSTANT_WITHIN = 1e-12
 
 
 def is_constant(values: Array) -> bool:
-    """Return whether an input does not change but for rounding."""
+    """Return true if an input is constant up to rounding."""
     return bool(np.ptp(values) <= CONSTANT_WITHIN * np.max(np.abs(values), initial=0.0))
 
 

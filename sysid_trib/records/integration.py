@@ -25,7 +25,7 @@ class Piece(NamedTuple):
         In steps that differ by 2 % at most.
     signal : (sample,) array of float
     changes : str
-        What was done to make the steps even; empty if they were.
+        Changes that made the steps even; empty if they were even.
     """
 
     time: Array
@@ -42,7 +42,7 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
         Rising, in any steps.
     signal : (sample,) array of float
     period : float, s
-        Of the oscillation: a gap of more than a quarter of it parts the record.
+        Period of the oscillation: a gap of more than a quarter of it parts the record.
     breaks : tuple of float, s
         Further times at which a piece starts.
 
@@ -94,7 +94,7 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
         Rising.
     signal : (sample,) array of float
     period : float, s
-        Of the oscillation.
+        Period of the oscillation.
 
     Returns
     -------
@@ -114,14 +114,13 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
 
 
 def _drift(time: Array, signal: Array, period: float) -> Array:
-    # Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias
-    # drifts.
+    # Periods between the knots of drift and envelope: slower than the swing, faster than the drift of a bias.
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
     waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
-    # The columns of one spline next to each other: the normal equations are banded, and their solution takes
-    # a time that goes with the number of periods.
+    # The columns of each spline are adjacent: the normal equations are banded, and the solution time is
+    # proportional to the number of periods.
     columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
     splines = slow.shape[1]
     design = columns[:, np.arange(len(waves) * splines).reshape(len(waves), splines).T.ravel()].tocsr()
@@ -141,7 +140,7 @@ def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any,
     ----------
     time, measured : (sample,) array of float
     period : float, s
-        Of the oscillation.
+        Period of the oscillation.
     attrs : mapping
         `integrations`, how often it is integrated; `felt_per_sine` of an accelerometer on a pendulum, which
         feels so much times the sine of the angle.

@@ -6,7 +6,7 @@ from sysid_trib.records.inputs import integral_of_rate
 
 
 def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
-    """Return a driven record whose rate or acceleration was measured with that as what is compared.
+    """Return a driven record whose measured rate or acceleration is the compared quantity.
 
     Parameters
     ----------

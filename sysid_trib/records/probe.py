@@ -28,8 +28,8 @@ BUSY = 15.0
 # Bytes of memory beyond those of the process: to begin with, and for each byte of the file.
 MEMORY = 2**29
 MEMORY_PER_BYTE = 16
-# How a file was read: to its end or not, it points outside of itself or in circles, the package that reads it
-# is not installed.
+# Outcomes of reading a file: complete or not, external or circular links, the package that reads it is not
+# installed.
 WHOLE = "whole"
 DAMAGED = "damaged"
 LINKED = "linked"
@@ -122,7 +122,7 @@ def _started() -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        # In a group of its own: an interrupt from the keyboard is not meant for it.
+        # In a separate process group: an interrupt from the keyboard must not reach it.
         process_group=None if sys.platform == "win32" else 0,
     )
     atexit.register(_end, process, os.getpid())

@@ -107,5 +107,5 @@ def is_uniform(time: Array) -> bool:
     """Return true if all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
-    # Deviation of a step from the usual one that the methods take as it is.
+    # Largest relative deviation of a step from the usual one that needs no resampling.
     return bool(np.abs(steps - median).max(initial=0.0) <= (1.0 + 1e-6) * 0.02 * median)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 STANDARD_GRAVITY = 9.80665
-# How laboratories call columns, spell units, and write that a value is missing.
+# Words of laboratories: names of columns, spellings of units, and marks of missing values.
 LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 
 

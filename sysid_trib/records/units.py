@@ -20,7 +20,7 @@ from sysid_trib.records.unit_tables import (
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
 TIME_UNITS = {spelling: _SECONDS[name] for spelling, name in by_spelling("seconds").items()}
-# How often a signal is to be integrated to become an angle or a displacement.
+# Number of integrations that turn a signal into an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 POSITIONS = ("angle", "displacement")
@@ -41,7 +41,7 @@ class SignalUnit:
     text : str
         By its usual name; one that is not known as the file has it.
     quantity : {"angle", "displacement", "rate", "acceleration"}
-        What is measured in it.
+        Quantity measured in it.
     position : str
         Unit of the angle (rad) or displacement that it is, or becomes when it is integrated over s.
     factor : float
@@ -277,7 +277,7 @@ def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0)
     ----------
     notes : sequence of str
     place : int, optional
-        Of the signal among the columns that are no times.
+        Place of the signal among the columns that are no times.
     signals : int
         How many of these there are: of a list of so many units it is that at its place.
     """

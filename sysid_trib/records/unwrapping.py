@@ -6,7 +6,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.records.half_periods import quantisation_step
 
 WRAP_SHARE = 0.75
-# Samples on either side that show how the motion goes on.
+# Samples on either side that show how the motion continues.
 CUT_REACH = 3
 # Weights of samples before and after a cut that give the step of a cubic there, by least squares.
 _AT = np.arange(-CUT_REACH - 0.5, CUT_REACH + 1.0)
@@ -42,7 +42,7 @@ def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, i
     -------
     whole : (sample,) array of float
     turn : float
-        What was added or taken off at each cut; nan where there is none.
+        Step that was added or removed at each cut; nan where there is none.
     cuts : int
     """
     if turn is None:
@@ -84,7 +84,7 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
 
 
 def pulses(signal: Array) -> bool:
-    """Return true if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    """Return true if a signal rests at one level and leaves it in pulses, like light behind a barrier."""
     low, high = np.percentile(signal, [0.5, 99.5])
     # Clearly on either side: noise about the middle is no crossing.
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))

@@ -25,7 +25,7 @@ SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
 SETTINGS: dict[Any, Any] = {"svg.fonttype": "path", "path.simplify_threshold": 0.2}
 # Dots an inch of parts drawn as an image: cells of a map, each of one colour.
 IMAGE_DPI = 200
-# Of a point; a figure as wide as the page has 518 of them.
+# Digits of a point; a figure as wide as the page has 518 points.
 COORDINATE_DIGITS = 2
 DECIMAL = re.compile(r"-?\d+\.\d+")
 # Attributes that refer to an element by its id, and their names in HTML; an image is its own address.
@@ -52,7 +52,7 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
     figure.supxlabel("")
     figure.dpi = IMAGE_DPI
     with mpl.rc_context(SETTINGS | {"svg.hashsalt": name}):
-        # By `savefig` a figure is drawn twice.
+        # `savefig` draws a figure twice.
         FigureCanvasSVG(figure).print_svg(written, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())
     # The creator, and a style of all elements, which within a page would apply to the whole page.

@@ -45,7 +45,7 @@ class Shown:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """Return it as HTML, which notebooks ask for."""
+        """Return the HTML that notebooks ask for."""
         parts: list[str] = []
         for block in blocks_of_layer(self.blocks, self.layer):
             parts += [f"<p>{html.escape(printable(sentence))}</p>" for sentence in block.sentences]
@@ -70,12 +70,12 @@ def _table_html(table: dict[str, Any]) -> str:
 
 
 def show(result: xr.Dataset | xr.DataTree | ForceLibrary, *, explain: bool = False) -> Shown:
-    """Return what the command prints of a result, as text and as HTML.
+    """Return the output of a command for a result, as text and as HTML.
 
     Parameters
     ----------
     result : Dataset, DataTree or ForceLibrary
-        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign`, `backbone`,
+        Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign`, `backbone`,
         `forced_response`, or a force library.
     explain : bool
         Whether all is said, as by `--explain`.

@@ -153,8 +153,8 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
     """Return effects whose coefficient differs from the known one, and the known one."""
     offered, steps = candidates_of(tree), tree["steps"].to_dataset()
     known = {symbol: offered[symbol].coefficient for symbol in added_effects(tree)}
-    # Standard errors by which a coefficient differs from the one that physics knows where it is another
-    # force's.
+    # Standard errors by which a coefficient differs from its known physical value if it belongs to another
+    # force.
     return {
         symbol: value
         for at, (symbol, value) in enumerate(known.items())

@@ -11,7 +11,7 @@ from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.kinds import has_input, identifications_of, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
-# Beyond so many noise levels (RMS) a residual is large.
+# A residual is large beyond this number of noise levels (RMS).
 LARGE = 1.5
 # Default held-out part of `discover`.
 LAST_THIRD = "the last third"
@@ -21,12 +21,12 @@ JUDGED = "judged"
 
 
 def judged_of(tree: xr.DataTree) -> xr.Dataset:
-    """Return what was judged of each model of a result, over `model`."""
+    """Return the judged variables of each model of a result, over `model`."""
     return tree[JUDGED].to_dataset()
 
 
 def comparison_of(tree: xr.DataTree) -> xr.Dataset:
-    """Return the table of methods of `compare` with what was judged of each, nan of one without a result."""
+    """Return the table of methods of `compare` with their judged variables, nan for one without a result."""
     table = tree["comparison"].to_dataset()
     judged = judged_of(tree)[["residual_rms", "residual_over_noise", "failure", "verdict"]]
     judged = judged.reindex(model=table.model.values, fill_value={"failure": "", "verdict": ""})
@@ -144,7 +144,7 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, or an identification itself.
+        Result of `identify`, `laws`, `compare`, `discover`, or an identification itself.
 
     Returns
     -------

@@ -25,7 +25,7 @@ def si_of(tree: xr.DataTree) -> xr.Dataset | None:
 
 
 def kind_of(tree: xr.DataTree) -> str:
-    """Return what made a result: one of identify, cross_check, laws, driven, compare, difference, discover.
+    """Return the kind of a result: identify, cross_check, laws, driven, compare, difference or discover.
 
     Empty if none did.
     """

@@ -154,7 +154,7 @@ def signal_units(data: Any) -> str:
 
 
 def small_units(units: str) -> tuple[float, str]:
-    """Return the factor and unit of what is small beside the signal: mrad for angles, else the same."""
+    """Return factor and unit for small parts of the signal: mrad for angles, else the same."""
     return (1e3, "mrad") if units == "rad" else (1.0, units)
 
 

@@ -59,7 +59,7 @@ def measured_motion(
     -------
     motion : SimulatedMotion
     residual : (sample,) array of float
-        What was measured minus motion and bias, in the unit of the sensor.
+        Measured signal minus motion and bias, in the unit of the sensor.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def measured_motion(
     """
     (quantity, distance), time, values = measured_part(run)
     part = slice(None) if fitted is None else fitted
-    # Of a body that may be anywhere, and moves at any speed, nothing tells a bias.
+    # The bias of a body that may be anywhere, and moves at any speed, cannot be determined.
     biased = first_zero(model) is not None
     begin, last = np.array(start, dtype=float), np.inf
     scale = np.array([1.0, model.reference_frequency, model.reference_frequency])[: 2 + biased]

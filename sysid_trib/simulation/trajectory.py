@@ -105,7 +105,7 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
     fractions = np.concatenate([np.arange(count) / count for count in parts])
     instants = np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
     h = np.diff(instants)
-    # A stream of its own: noise that is added with the same seed is independent of it.
+    # A separate random stream: noise that is added with the same seed is independent of it.
     of_v, of_x = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
     increment_v = np.sqrt(per_tau * h) * of_v
     # Three quarters of the variance h^3/3 of x are due to the gain of v, a quarter is independent.

@@ -87,7 +87,7 @@ def compare(
     contactless : (float, float), rad/s
         Frequency without contact and its standard error, which adds alpha.
     constraints : mapping of str to float, (float, float) or str
-        What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`, by every
+        Fixed values, bounds and ties, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`, by every
         method; one that takes none keeps its row without numbers.
     tell : callable
         Called with a method's label before it starts.
@@ -104,10 +104,10 @@ def compare(
         `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
         `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
-        errors hold in `white_noise` only; and whether it `names_forces`, or identifies curves, which have no
-        numbers over `force` and are never the best method. Of several runs also `run_noise(run)` and, over
-        `model` and `run`, `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen
-        by `sel(model=label)`.
+        errors are valid in `white_noise` only; and whether it `names_forces`, or identifies curves, which
+        have no numbers over `force` and are never the best method. For several runs also
+        `run_noise(run)` and, over `model` and `run`, `run_residual_rms`, `run_train_rms`, `run_holdout_rms`
+        (rad). A method is chosen by `sel(model=label)`.
 
     Raises
     ------
@@ -118,10 +118,10 @@ def compare(
 
     Notes
     -----
-    Held out is the last third by time: each method identifies the first two thirds again, its model is
-    simulated over the last with the start and the sensor's zero fitted there, nothing else. The record's
-    centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
-    A method that does not apply keeps its row: nan, and why in `reason`.
+    The last third by time is held out: each method identifies the first two thirds again, and its model is
+    simulated over the last third; only its start and the sensor's zero are fitted there. The centre of the
+    record is that of the whole. All methods have the same noise, the sensor's (see `sensor_noise`).
+    A method that does not apply keeps its row: nan, with the `reason`.
 
     The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
     each run's RMS is over its own. Methods that take one record at a time have no numbers.

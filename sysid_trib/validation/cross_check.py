@@ -30,7 +30,7 @@ from sysid_trib.validation.verdict import decided, evidence_of_models, p_value_o
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
-    """Return forces that averaging, or any method, cannot tell apart by principle."""
+    """Return forces that averaging, or any method, cannot separate by principle."""
     library = library_of(result)
     shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -53,7 +53,7 @@ LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 # Part of the first method's errors that represents terms of second order: these dominate if two methods are
 # nearly the same to first order.
 SECOND_ORDER_PART = 0.1
-# Stated errors of so many times those by the noise allow for more than it.
+# Stated errors of this multiple of those by the noise include more than the noise.
 EXCESS = 1.5
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01

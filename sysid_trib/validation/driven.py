@@ -138,7 +138,8 @@ def identified_driven(
                 kept[name] = of.with_result(wider)
     if not kept:
         raise DecayError(
-            "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
+            "No motion with these forces follows the record; offer other forces "
+            "(--forces), or a shorter part "
             "of it (--window)."
         )
     return _tree(kept, "direct" in kept and random_explains, separated)
@@ -199,7 +200,7 @@ def _random_force_explains(stochastic: FollowedRuns) -> bool:
 
 
 def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> float:
-    """Return what the motion of a model leaves of runs over the RMS of these; infinite without a motion."""
+    """Return the RMS residual of a model over the RMS of the runs; infinite without a motion."""
     return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
 
 
@@ -225,7 +226,7 @@ def _sizes_of(followed: FollowedRuns) -> list[float]:
 
 
 def _residual(followed: FollowedRuns, at: int) -> Array | None:
-    """Return what the motion leaves of a run, over w for each integration; None where it has no motion."""
+    """Return the residual of a run, over w for each integration; None if it has no motion."""
     run, result = followed.runs[at], followed.result
     if MEASURED not in run:
         motion = followed.motions[at]
@@ -240,12 +241,12 @@ def _residual(followed: FollowedRuns, at: int) -> Array | None:
 
 
 def _per_integration(run: xr.Dataset, result: xr.Dataset) -> float:
-    """Return the reference frequency to the power of the integrations of what was measured."""
+    """Return the reference frequency to the power of the integrations of the measured quantity."""
     return float(result.reference_frequency.item() ** int(run.attrs.get("integrations", 0)))
 
 
 def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
-    """Return the standard deviation of what was measured, over w for each integration."""
+    """Return the standard deviation of the measured quantity, over w for each integration."""
     own = MEASURED in run
     return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 
@@ -344,7 +345,7 @@ def predict(
         The start is fitted to so much of the beginning, which does not count for the residual; to all of the
         record where left out, and all of it counts.
     run : int
-        Of the result's runs, from 0, the one whose own coefficients are taken.
+        Run of the result, from 0, whose coefficients are taken.
     starts : {"fitted", "measured"}
         `measured` takes angle and rate of the smoothed record at its first sample, and no zero of the sensor:
         nothing is fitted to the record.

@@ -65,7 +65,7 @@ def in_all_runs(
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Return why a model that neglects no force fails on the records, from `in_all_runs`; or nothing."""
+    """Return the reason why a complete model fails on the records (`in_all_runs`); or nothing."""
     if not motions:
         return judge.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
@@ -157,7 +157,7 @@ class Trial(NamedTuple):
     result : Dataset or None
         Its identification.
     row : dict
-        What the method says of itself and of its result, by the name of the column.
+        Texts of the method on itself and its result, by the name of the column.
     motions : dict of str to list of Dataset
         Of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
     followed : FollowedRuns or None
@@ -176,9 +176,9 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
     Parameters
     ----------
     trials : mapping of str to Trial
-        What came of each method, by its label.
+        Result of each method, by its label.
     noises : sequence of float, rad
-        Of each run, the same for all methods.
+        Noises of each run, the same for all methods.
     blocks : sequence of int
         Samples of a period of each run.
     """

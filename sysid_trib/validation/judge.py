@@ -17,7 +17,7 @@ RESIDUAL_LEVEL = 1e-3
 # A model is approximate if its residual (RMS) is at most this part of the motion.
 APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
-# A motion that grows beyond so many times the largest angle of the record is none of it.
+# A motion that exceeds this multiple of the largest angle of the record does not follow it.
 LARGEST_MOTION = 3.0
 
 
@@ -133,7 +133,7 @@ def evidence_of(of_model: xr.Dataset, **further: Any) -> Evidence:
 def with_verdicts(
     table: xr.Dataset, evidence: Mapping[str, Evidence], preferred: str, made_by: str
 ) -> xr.Dataset:
-    """Return what was judged with the verdict on each model; attrs hold that on the preferred one."""
+    """Add the verdict on each model to the judged variables; attrs state that on the preferred one."""
     verdicts = [verdict_word(evidence[name]) for name in table.model.values.tolist()]
     table = table.assign(described("judged", {"verdict": verdicts}))
     attrs = {"made_by": made_by, "preferred": preferred}
@@ -155,7 +155,7 @@ def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
 
 
 def failures_of(records: Sequence[xr.Dataset]) -> list[str]:
-    """Return why a model has no motion, in a few words; empty if it has one."""
+    """Return the reason why a model has no motion, in a few words; empty if it has one."""
     reasons = []
     largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
     limits = [LARGEST_MOTION * np.abs(run.angle).max() for run in records]

@@ -84,7 +84,7 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
     amplitude, those = lack.amplitude.values, []
     for name in bands.CURVES:
         deviation = lack[f"{name}_deviation"].sel(model=model).values
-        # Where the model has stopped, it has left.
+        # A model that has stopped is outside of the band.
         outside = ~(np.abs(deviation) <= 1.0)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], outside, [False]]).astype(int)))
         for first, end in edges.reshape(-1, 2):
@@ -136,10 +136,10 @@ def _model_rows(
     """Return increasing log amplitudes of a model's motion, frequency and damping ratio; None without one."""
     amplitude = backbone.period_amplitude
     top, low = float(np.log(amplitude.max())), float(np.log(amplitude.min()))
-    # A model is released so many half periods above the record: its first ones are left out.
+    # A model is released this number of half periods above the record: its first ones are left out.
     above = 4.0 * np.pi * max(0.0, float(backbone.damping_ratio[-1]))
     largest = float(np.abs(decay.angle.values).max())
-    # A model that damps less takes longer to the record's last amplitude: up to so many times its length.
+    # A model of less damping takes longer to the record's last amplitude: up to this multiple of its length.
     for times in (1.0, 3.0):
         try:
             u, rows = _motion_rows(decay, result, float(np.exp(top + above) / largest), times)
@@ -167,7 +167,7 @@ def _motion_rows(
 
 # Cells each way, drawings of noise for the errors, and a seed for them.
 SURFACE_CELLS, SURFACE_DRAWS, DRAWS_SEED = 13, 24, 0
-# Longer records are drawn by every second sample (third, ...), which keeps so many between knots.
+# Longer records are drawn by every second sample (third, ...), with this number between knots.
 MOST_DRAWN, DRAWN_PER_KNOT = 20_000, 4
 
 
@@ -244,7 +244,8 @@ def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
     return cells
 
 
-# The level about a line is that of so many neighbours on either side, beyond those into which it leaks.
+# The level about a line is that of this number of neighbours on either side, beyond those into which it
+# leaks.
 LEVEL_LINES, LEAK = 48, 4
 # Up to this harmonic the residual of a motion belongs to the motion.
 MOTION_HARMONICS = 7
@@ -282,7 +283,7 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     # Significance level of the highest line among all.
     if log_p[at] + np.log(counted.sum()) > np.log(LINE_LEVEL):
         return _line_alone(time, residual, motion)
-    # Where between the lines of the spectrum its peak is, by the ratio of the two highest amplitudes.
+    # The peak between the lines of the spectrum, by the ratio of the two highest amplitudes.
     left, peak, right = np.sqrt(power[at - 1 : at + 2])
     frequency = resolution * (at + (right / (peak + right) if right > left else -left / (peak + left)))
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])

@@ -80,7 +80,7 @@ class FittedParts(NamedTuple):
     Attributes
     ----------
     results : list of Dataset
-        Those of the parts that could be fitted.
+        Identifications of the parts that could be fitted.
     held_out_rms : float, rad
         Geometric mean of the residuals of what the parts do not hold; nan where one predicts no motion.
     """

@@ -31,7 +31,7 @@ from sysid_trib.validation.residuals import FollowedRuns, residuals
 DECIDING = ("direct", "trajectory")
 # And at which the residual of a free motion depends on the amplitude, before a random force is looked for.
 AMPLITUDE_LEVEL = 1e-6
-# Noise of so many times that of the sensor is more than an error of its estimate.
+# Noise of this multiple of the sensor's is more than an error of its estimate.
 MARKED = 1.5
 
 
