@@ -231,8 +231,8 @@ def _discovery(
         seen = runs
     tell("difference of model and record")
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
-    groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
+    groups = to_xarray.groups_of(seen, [whole[at] for at in of_seen], done, offered, plain)
     groups["/"] = _search_group(done, holdout_given=bool(unseen), refitted=how.refit and not unseen)
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     third = f"the last third{' of each run' * (len(whole) > 1)}"

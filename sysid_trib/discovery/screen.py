@@ -104,6 +104,7 @@ class Screening:
         A missing force changes the coefficients as much as the scores of forces of any form. The mean square
         of these scores is 1 for noise (Birge 1932).
         """
+        # `validation.verdict.widening` has the residual of the free motion, which a random force makes large.
         tested = self.omnibus_z[self.omnibus_z != 0.0]
         rejects = self.omnibus_p_value < self.model.settings.level and len(tested)
         return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
@@ -257,6 +258,8 @@ def _lines(model: FittedModel) -> list[float]:
 
     A force at the frequency of a model force leaves no line, but may replace it.
     """
+    # Frequencies to be tried, of whatever significance; `validation.lack_of_fit.spectral_line` tests one
+    # line.
     most, lines = model.settings.lines, list[tuple[float, float]]()
     for rows, residual in zip(model.rows, model.white_residuals(), strict=True):
         count, duration = len(residual), float(np.ptp(rows.path.time[[0, -1]]))

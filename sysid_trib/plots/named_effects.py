@@ -122,7 +122,7 @@ def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
     symbol = step.symbol.item()
     pairs = replacing_pairs(step)
     # Their names would be wider than the figure.
-    together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else pairs
+    together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else [*map(" and ".join, pairs)]
     others = [*(other for other in credible_set(step) if other != symbol), *together]
     tied = f"or {or_others(others, TIED_IN_A_ROW)}" if others else ""
     number = quantity(step, "coefficient", style.short_unit(step.unit.item(), units)[0])
@@ -144,7 +144,7 @@ def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
     panels[1].sharey(panels[0])
     for ax, shown in zip(panels, models, strict=True):
         force = (factor * shown.force).where(shown.samples >= FEWEST_IN_CELL)
-        mesh = draw_cells(ax, force, factor * shown.standard_error, limit)
+        mesh = draw_cells(ax, force, factor * shown.force_standard_error, limit)
         ax.set(xlabel=f"{signal_label(units).split()[0]} ${x}$ ({units})")
         ax.set(ylabel=rf"$\dot{{{x}}}/\omega$ ({units})")
     panels[1].set_ylabel("")

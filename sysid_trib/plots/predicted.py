@@ -164,10 +164,9 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     drawn = {"entropy left (nat)": data.entropy} if "parting" in data else {}
-    limits = {
-        f"error of {style.in_latex(symbol)}": float(error) for symbol, error in data.attrs["wanted"].items()
-    }
-    errors = [data.standard_error.sel(force=symbol) for symbol in data.attrs["wanted"]]
+    wanted = data.wanted.to_series().dropna().to_dict()
+    limits = {f"error of {style.in_latex(symbol)}": error for symbol, error in wanted.items()}
+    errors = [data.standard_error.sel(force=symbol) for symbol in wanted]
     drawn |= dict(zip(limits, errors, strict=True))
     if not drawn:
         drawn["largest error / least"] = (data.standard_error / data.standard_error.min("run")).max("force")

@@ -191,7 +191,8 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
 
 def difference_json(tree: xr.DataTree) -> dict[str, Any]:
     """Return the difference of two samples as plain data, with that of their laws where it was asked for."""
-    return layout.mapped(tree.to_dataset(), "difference") | law_difference_json(tree)
+    judged = layout.judged_json(tree) if "judged" in tree.children else {}
+    return layout.mapped(tree.to_dataset(), "difference") | judged | law_difference_json(tree)
 
 
 def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
@@ -203,6 +204,12 @@ def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
 def _details(tree: xr.DataTree) -> Iterator[str]:
     """Describe the test of all forces, the parts of the errors of each run, and the residual of its model."""
     yield f"All differences together: {_test_of_all(tree.to_dataset())}."
+    if "judged" in tree.children:
+        judged = tree["judged"].to_dataset()
+        for (name, _), label in zip(_runs(tree), judged.model.values, strict=True):
+            of_model = judged.sel(model=label)
+            ratio = f"{of_model.residual_over_noise.item():.3g} times the noise"
+            yield f"Residual of {name}: {ratio}; verdict: {of_model.verdict.item()}."
     for name, run in _runs(tree):
         yield error_parts_sentence(name, run)
         if "held_out_rms" in run:
@@ -284,8 +291,8 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
-    """Return a force as the first identification that has it says it."""
-    return next(r for r in identifications_of(tree).values() if symbol in r.force).sel(force=symbol)
+    """Return the row of a force, with its name and unit."""
+    return tree.to_dataset().sel(force=symbol)
 
 
 def _table(tree: xr.DataTree, between: bool) -> Table:

@@ -49,6 +49,8 @@ NEARLY_AS_HIGH = 0.8
 def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
     """Return the table of added effects, in order, with residuals over the noise; None if there are none.
 
+    `fitted` is the residual of the part to which the models of the search were fitted.
+
     Parameters
     ----------
     tree : DataTree
@@ -65,7 +67,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
             "formula": formula_text(step),
             "coefficient": layout.coefficient_text(step),
             "corrected p": layout.p_value_text(step.p_value.item(), ""),
-            "residual / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
+            "fitted / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
             "held out / noise": _to(held[at : at + 2], noise),
         }
         if details:

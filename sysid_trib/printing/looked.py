@@ -120,7 +120,7 @@ EXPLANATION = (
 )
 
 
-def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) -> Iterator[Block]:
+def look_blocks(tree: xr.DataTree, sources: Sequence[str] = (), next_command: str = "") -> Iterator[Block]:
     """Return the blocks of the command `look`.
 
     Parameters
@@ -130,14 +130,15 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
     sources : sequence of str
         Descriptions of the records.
     next_command : str
-        To copy.
+        To copy; empty without one.
     """
     decays = _decays(tree)
     yield Block(list(dict.fromkeys(sources)))
     for count, decay in enumerate(decays, 1):
         heading = [f"Decay {count}:"] * (len(decays) > 1)
         yield Block([*heading, str(decay.attrs.get("free_decay", "")), *_sentences(decay)])
-    yield Block([f"Next: {next_command}"])
+    if next_command:
+        yield Block([f"Next: {next_command}"])
 
 
 def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:

@@ -11,7 +11,7 @@ import xarray as xr
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
 from sysid_trib.results.judged import given_results
-from sysid_trib.results.kinds import SIDES, kind_of
+from sysid_trib.results.kinds import SIDES, contents_text, kind_of
 from sysid_trib.results.models import library_of
 from sysid_trib.results.store import Status
 
@@ -47,7 +47,9 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     """
     rows: Iterator[dict[str, Any]]
     by = "model"
-    tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
+    tree = result if isinstance(result, xr.DataTree) else xr.DataTree()
+    if isinstance(result, xr.Dataset):
+        tree = xr.DataTree(result)
     kind = kind_of(tree)
     if kind == "difference":
         by, rows = "sample", _of_difference(tree)
@@ -59,7 +61,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     else:
         raise UsageError(
             "summary needs a result of identify, laws, compare, discover, difference or campaign, or of a "
-            "method."
+            f"method, not {contents_text(result)}."
         )
     table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
     return table.rename(columns={"by": by}).set_index([by, "quantity"])

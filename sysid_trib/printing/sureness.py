@@ -127,7 +127,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
                 yield TOO_SHORT.format(walk)
     # If the model does not follow the record even with such a force, nothing is known of the residual.
     elif not not_followed(tree):
-        given, explained = not force.standard_error > 0.0, judged.verdict_of(tree).startswith("explained")
+        given, explained = not force.standard_error > 0.0, judged.is_explained(tree)
         size = (
             f"{force.density:.3g}" if given else layout.value_with_error(force.density, force.standard_error)
         )

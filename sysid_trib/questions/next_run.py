@@ -60,9 +60,10 @@ def plan(
         Over `run`, the best first: `amplitude`, `duration` (s; no longer than the motion), `samples`;
         expected `entropy` of the models (nats; 0 for one model) and the `probability` that the right one
         has odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
-        from all records together, including the error of the model, and whether it `meets` the wanted errors.
-        `parting(time)` of the best run: expected logarithm of the likelihood ratio of its two most likely
-        `models` up to each time.
+        from all records together, including the error of the model, and whether it `meets` the wanted errors
+        (nan if none is wanted). Over `force` also the `stated_error` of the result and its part
+        `error_of_model`. `parting(time)` of the best run: expected logarithm of the likelihood ratio of its
+        two most likely `models` up to each time.
         attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
 
     Raises
@@ -93,7 +94,20 @@ def plan(
     }
     asked = xr.Dataset(given, {"force": [*wanted]})
     planned = _planned(result, asked, duration, sampling_rate, repeats, tell)
-    return planned.assign_attrs(wanted=wanted)
+    return _with_known_errors(planned, judged.best(result), wanted)
+
+
+def _with_known_errors(planned: xr.Dataset, main: xr.Dataset, wanted: Mapping[str, float]) -> xr.Dataset:
+    """Add to a plan the errors that are wanted and those by the records of the result."""
+    symbols = planned.force.values.tolist()
+    known = main.sel(force=symbols)
+    values = {
+        "wanted": [wanted.get(symbol, np.nan) for symbol in symbols],
+        "stated_error": known.standard_error.values,
+        "error_of_model": judged.error_parts(known)[1],
+    }
+    with_units = planned.assign_coords(unit=("force", known.unit.values))
+    return with_units.assign(described("plan", values))
 
 
 @signal_scale.in_units_of_the_motion
@@ -124,7 +138,7 @@ def _planned(
     every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
-    in_part = str(result.attrs.get("held_out", "")).startswith("the last third")
+    in_part = "holdout_given" in result and not result["holdout_given"]
     rows, motions_of = list[dict[str, Any]](), list[tuple[dict[str, RunPrediction], Array]]()
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))

@@ -14,8 +14,6 @@ from sysid_trib.forces import force
 from sysid_trib.forces.library import library_of_text
 
 Item = TypeVar("Item")
-# Between the names of a pair of candidates, and between pairs.
-PAIR, PAIRS = " and ", "; "
 # Number of standard errors at which an effect needs a name.
 NAMED = 20.0
 
@@ -129,7 +127,11 @@ def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:
 
 def inseparable_groups(step: xr.Dataset) -> list[list[str]]:
     """Return the credible set of a step in groups of effects that no run of this kind separates."""
-    return [group.split(PAIR) for group in step.inseparable.item().split(PAIRS)]
+    groups: dict[float, list[str]] = {}
+    for symbol in credible_set(step):
+        number = step.inseparable.sel(candidate=symbol).item()
+        groups.setdefault(number, []).append(symbol)
+    return list(groups.values())
 
 
 def grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
@@ -188,16 +190,17 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
-def replacing_pairs(step: xr.Dataset) -> list[str]:
-    """Return pairs of candidates that compete with a step's effect, such as "lambda and delta"."""
-    text = str(step.pairs.item())
-    return text.split(PAIRS) if text else []
+def replacing_pairs(step: xr.Dataset) -> list[list[str]]:
+    """Return pairs of candidates that compete with a step's effect."""
+    pairs = step.pairs.values.tolist() if "pairs" in step else []
+    return [pair for pair in pairs if pair[0]]
 
 
 def alternatives_of(step: xr.Dataset) -> list[str]:
     """Return candidates, then pairs of them, that cannot be separated from the effect that has the name."""
     named = named_effect(step)
-    return [*(symbol for symbol in credible_set(step) if symbol != named), *replacing_pairs(step)]
+    pairs = (" and ".join(pair) for pair in replacing_pairs(step))
+    return [*(symbol for symbol in credible_set(step) if symbol != named), *pairs]
 
 
 def named_effect(step: xr.Dataset) -> str:

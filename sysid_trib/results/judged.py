@@ -8,7 +8,7 @@ import xarray as xr
 from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import UsageError
 from sysid_trib.results.effects import significant, sufficient_forces
-from sysid_trib.results.kinds import has_input, identifications_of, kind_of
+from sysid_trib.results.kinds import contents_text, has_input, identifications_of, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
 # A residual is large beyond this number of noise levels (RMS).
@@ -16,6 +16,7 @@ LARGE = 1.5
 # Default held-out part of `discover`.
 LAST_THIRD = "the last third"
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
+EXPLAINED_VERDICTS = ("explained", "explained with a random force")
 UNEXPLAINED = ("approximate", "not explained")
 JUDGED = "judged"
 
@@ -72,7 +73,12 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 def follows(tree: xr.DataTree) -> bool:
     """Return true if the preferred model follows the record: only then consequences are computed."""
-    return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
+    return is_explained(tree) or verdict_of(tree) == "approximate"
+
+
+def is_explained(tree: xr.DataTree) -> bool:
+    """Return true if the residual of the preferred model is noise, of the sensor or with a random force."""
+    return verdict_of(tree) in EXPLAINED_VERDICTS
 
 
 def is_unexplained(tree: xr.DataTree) -> bool:
@@ -161,10 +167,19 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
             return result
         preferred = None
     else:
-        preferred = main_result(result)
-    if preferred is None:
-        raise UsageError("This result contains no preferred identification; give one of identify or laws.")
-    return preferred
+        preferred = main_result(result) if isinstance(result, xr.DataTree) else None
+    if preferred is not None:
+        return preferred
+    tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
+    if isinstance(tree, xr.DataTree) and kind_of(tree) == "difference":
+        raise UsageError(
+            "A difference prefers none of its identifications; give best one of the two results of which it "
+            "is, or take the group sample_first or sample_second of a difference of records."
+        )
+    raise UsageError(
+        f"There is no preferred identification in {contents_text(result)}; give a result of identify, laws, "
+        "compare or discover."
+    )
 
 
 def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:

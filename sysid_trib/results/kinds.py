@@ -41,6 +41,14 @@ def kind_of(tree: xr.DataTree) -> str:
     return "cross_check" if made_by == "identify" else str(made_by)
 
 
+def contents_text(result: object) -> str:
+    """Return in a few words what something is that is no result of the kind asked for."""
+    if not isinstance(result, xr.DataTree | xr.Dataset):
+        return f"an object of type {type(result).__name__}"
+    names = [*map(str, getattr(result, "children", ())), *sorted(map(str, result.data_vars))]
+    return f"data with {', '.join(names[:6]) or 'nothing in it'}"
+
+
 def is_of_driven(tree: xr.DataTree) -> bool:
     """Return true if the records of a result are driven; an identification alone keeps none."""
     kept = (tree[group].to_dataset() for group in record_groups(tree) if group in tree.children)

@@ -258,44 +258,23 @@ def _tree(models: Mapping[str, FollowedRuns], random_explains: bool, separated: 
     p_value = float("nan")
     if random_explains:
         p_value = verdict.p_value_of_dependence(verdict.tested_runs(models["direct"]))
-    table = judged_driven(models, records, random_force_p=p_value)
+    table = judge.judged(records, of_names, tested_driven(models), random_force_p=p_value)
     # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
     least = names[int(np.argmin(table.tested_rms.values))]
     preferred = "direct" if random_explains else least
-    evidence = {
-        name: judge.Evidence(
-            residual_is_noise=random_explains or bool(table.p_value.sel(model=name) >= WHITE_LEVEL),
-            residual_over_motion=table.residual_over_motion.sel(model=name).item(),
-            has_random_force=random_explains,
-            # Coloured noise of the sensor has no such test; `_random_force_explains` looked at it.
-            random_force_p=1.0 if np.isnan(p_value) else p_value,
+    evidence = verdict.evidence_of_models(table, models)
+    for name in names if random_explains else ():
+        # Coloured noise of the sensor has no such test; `_random_force_explains` looked at it.
+        p_value = 1.0 if np.isnan(p_value) else p_value
+        evidence[name] = replace(
+            evidence[name], residual_is_noise=True, has_random_force=True, random_force_p=p_value
         )
-        for name in names
-    }
     table = judge.with_verdicts(table, evidence, preferred, "driven")
     groups = dict(zip(group_names("record", len(records)), records, strict=True))
     groups |= of_names | {"judged": table, "identifiability": separated}
     if len(names) == 2:
         groups["agreement"] = _difference(*results)
     return xr.DataTree.from_dict(groups)
-
-
-def judged_driven(
-    models: Mapping[str, FollowedRuns], records: Sequence[xr.Dataset], random_force_p: float = float("nan")
-) -> xr.Dataset:
-    """Judge models of driven records: their residuals are white where nothing is missing.
-
-    Parameters
-    ----------
-    models : mapping of str to FollowedRuns
-        All runs of each identification, by the name of its model.
-    records, random_force_p
-        As of `judge.judged`.
-    """
-    tested = tested_driven(models)
-    results = {name: followed.result for name, followed in models.items()}
-    over_motion = tested.residual_over_motion.values
-    return judge.judged(records, results, tested, over_motion=over_motion, random_force_p=random_force_p)
 
 
 def tested_driven(models: Mapping[str, FollowedRuns]) -> xr.Dataset:
@@ -311,6 +290,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     symbols = [s for s in first.force.values.tolist() if s in second.force.values]
     frequency = second.reference_frequency.item()
     difference = np.subtract(*(comparison_values(result, symbols, frequency) for result in (first, second)))
+    # `cross_check.comparison` has the influence of each sample on both, which is known of free decays alone.
     # The same record: the larger error of both, which their difference has at most where neither is wrong.
     errors = np.maximum(*(np.sqrt(np.diag(stated_covariance(result, symbols))) for result in (first, second)))
     z = np.divide(difference, errors, out=np.zeros_like(difference), where=errors > 0.0)

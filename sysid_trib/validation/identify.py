@@ -223,6 +223,8 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     """
     method, library = method_of(together), models.library_of(together, whole=True)
     kept, frequency = references.comparable(together), together.reference_frequency.item()
+    # `discovery.parts.homogeneity` is the score test of the same question: it fits no run alone, and so
+    # serves for every model of a search, but gives no values of the runs.
     results, reasons = zip(*(refits.refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0
     names = [*kept, *[references.ASYMPTOTIC_FREQUENCY] * free]

@@ -97,6 +97,8 @@ def fitted_motion(
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
         start = initial_conditions.first_guess(time, angle, model.reference_frequency)
+    # `discovery.free_motion` fits the start too, but from a path of the search and with its time limits: a
+    # candidate may be too stiff, and has a motion even then.
     try:
         return initial_conditions.fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
     except SimulationError:
@@ -119,6 +121,8 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
     whose motion no spline follows, it is no more than the residual of a model.
     """
+    # A record of another result has the models of that.
+    decay = decay.drop_dims("model", errors="ignore")
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
