@@ -15,9 +15,10 @@ from benchmarks import servo
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.questions.difference import held_against
-from sysid_trib.records.inputs import KnownInput, constants_of, inputs_of
+from sysid_trib.records.inputs import KnownInput, inputs_of
+from sysid_trib.records.roles import constants_of
 from sysid_trib.results.files import save
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 LIBRARY = """
 title = "A servo"

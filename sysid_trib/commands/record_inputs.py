@@ -21,7 +21,7 @@ from sysid_trib.commands.asked import driving_of
 from sysid_trib.commands.options import ForcesOptions, ModelOptions, RecordOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 from sysid_trib.records import modes
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
@@ -34,7 +34,7 @@ from sysid_trib.records.sensors import read_sensors
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import load
-from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.simulate import paper_twin
 
 PROGRAM = "sysid-trib"

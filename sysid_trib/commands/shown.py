@@ -9,6 +9,7 @@ import xarray as xr
 
 from sysid_trib.commands.app import command_after, numbers_by_name
 from sysid_trib.commands.asked import model_of_file
+from sysid_trib.commands.next_step import fitting_options, pointed_options
 from sysid_trib.commands.options import (
     MOST,
     BackboneOptions,
@@ -29,6 +30,7 @@ from sysid_trib.commands.terminal import check_output, deliver, print_table, pri
 from sysid_trib.cycles.backbone import backbone as curves_of
 from sysid_trib.cycles.look import look as facts
 from sysid_trib.cycles.modes import modes as modes_of
+from sysid_trib.cycles.signatures import signatures_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
@@ -79,7 +81,7 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
         return partial(_refuse, [] if given.as_json else sentences, error)
     if with_drive is not None and _is_driven_within(with_drive, decays):
         return _look_at_driven(tell, with_drive)
-    asked = looked.pointed_options(tree, given.system)
+    asked = pointed_options(tree, given.system)
     command = command_after("identify", asked, given)
     says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
     return deliver(given, tell, says, tree, kind="look")
@@ -162,7 +164,7 @@ def _look_at_driven(tell: Tell, given: LookOptions) -> Callable[[], None]:
         runs = [drive.with_between(run, between) for run in runs]
     tell("which forces fit")
     models = drive.fitting_models(runs)
-    command = command_after("identify", looked.fitting_options(models, given.system), given)
+    command = command_after("identify", fitting_options(models, given.system), given)
     tree = xr.DataTree.from_dict(dict(zip(group_names("record", len(runs)), runs, strict=True)))
     says = (
         partial(looked.driven_look_blocks, tree, sentences, models, command),
@@ -212,7 +214,7 @@ def export(tell: Tell, given: ExportOptions) -> Callable[[], None]:
 def forces(tell: Tell, given: LibraryOptions) -> Callable[[], None]:
     """Print the forces of a library."""
     offered = load_library(given.library)
-    table = looked.force_table(offered)
+    table = looked.force_table(offered, signatures_of(offered))
     if given.latex is not None:
         write_file(given.latex, exported.forces_latex(offered).encode())
 

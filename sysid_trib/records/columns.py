@@ -10,10 +10,11 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import cleaning, clock, drives, equilibrium, free_decay, modes, units as lab
+from sysid_trib.records import clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
+from sysid_trib.records.unwrapping import unwrapped
 
 
 class ChosenColumns(NamedTuple):
@@ -241,7 +242,7 @@ def _swing_of(column: Column, time: Column | None) -> TriedColumn | None:
             times, rows, *_ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-            whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])
+            whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
             return TriedColumn(*free_decay.swing_within(times[good], whole))
     return TriedColumn(None, "")
 
@@ -352,7 +353,8 @@ def _is_rate_of(swing: equilibrium.Swing | None, other: equilibrium.Swing | None
     """Return true if a swing is the derivative of another: a quarter period ahead, and w times as large."""
     if swing is None or other is None or swing is other:
         return False
-    mine, its = swing.oscillation, other.oscillation
+    mine = swing.oscillation
+    its = other.oscillation
     if mine.signal.size != its.signal.size or abs(mine.period / its.period - 1.0) > 0.05:
         return False
     w = 2.0 * np.pi / its.period
@@ -385,7 +387,8 @@ def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
     if first.size != second.size:
         return False
     good = np.isfinite(first) & np.isfinite(second)
-    x, y = first[good], second[good]
+    x = first[good]
+    y = second[good]
     return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > least)
 
 

@@ -10,6 +10,7 @@ from scipy.signal import fftconvolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.integration import as_position
 from sysid_trib.records.mode_history import RISE_MEANS, history_of, rise_of
 from sysid_trib.records.mode_search import (
     FEWEST_BEATS,
@@ -30,7 +31,7 @@ from sysid_trib.records.ringing import (
     noise_of_cancelling,
 )
 from sysid_trib.records.sensors import as_sensors
-from sysid_trib.records.signal import NOISE_IS_WHITE_IN, as_position
+from sysid_trib.records.signal import NOISE_IS_WHITE_IN
 from sysid_trib.records.smooth_rates import FEW_INTERVALS, MANY_INTERVALS, with_smooth_rates
 
 # Samples of a period that are kept, and the filter before: its roll-off, and its half length in kept samples.

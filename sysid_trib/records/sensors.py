@@ -15,8 +15,9 @@ from sysid_trib.records import assumed_units, drives, reading, tables, units as 
 from sysid_trib.records.column import Column
 from sysid_trib.records.columns import own_time
 from sysid_trib.records.in_memory import as_record
+from sysid_trib.records.integration import uniform_pieces
 from sysid_trib.records.row_times import row_times
-from sysid_trib.records.signal import uniform_pieces, unit_of_signal
+from sysid_trib.records.signal import unit_of_signal
 
 # Samples of a record that separate modes at least.
 FEWEST_SAMPLES_OF_SENSORS = 500
