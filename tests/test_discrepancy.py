@@ -144,7 +144,7 @@ def test_names_that_were_not_compared_explain_nothing():
     assert tree.attrs["verdict"] == "unknown effect"
     headline, ended, *_ = verdict_sentences(tree)
     assert headline.endswith(
-        "0.947 times the noise, but not all alternatives to these effects were compared."
+        "0.98 times the noise, but not all alternatives to these effects were compared."
     )
     assert "after as many fits as its settings allow" in ended
 

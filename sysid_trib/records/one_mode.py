@@ -280,7 +280,7 @@ def _combined(rest: Array, near: Sequence[Component], noise: Array, first: int, 
 
 
 def _have_own_shapes(near: Sequence[Component], noise: Array) -> bool:
-    """Return whether the sensors separate the first mode from every other one by its shape."""
+    """Return true if the sensors separate the first mode from all others by its shape."""
     own, *others = (component_shape(component, noise).real for component in near)
     return _cancelled(own, others, noise) == len(others)
 
@@ -295,7 +295,7 @@ def _weights(own: Array, others: Sequence[Array], noise: Array) -> Array:
 
 
 def _cancelled(own: Array, others: Sequence[Array], noise: Array) -> int:
-    """Return how many shapes the sensors can cancel, from the first one on."""
+    """Return the number of shapes, from the first one on, that the sensors can cancel."""
     count = 0
     while count < len(others) and noise_of_cancelling(own, others[: count + 1], noise) < MOST_CANCELLING:
         count += 1
