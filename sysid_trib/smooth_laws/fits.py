@@ -93,7 +93,8 @@ class LawFit:
     def residual_rms(self) -> float:
         """RMS of record minus motion, rad; infinite without a motion."""
         of = self.followed
-        if any(motion is None for motion in of.motions):
+        # A run without a motion decides: those after it are not computed.
+        if any(of.motion(at) is None for at in of.runs):
             return float("inf")
         pairs = zip(of.runs.values(), of.motions, strict=True)
         missed = [run.angle.values - motion.offset - motion.x for run, motion in pairs if motion is not None]
@@ -113,12 +114,17 @@ def fit_of(
 
 
 def fitted(
-    runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
+    runs: Sequence[xr.Dataset],
+    method: Direct | Averaging,
+    model: LawModel,
+    lowest: float = 0.0,
+    named: LawFit | None = None,
 ) -> LawFit:
     """Fit curves, or only the named forces where the motion of no curve follows the record better.
 
     An error of the model within the cycle may become a curve without a possible motion. With a random force
-    each half period is a separate equation, which avoids this.
+    each half period is a separate equation, which avoids this. `named` : the fit of the named forces, if it
+    is known.
     """
     without = replace(model.without_curves, reason=model.reason or NO_BETTER)
     if not model.odd:
@@ -129,14 +135,30 @@ def fitted(
         return fit_of(runs, method, without, lowest)
     if fit.is_white:
         return fit
-    named = fit_of(runs, method, without, lowest)
-    if fit.residual_rms <= named.residual_rms or method.random_force != "off":
-        return min((fit, named), key=lambda of: of.residual_rms)
+    named = named or fit_of(runs, method, without, lowest)
+    follows = np.isfinite(fit.residual_rms) and fit.residual_rms <= named.residual_rms
+    if follows or method.random_force != "off":
+        return min((named, fit), key=lambda of: of.residual_rms)
     try:
         other = fit_of(runs, replace(method, random_force="estimated"), model, lowest)
     except (SysidTribError, np.linalg.LinAlgError):
         return named
-    return min((other, named), key=lambda of: of.residual_rms)
+    return min((named, other), key=lambda of: of.residual_rms)
+
+
+def fitted_to_driven(runs: Sequence[xr.Dataset], method: Direct, model: LawModel) -> LawFit:
+    """Fit curves, or only the named forces where these follow driven records better, each extended.
+
+    Curves can follow a motor axis better than named forces that are odd, and worse than these with even parts.
+    """
+    plain = fit_of(runs, method, replace(model.without_curves, reason=model.reason or NO_BETTER))
+    named = extended(plain)
+    if not model.odd:
+        return named
+    fit = fitted(runs, method, model, named=plain)
+    if not fit.model.odd or named.residual_rms <= fit.residual_rms:
+        return named
+    return min((named, extended(fit)), key=lambda of: of.residual_rms)
 
 
 def extended(fit: LawFit) -> LawFit:
@@ -144,6 +166,8 @@ def extended(fit: LawFit) -> LawFit:
 
     An even error of the sensor looks like an even force: the one with the smaller residual is taken first.
     """
+    if not np.isfinite(fit.residual_rms):
+        return fit
     whole, offered = fit, [SENSOR_TERMS] * _is_angle(fit) + [EVEN_FORCES]
     while offered and not whole.is_white:
         tried = [(names, other) for names in offered if (other := _with_forces(whole, names)) is not None]
@@ -217,7 +241,8 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
         reference_frequency=fit.method.reference_frequency,
         random_force="off",
         constraints=asked.table,
-        start=start,
+        # Without a motion it is no place to begin at.
+        start=start if np.isfinite(fit.residual_rms) else None,
     )
     result = method.identify(one_or_all(list(runs)), library)
     return LawFit(method, fit.model, library, FollowedRuns(dict(enumerate(runs)), result))

@@ -98,10 +98,18 @@ def fitted_parts(
     """
     limits = variables.PARTS_OF_RECORD.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
-    pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
-    missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends, later_only)]
+    # With a copy of each run's own forces.
+    whole = schema.library_of(result)
+    missed = [
+        rms
+        for part, ends in zip(parts, limits, strict=True)
+        for number, run in enumerate(runs)
+        for rms in _held_out(part, run, number, whole, ends, later_only)
+    ]
+    has_own = any(force.run is not None for force in whole)
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
-        if taken and others:
+        # No run determines the own forces of another one.
+        if taken and others and not has_own:
             part = _same_forces(refits.refit(method, taken, library)[0], result)
             begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
             missed += [_missed(run, begun) for run in others]
@@ -177,11 +185,12 @@ def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | No
 def _held_out(
     part: xr.Dataset | None,
     run: xr.Dataset,
+    number: int,
     library: ForceLibrary,
     limits: tuple[float, float],
     later_only: bool,
 ) -> Iterator[float]:
-    """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
+    """Yield the residual RMS (rad) of a part's model before and after the part; nan without a motion."""
     kept, size = refits.between(run, limits), run.sizes["time"]
     earlier, later = slice(0, kept.start), slice(kept.stop, size)
     for held_out in (later,) if later_only else (earlier, later):
@@ -189,13 +198,15 @@ def _held_out(
         if held_out.stop - held_out.start < 8:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
-        yield _missed(rest, None if part is None else holdout.carried_on(part, library, before))
+        yield _missed(rest, None if part is None else holdout.carried_on(part, library, before), number)
 
 
-def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
+def _missed(rest: xr.Dataset, result: xr.Dataset | None, number: int = 0) -> float:
     """Return the residual RMS (rad) of a model, start and zero fitted; nan without a motion."""
+    if result is None:
+        return float("nan")
     # A model that is too stiff gives no prediction; do not wait for it.
-    motion = None if result is None else fitted_motion(rest, result, most_steps=motions.FEW_STEPS_A_PERIOD)
+    motion = fitted_motion(rest, result, number, most_steps=motions.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
     return root_mean_square(rest.angle.values - motion.offset - motion.x)
