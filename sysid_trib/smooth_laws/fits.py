@@ -166,8 +166,6 @@ def extended(fit: LawFit) -> LawFit:
 
     An even error of the sensor looks like an even force: the one with the smaller residual is taken first.
     """
-    if not np.isfinite(fit.residual_rms):
-        return fit
     whole, offered = fit, [SENSOR_TERMS] * _is_angle(fit) + [EVEN_FORCES]
     while offered and not whole.is_white:
         tried = [(names, other) for names in offered if (other := _with_forces(whole, names)) is not None]
@@ -224,25 +222,27 @@ def p_value_of(result: xr.Dataset, symbols: Sequence[str]) -> float:
 def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
     """Fit the motion itself: the named forces are free, the parts of curves are held as Direct found them."""
     result = fit.followed.result
-    coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
     # With a copy of each run's own forces.
     library = schema.library_of(result)
-    held = {force.symbol: coefficients[force.symbol] for force in library if force.curve}
+    start = _model_of_all_runs(result, library)
+    held = {force.symbol: start.coefficients[force.symbol] for force in library if force.curve}
     own = fit.method.own if isinstance(fit.method, Direct) else ()
     of_runs = Constraints(fit.method.constraints).of_each_run(own, len(runs))
     asked = Constraints({**of_runs.table, **held})
-    start = Model(
-        library,
-        coefficients,
-        result.reference_frequency.item(),
-        schema.shape_values_of(result),
-    )
     method = Trajectory(
         reference_frequency=fit.method.reference_frequency,
         random_force="off",
         constraints=asked.table,
-        # Without a motion it is no place to begin at.
+        # A fit without a motion is no place to begin at.
         start=start if np.isfinite(fit.residual_rms) else None,
     )
     result = method.identify(one_or_all(list(runs)), library)
+    # Fits of parts begin where this one ended.
+    method = replace(method, start=_model_of_all_runs(result, library))
     return LawFit(method, fit.model, library, FollowedRuns(dict(enumerate(runs)), result))
+
+
+def _model_of_all_runs(result: xr.Dataset, library: ForceLibrary) -> Model:
+    """Return the model of an identification with the own forces of every run."""
+    pairs = zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True)
+    return Model(library, dict(pairs), result.reference_frequency.item(), schema.shape_values_of(result))
