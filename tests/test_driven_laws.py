@@ -1,4 +1,4 @@
-"""Laws of driven records: they end after bounded work, and follow records at least as well as named forces."""
+"""Laws of driven records: they end after bounded work, and follow records as well as named forces do."""
 
 import numpy as np
 import pytest

@@ -149,7 +149,7 @@ def fitted(
 def fitted_to_driven(runs: Sequence[xr.Dataset], method: Direct, model: LawModel) -> LawFit:
     """Fit curves, or only the named forces where these follow driven records better, each extended.
 
-    Curves can follow a motor axis better than named forces that are odd, and worse than these with even parts.
+    Curves can follow a motor axis better than odd named forces, and worse than these with even parts.
     """
     plain = fit_of(runs, method, replace(model.without_curves, reason=model.reason or NO_BETTER))
     named = extended(plain)
