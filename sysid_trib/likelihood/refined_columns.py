@@ -52,7 +52,7 @@ def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -
         Of the rows about the last motion, so that its covariance is the final estimate's; None if it does
         not settle.
     """
-    begun = _moved(runs, constraints)
+    begun = _along_motions(runs, constraints)
     if begun is None or any(has_slipped(run) for run in begun):
         # It has slipped about any path.
         return None
@@ -80,11 +80,13 @@ def refine_from(runs: Runs, start: Model, most: int, constraints: ConstraintMap)
     """
     begun = [start.coefficients.get(symbol, 0.0) for symbol in runs[0].library.symbols]
     frequency = start.reference_frequency if runs[0].frequency_free else runs[0].frequency
-    near = _moved(with_common_values(runs, constraints.impose(np.array(begun)), frequency), constraints)
+    near = _along_motions(
+        with_common_values(runs, constraints.impose(np.array(begun)), frequency), constraints
+    )
     return None if near is None else _refined(near, None, constraints, most)
 
 
-def _moved(runs: Runs, constraints: ConstraintMap) -> Runs | None:
+def _along_motions(runs: Runs, constraints: ConstraintMap) -> Runs | None:
     """Return the runs with the motions of their model as paths; None if one cannot be computed."""
     begun = (replace(run, sensitivity=None) for run in runs)
     try:
