@@ -7,7 +7,7 @@ import sysid_trib as st
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.simulation import simulate
+from sysid_trib.simulation import trajectory
 from sysid_trib.simulation.initial_conditions import fit_start
 from sysid_trib.smooth_laws import curves
 from sysid_trib.validation.model_error import fitted_parts
@@ -20,13 +20,13 @@ MOTIONS_OF_FRAME, MOTIONS_OF_AXIS = 1500, 710
 @pytest.fixture
 def motions(monkeypatch):
     """Lengths of the motions that are computed, in periods."""
-    computed, integrate = [], simulate.integrate
+    computed, integrate = [], trajectory.integrate
 
     def counted(model, tau, *args, **options):
         computed.append(float(tau[-1] - tau[0]) / (2.0 * np.pi))
         return integrate(model, tau, *args, **options)
 
-    monkeypatch.setattr(simulate, "integrate", counted)
+    monkeypatch.setattr(trajectory, "integrate", counted)
     return computed
 
 
@@ -36,7 +36,7 @@ def test_a_steep_curve_ends_a_fit_of_its_start():
     library = curves.with_curves(none, ["friction"], {"x": 0.3, "v": 0.3}).select(["friction_1"])
     steep = st.Model(library, {"friction_1": 1e12}, 1.0)
     time = np.arange(0.0, 2.0 * np.pi, 0.02)
-    angle = simulate.trajectory(steep, time, 0.3, 0.0).angle
+    angle = trajectory.trajectory(steep, time, 0.3, 0.0).angle
     with pytest.raises(SimulationError, match="needs too many steps"):
         fit_start(steep, time, angle, (0.3, 0.0))
 

@@ -15,9 +15,10 @@ from benchmarks import servo
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.questions.difference import held_against
-from sysid_trib.records.inputs import KnownInput, constants_of, inputs_of
+from sysid_trib.records.inputs import KnownInput, inputs_of
+from sysid_trib.records.roles import constants_of
 from sysid_trib.results.files import save
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 LIBRARY = """
 title = "A servo"
@@ -188,7 +189,7 @@ def test_parameters_leave_with_their_covariance_as_toml_and_json(joint, runs, tm
     [
         ("kp=torque on", "goal=goal position,on=torque on", "the constant kp changes within the run"),
         ("kp=gain", "goal=goal position,on=torque on", "the constant kp is not known"),
-        ("kp=1,2,3", "goal=goal position,on=torque on", "holds 3 values for 1 records"),
+        ("kp=1,2,3", "goal=goal position,on=torque on", "contains 3 values for 1 records"),
         ("kp=kp", "on=torque on", "contains the input goal, which this record lacks"),
         ("kp=kp", "kp=kp,goal=goal position", "given as an input and as a constant"),
     ],

@@ -13,10 +13,10 @@ from typing import Any, TypeAlias
 from zlib import crc32
 
 import numpy as np
-import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
+from sysid_trib.results.store import EFFECT_P_VALUE, TIED
 from sysid_trib.results.variables import RESULT_TABLES
 
 # Ending of the remains of a chunk of a killed process, as with zarr.
@@ -26,12 +26,7 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Parts of a record's time: enough to show its decay, its stop and foreign samples.
 OUTLINE_PARTS = 60
-TIED = "tied"
-EFFECT_P_VALUE = "effect_p_value"
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
-# Status of a record, by its number in the store.
-STATUS = ("waiting", "done", "refused", "failed", "lost")
-WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
@@ -41,7 +36,7 @@ VARIABLES = {
     name: (tuple(dims.split()), units, meaning)
     for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
 }
-# As numpy has what is no number, texts with their length: a million records of 400 letters are 1.6 GB.
+# NumPy's nan for missing numbers; texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
     **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},
@@ -56,24 +51,18 @@ def empty(name: str, sizes: Mapping[str, int]) -> Array:
     return np.full([sizes[dim] for dim in VARIABLES[name][0]], FILL[kind[0]], dtype=kind)
 
 
-def counts_of(store: xr.Dataset) -> dict[str, int]:
-    """Count the records of a store by status."""
-    counted = np.bincount(store.status.values, minlength=len(STATUS))
-    return dict(zip(STATUS, counted.tolist(), strict=True))
-
-
 def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     """Write the chunk of a number along the first dimension; rename it only when it is complete.
 
     Parameters
     ----------
     folder : Path
-        Of the array.
+        Folder of the array.
     array : zarr.Array
-        Of format 2, without filters, its chunks parts of the first dimension alone.
+        Array of format 2, without filters, its chunks parts of the first dimension alone.
     number : int
     values : (record, ...) array
-        Of the chunk; the last one of an array may hold less than others.
+        Values of the chunk; the last one of an array may hold less than others.
 
     Raises
     ------
@@ -145,7 +134,7 @@ def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: in
     columns : mapping of str to (record, ...) array
         As `row_arrays` has them.
     names : sequence of str
-        Of the records.
+        Names of the records.
     labels : int
         See `labels_checksum`.
     """

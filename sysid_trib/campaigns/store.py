@@ -16,7 +16,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.campaigns import rows as stored
-from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
+from sysid_trib.campaigns.rows import CHECKSUM, Row
 from sysid_trib.campaigns.task import (
     CampaignRecords,
     Task,
@@ -27,9 +27,10 @@ from sysid_trib.campaigns.task import (
     record_at,
 )
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.results.store import Status
 
 FINGERPRINT = "task_fingerprint"
-# Of numbers, texts and small integers; no other kind is read, as it may run code.
+# Kinds of arrays: numbers, texts and small integers; another kind is not read, as it could run code.
 KINDS = "fUi"
 # Bytes of the names that all records share; more is no name of a force or a method.
 LARGEST_LABELS = 2**24
@@ -55,9 +56,9 @@ class Store:
 
         self.path, self.group = path, zarr.open_group(path, mode="r")
         if FINGERPRINT not in self.group.attrs:
-            raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
-        # One after the other: of several at once those that are not waited for complain at exit. And once:
-        # each time takes as long as to write a record.
+            raise RecordError(f"{path}: is not the store of a campaign; choose another place with -o.")
+        # One after the other: several at once complain at exit if they are not awaited. And only once: each
+        # time takes as long as writing a record.
         folders = [place.parent for place in sorted(path.glob("*/.zarray"))]
         self.arrays: dict[str, Any] = {at.name: zarr.open_array(at, mode="r") for at in folders}
         count, self.block = self.arrays["status"].shape[0], int(self.arrays["status"].chunks[0])
@@ -81,8 +82,8 @@ class Store:
         for number in range(-(-len(self.names) // self.block)):
             names, columns = self._block(number)
             status, known = columns["status"], columns[CHECKSUM]
-            wrong = (status != WAITING) & (known != stored.row_checksums(columns, names, self._labels))
-            wrong |= (status < 0) | (status >= len(STATUS))
+            wrong = (status != Status.WAITING) & (known != stored.row_checksums(columns, names, self._labels))
+            wrong |= (status < 0) | (status >= len(Status))
             if wrong.any():
                 raise _damaged(self.path, f"record {names[np.argmax(wrong)]} differs from what was written")
 
@@ -98,12 +99,12 @@ class Store:
         """
         status, known = (np.asarray(self.arrays[name][:]) for name in ("status", "record_checksum"))
         changed = np.zeros(len(status), dtype=bool)
-        for at in np.flatnonzero(status != WAITING).tolist():
+        for at in np.flatnonzero(status != Status.WAITING).tolist():
             checksum = checksum_of(record_at(records, at))
             # A record that no longer exists, or that only the workers see, is taken as unchanged.
             changed[at] = bool(checksum) and checksum != str(known[at])
-        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (stored.REFUSED, stored.FAILED))
-        todo = np.flatnonzero(np.isin(status, (WAITING, stored.LOST)) | changed)
+        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (Status.REFUSED, Status.FAILED))
+        todo = np.flatnonzero(np.isin(status, (Status.WAITING, Status.LOST)) | changed)
         of_blocks = [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
         return of_blocks, int(changed.sum()), int((bad & ~changed).sum())
 
@@ -121,7 +122,7 @@ class Store:
             names, columns = self._block(number)
             if columns["status"][places].any():
                 # A new row does not count until it is complete.
-                columns["status"][places] = WAITING
+                columns["status"][places] = Status.WAITING
                 stored.write_chunk(self.path / "status", self.arrays["status"], number, columns["status"])
             for name in columns.keys() & rows[0].keys():
                 columns[name][places] = np.stack([np.asarray(row[name]) for row in rows])
@@ -133,8 +134,8 @@ class Store:
                 stored.write_chunk(self.path / name, self.arrays[name], number, columns[name])
         except OSError as error:
             raise RecordError(
-                f"{self.path}: cannot be written ({error.strerror or error}); what was done is "
-                "kept: make room, and repeat the command to go on."
+                f"{self.path}: cannot be written ({error.strerror or error}); finished records "
+                "are kept: free some space, and repeat the command to continue."
             ) from None
 
 
@@ -171,8 +172,8 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
     if not same or store.names != names:
         raise UsageError(
             f"{path}: is the store of another campaign (other task, options or version, or records that "
-            "are not among these); choose another place with -o, or repeat the command that made it to "
-            "go on."
+            "are not among these); choose another place with -o, or repeat the original command to "
+            "continue it."
         )
     for partial in path.rglob(f"*{stored.UNFINISHED}"):
         partial.unlink(missing_ok=True)
@@ -275,7 +276,10 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
             continue
         (dims, units, meaning), shape = stored.VARIABLES[name], (len(records), *empty.shape)
         array = stored.new_array(group, name, ("record", *dims), shape, empty.dtype, block)
-        flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
+        flags = {
+            "flag_values": list(range(len(Status))),
+            "flag_meanings": " ".join(status.name.lower() for status in Status),
+        }
         attrs = {"long_name": meaning} | ({"units": units} if units else {})
         array.attrs.update(attrs | (flags if name == "status" else {}))
     begun_with = {FINGERPRINT: fingerprint(records, task), "task": task.name}

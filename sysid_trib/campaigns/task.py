@@ -20,8 +20,9 @@ from sysid_trib.errors import SysidTribError, UsageError, readable
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import further_forces
+from sysid_trib.forces.offered import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
+from sysid_trib.methods.options import constrained
 from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import one_record
@@ -31,6 +32,7 @@ from sysid_trib.results import effects, judged, variables
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import force_labels
+from sysid_trib.results.store import EFFECT_P_VALUE, PREDICTS_BEST, TIED, Status
 from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare, cross_check, verdict
@@ -45,11 +47,9 @@ TASKS = get_args(Name)
 STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
-# Of laws: both methods, and the one that is preferred.
+# For laws: both methods, and the preferred one.
 PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
-# Variables of a comparison for a record, before the name of a method.
-PREDICTS_BEST = "predicts best: "
 
 
 def names_of(records: CampaignRecords) -> list[str]:
@@ -89,27 +89,27 @@ class Task:
         By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
         `compare` every method.
     candidates : ForceLibrary, str, or what `library` takes, optional
-        What may be missing, of `discover`; by default what the command offers.
+        Candidates of `discover`; by default those of the command.
     judged : bool, optional
-        Whether the two methods of `identify` are held against each other, which gives a verdict and takes
-        longer than they do; by default where no methods are given.
+        Whether the two methods of `identify` are cross-checked, which gives a verdict and takes longer than
+        the methods; by default if no methods are given.
     read : callable
         Gives the free decays of a file: runs of one experiment.
     constraints : mapping of str to float, (float, float) or str
-        What is held, bounded or tied, as `identify` takes it.
+        Fixed values, bounds and ties, as in `identify`.
     contactless : (float, float), rad/s, optional
     options : mapping
         As the functions take them: further arguments of `cross_check`, `discover` or `laws`.
     speeds : sequence of float
-        Of `laws`: speeds at which the friction of each record is kept, in the signal's unit a second; with a
-        mass m/s. What a record does not visit has no number.
+        For `laws`: speeds at which the friction of each record is kept, in the signal's unit per second; with
+        a mass in m/s. A speed that a record does not reach has no number.
     measured : mapping of str to (float, float)
-        Of `laws`: inertia or mass, load, radius with their errors, as `laws_in_si` takes them.
+        For `laws`: inertia or mass, load, radius with their errors, as in `laws_in_si`.
 
     Raises
     ------
     UsageError
-        An unknown task, not a library, not two methods to hold against each other, or laws without speeds.
+        An unknown task, not a library, not two methods to cross-check, or laws without speeds.
     """
 
     name: Name
@@ -204,7 +204,7 @@ class Task:
             trajectory = Trajectory(**{name: getattr(averaging, name) for name in names})
             methods = {"trajectory": trajectory} | {k: m for k, m in methods.items() if m is not averaging}
         table = Constraints(self.constraints)
-        chosen = [scope.constrained(method, table) for method in methods.values()]
+        chosen = [constrained(method, table) for method in methods.values()]
         asked = one_or_all(list(decays)), self.library, chosen
         if self.judged:
             tree = cross_check.identified_and_checked(*asked, **self.options)
@@ -238,12 +238,12 @@ def _row_of(task: Task, record: Any) -> stored.Row:
         row["record_checksum"] = checksum_of(record)
         decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
         row |= {"signal_units": variables.signal_units(decays[0]), "outline": _outline(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
+        row |= _numbers(task, task.result(decays)) | {"status": Status.DONE}
     except SysidTribError as error:
-        row |= {"status": stored.REFUSED, "message": str(error)}
+        row |= {"status": Status.REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record does not end a campaign; its error is kept with it.
-        row |= {"status": stored.FAILED, "message": f"{type(error).__name__}: {error}"}
+        row |= {"status": Status.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
 
@@ -295,7 +295,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
-        # Of a discovery, behind its verdict.
+        # For a discovery, after its verdict.
         early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
@@ -322,8 +322,8 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
-        stored.TIED: "; ".join(tied),
-        stored.EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
+        TIED: "; ".join(tied),
+        EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
     }
 
 

@@ -53,12 +53,13 @@ TAKEN_OVER = rows_of(RECORDS, "model", "start", "search")
 
 def command_after(command: str, others: Mapping[str, str | None], given: CommandOptions) -> str:
     """Return a command with the options given before, and others replaced (`next_step.NextStep`)."""
-    known, defaults = rows_of_command(command), defaults_of(type(given))
+    known = rows_of_command(command)
+    defaults = defaults_of(type(given))
     taken = {name: value for name, value in vars(given).items() if name in TAKEN_OVER}
     if taken.get("candidates") and "candidates" not in known and taken["library"] == defaults["library"]:
         # Forces that the package ships are known to every command, one's own candidates by their file.
         taken["library"] = taken["candidates"]
-    # As the user wrote them. A dash at the beginning of a word would be an option.
+    # Values as the user wrote them. A dash at the beginning of a word would be an option.
     written = {Path(word): word for word in sys.argv[1:]}
     files = [written.get(file, str(file)) for file in taken.pop(RECORDS, [])]
     words = [f"./{file}" if file.startswith("-") else file for file in files]
@@ -187,7 +188,8 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     The function of its name in the module `home`, which is imported when it runs, takes what says how far it
     is and what was given, and gives what prints.
     """
-    rows, options_class = rows_of_command(name), OPTIONS_OF[name]
+    rows = rows_of_command(name)
+    options_class = OPTIONS_OF[name]
 
     def run(**values: Any) -> None:
         from sysid_trib.commands import terminal

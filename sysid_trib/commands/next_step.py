@@ -12,7 +12,8 @@ from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_systems
+from sysid_trib.forces.selection import EFFECTS, is_free_to_move, with_shipped
+from sysid_trib.forces.systems import load_system, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects, judged, kinds
 from sysid_trib.results.kinds import identifications_of, kind_of
@@ -99,7 +100,7 @@ def _after_identification(tree: xr.DataTree) -> StateOfResult:
     verdict = judged.verdict_of(tree)
     if verdict == "undetermined":
         return _undetermined(judged.last_of(tree))
-    if not verdict.startswith("explained"):
+    if not judged.is_explained(tree):
         library = _largest_library(tree)
         # A driven record has no backbone.
         named = _effects_named(library) and not kinds.is_of_driven(tree)
@@ -198,7 +199,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
 
 def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
     """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
-    unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
+    unexplained = kind_of(tree) == "cross_check" and not judged.is_explained(tree)
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
         return ""
@@ -224,12 +225,12 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     if kind_of(tree) == "discover":
         unexplained = tree.attrs["verdict"] == "unknown effect"
     else:
-        unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
+        unexplained = kind_of(tree) == "cross_check" and not judged.is_explained(tree)
     records = (tree[group].to_dataset() for group in record_groups(tree))
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
-# Where a result goes that is to be kept.
+# Place of a result that is to be kept.
 KEPT = "result.nc"
 
 
@@ -239,7 +240,7 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
     searched for no further force.
     """
-    if not (_moves_freely(tree) or judged.verdict_of(tree).startswith("explained")):
+    if not (_moves_freely(tree) or judged.is_explained(tree)):
         return None
     if isinstance(given, FileOptions) and given.output is not None:
         page = given.output.with_suffix(".html")
@@ -276,7 +277,7 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
     tree : DataTree
         Result of a command.
     given : RecordOptions
-        What the command was given; the next command takes over the options that it knows.
+        Options of the command; the next command takes over those that it knows.
     """
     step = next_step(tree)
     if kind_of(tree) == "driven" and (after := _after_driven(tree, given)) is not None:
@@ -292,3 +293,64 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
         tree.attrs["next"] = f"{command_after(step.command, step.options, given)} # {step.reason}"
     if others := alternatives(tree, given):
         tree.attrs["alternatives"] = "\n".join(others)
+
+
+# Amplitudes that an identification needs for each of its forces.
+AMPLITUDES_A_FORCE = 3
+
+
+def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
+    """Return options of `identify` that the backbones indicate and all decays can determine.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `look`.
+    system : str or None
+        System, if the user has named it.
+    """
+    decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
+    library = load_library()
+    viscous = [*library.damping_factors][:1]
+    # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
+    pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
+    if not pointed:
+        suggested = [library.role(decay.attrs["damping_law"]) for decay in decays]
+        pointed = [force.symbol for force in suggested if force is not None]
+    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
+    of_record = systems.pop() if len(systems) == 1 else ""
+    moving = load_system(system or of_record or None)
+    if system is not None:
+        # The user names the system; use its forces, if the record determines them.
+        pointed = [*moving.forces]
+    elif of_record:
+        pointed = [symbol for symbol in pointed if symbol in moving.forces]
+    known = with_shipped(library, pointed)
+    # Envelope and frequency at each amplitude, for the forces and the frequency.
+    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
+    kept = [*dict.fromkeys([*viscous, *pointed])][:most]
+    forces = ",".join(symbol for symbol in known.symbols if symbol in kept)
+    if system is not None:
+        return {} if set(kept) >= set(moving.forces) else {"forces": forces}
+    return {"forces": forces} | ({"system": of_record} if of_record else {})
+
+
+# A model does not follow the motion if its residual is more than this part of it.
+FOLLOWING_PART = 0.3
+
+
+def fitting_options(models: xr.Dataset, system: str | None) -> dict[str, str | None]:
+    """Return the options of `identify` for the model that fits driven records best; none for a given system.
+
+    Parameters
+    ----------
+    models : Dataset
+        Of `fitting_models`.
+    system : str or None
+        What moves, if the user has said it.
+    """
+    best = models.isel(model=0)
+    if system is not None or not best.residual_over_motion.item() < FOLLOWING_PART:
+        return {}
+    name = best.system.item()
+    return {"system": name} if name else {"forces": best.forces.item()}

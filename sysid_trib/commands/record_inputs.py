@@ -21,7 +21,8 @@ from sysid_trib.commands.asked import driving_of
 from sysid_trib.commands.options import ForcesOptions, ModelOptions, RecordOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
+from sysid_trib.records import modes
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS
@@ -33,7 +34,7 @@ from sysid_trib.records.sensors import read_sensors
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import load
-from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.simulate import paper_twin
 
 PROGRAM = "sysid-trib"
@@ -57,7 +58,7 @@ def what_else(path: Path) -> str:
     """
     name, page = path.name, f"{path.stem}.html"
     if path.is_dir():
-        # Of either version of Zarr.
+        # Files of either version of Zarr.
         store = any((path / file).is_file() for file in ("zarr.json", ".zgroup"))
         said = f"{name}: this is the store of a campaign, no record; its page {page} shows it."
         return said if store else ""
@@ -70,8 +71,8 @@ def what_else(path: Path) -> str:
         return f"{name}: this is a page of HTML, no record; a browser shows it."
     if start.startswith(b"{") and _is_printed(path):
         return (
-            f"{name}: this is what a command printed with --json, no record; -o RESULT.nc keeps what "
-            f"{PROGRAM} report shows."
+            f"{name}: this is the output of a command with --json, no record; -o RESULT.nc saves a "
+            f"result for {PROGRAM} report."
         )
     if path.suffix.lower() in (".nc", ".nc4", ".cdf") and (maker := _maker_of(path)):
         return f"{name}: this is a result of {maker}, no record; {PROGRAM} report {name} -o {page} shows it."
@@ -133,7 +134,7 @@ def read_decays(
     decays : list of xr.Dataset
         The decays: those of a file that holds several are runs as well.
     sentences : list of str
-        What each of them is.
+        Descriptions of them.
     """
     named = isinstance(given, ForcesOptions) and bool(given.forces)
     sources = read_sources(given, driven=driven)
@@ -264,12 +265,25 @@ def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "separation", "integration") if attrs.get(name)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
+    if said := _several_modes(given, runs[0]):
+        facts.append(
+            f"several modes ring in it, {said}: the others act as noise, and --mode takes one of them"
+        )
     sentence = f"Record: {record}, {'; '.join(facts)}."
     return RunsOfFile(record, [_multiplied(run, factor) for run in runs], sentence)
 
 
+def _several_modes(given: RecordOptions, run: xr.Dataset) -> str:
+    """List the modes in a run of accelerometers; empty for a single mode, or for one taken from others."""
+    if band_or_mode(given) or given.input_ is not None or int(run.attrs.get("integrations", 0)) != 2:
+        return ""
+    measured = run[str(run.attrs["measured"])]
+    frequencies = modes.modes(run.time.values, measured.values)
+    return modes.listed(frequencies) if len(frequencies) > 1 else ""
+
+
 def band_or_mode(given: RecordOptions) -> bool:
-    """Return whether one mode of a record is asked for, by its number or by a band."""
+    """Return true if one mode of a record is asked for, by its number or by a band."""
     if given.mode is not None and given.band is not None:
         raise UsageError("--mode and --band both name a mode; give one.")
     wanted = given.mode is not None or given.band is not None
@@ -343,7 +357,7 @@ def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> No
         given_ones[OMEGA0] = contactless[0]
     for decay in decays if given_ones else ():
         swing = np.nan
-        # Of too few half periods the methods have their own word to say.
+        # If there are too few half periods the methods raise their own error.
         with suppress(DecayError):
             swing = swing_frequency(decay)
         for flag, frequency in given_ones.items():

@@ -23,7 +23,7 @@ from sysid_trib.simulation.internal_states import states_along
 
 # Amplitudes averaged at once, to bound the memory used.
 CHUNK = 128
-# Of series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
+# Series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
 CHEBYSHEV_NODES, SERIES_TOLERANCE = 16, 1e-11
 
 
@@ -102,6 +102,45 @@ def averages(
         parts = [cycle_averages(force, *some, shape_values) for some in rows]
     sine, cosine = zip(*parts, strict=True)
     return np.concatenate(sine), np.concatenate(cosine)
+
+
+def signatures_of(library: ForceLibrary) -> xr.Dataset:
+    """Return the averages of the forces of a library over a cycle, and their effect on the energy.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+
+    Returns
+    -------
+    Dataset
+        Over `force`: `sine` and `cosine` at two `amplitude` (rad), one second after the start of a force that
+        holds time; and `power`, what a positive coefficient does to the energy: `yes` if it takes energy out,
+        `no`, `gains power` or `by amplitude`; empty of a sensor's error.
+    """
+    amplitudes = np.array([0.1, 1.0])
+    pairs = [averages(force, amplitudes, None, 1.0 if force.holds_time else 0.0) for force in library]
+    power = ["" if force.kind == "sensor" else _loses_power(force) for force in library]
+    sine, cosine = np.moveaxis(np.array(pairs), 1, 0)
+    values = {
+        "sine": (("force", "amplitude"), sine),
+        "cosine": (("force", "amplitude"), cosine),
+        "power": ("force", power),
+    }
+    return xr.Dataset(values, {"force": list(library.symbols), "amplitude": amplitudes})
+
+
+def _loses_power(force: Force) -> str:
+    """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
+    a = np.array([0.05, 0.3, 1.0])
+    # Rounding of the averages.
+    rounding = 1e-13
+    power = -a * averages(force, a, time=1.0)[0]
+    if np.all(np.abs(power) < rounding):
+        return "no"
+    if np.all(power > -rounding):
+        return "yes"
+    return "gains power" if np.all(power < rounding) else "by amplitude"
 
 
 def tabulated_averages(
@@ -245,7 +284,7 @@ def averages_decide(
     """Return true if averages over cycles up to an amplitude (rad) separate the forces and the frequency."""
     _, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
     if frequency_free and library.role("x") is None:
-        # To averages a frequency that is fitted is one more force, of formula x.
+        # For averages a fitted frequency is one more force, of formula x.
         of_x = np.concatenate([np.zeros(AMPLITUDES), np.linspace(0.02 * amplitude, amplitude, AMPLITUDES)])
         table = np.column_stack([table, of_x])
     return bool(table.any(axis=0).all()) and not dependent_columns(table)

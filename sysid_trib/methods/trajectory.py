@@ -36,7 +36,8 @@ from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sen
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
+from sysid_trib.simulation.initial_conditions import first_guess
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import FREQUENCY, Model
 
 KINDS_OF_STARTS = ("fitted", "measured")
@@ -190,7 +191,7 @@ class Trajectory(Constrained):
         if self.starts == "measured":
             parameters = parameters.fix(measured_starts(runs))
         elif is_free_to_move(offered, parameters.constraints.fixed):
-            # No rate shows where a body is that may be anywhere.
+            # The position of a free body does not follow from its rate.
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
             parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
         return FitProblem(parameters, records, runs, library)
@@ -207,7 +208,7 @@ class Trajectory(Constrained):
         # moves would dominate.
         if problem.driven and not _residual_is_white(fit):
             rounds = 0
-            # One run of a record that is followed has one minimum.
+            # A run that the motion follows has one minimum.
             if len(problem.records) > 1:
                 fit = nearby_best(fit)
         for _ in range(rounds):
@@ -364,7 +365,7 @@ def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
         bias_errors = np.sqrt(np.diag(covariance)[places])
         extra["bias"] = (fit.values[places], units, "bias of the sensor about the mean of the swing")
         extra["bias_standard_error"] = (bias_errors, units, "standard error of the bias")
-        extra["measured_noise"] = (levels, units, "noise of one sample of what was measured")
+        extra["measured_noise"] = (levels, units, "noise of one sample of the measured quantity")
     if all(levels):
         chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, levels, strict=True))
         ratio = birge_ratio(chi_square, degrees_of_freedom)

@@ -16,12 +16,13 @@ from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results import schema, variables
-from sysid_trib.simulation import initial_conditions, simulate
+from sysid_trib.simulation.measured_motion import measured_part
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD, STEPS_A_PERIOD, SimulatedMotion
 from sysid_trib.simulation.stand_in import accuracy_of
+from sysid_trib.simulation.trajectory import trajectory
 
-# A motion is out of all proportion beyond so many swings of the record.
+# A motion is implausible beyond this multiple of the record's swing.
 OUT_OF_PROPORTION = 10.0
 # Part of a parameter by which a penalty is differenced.
 PENALTY_STEP = 1e-5
@@ -42,11 +43,11 @@ class WhitenedRecord:
     weight : float, 1/rad
         One over the standard deviation of the whitened noise.
     sensor : (str, float)
-        What was measured (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
+        Measured values (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
     swing : float, rad, optional
         Largest angle, where that was not measured.
     inputs : mapping of str to KnownInput
-        What drives the motion.
+        Inputs that drive the motion.
     uncounted : int
         First samples, until which the motion forgets with what states and memory it began.
     """
@@ -63,7 +64,7 @@ class WhitenedRecord:
     @classmethod
     def of_decay(cls, decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> "WhitenedRecord":
         """Return the measurement of a run in its own quantity: a rate is not integrated."""
-        sensor, time, values = initial_conditions.measured_part(decay)
+        sensor, time, values = measured_part(decay)
         swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
         inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
         # Smallest number of samples after a warm-up.
@@ -129,7 +130,7 @@ class WhitenedRecord:
 
     def _excess(self, model: Model, per_run: Array) -> float:
         """Return the ratio of frequency or start to the largest plausible value, whichever is worse."""
-        # An optimiser astray asks for hours of faster swings.
+        # A diverging optimiser would ask for hours of faster swings.
         highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
         far, (angle, rate, _) = OUT_OF_PROPORTION * self.size, per_run.tolist()
         return float(max(model.reference_frequency / highest, abs(angle) / far, abs(rate) / (far * highest)))
@@ -138,11 +139,11 @@ class WhitenedRecord:
         self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
     ) -> SimulatedMotion | None:
         acting, (angle, rate, _) = replace(model, inputs=self.inputs), per_run.tolist()
-        # A motion without states takes so many steps only where it runs away.
+        # A motion without states takes so many steps only if it diverges.
         plain = all(force.memoryless for force in model.library)
         steps = FEW_STEPS_A_PERIOD if plain else STEPS_A_PERIOD
         try:
-            return simulate.trajectory(
+            return trajectory(
                 acting,
                 self.time[:count],
                 angle,
@@ -176,9 +177,9 @@ class FitProblem:
     Parameters
     ----------
     parameters : Parameters
-        What the vector of values holds.
+        Parameters in the vector of values.
     records : tuple of WhitenedRecord
-        What was measured of the runs.
+        Measured values of the runs.
     runs : sequence of xarray.Dataset
         The decays themselves.
     offered : ForceLibrary

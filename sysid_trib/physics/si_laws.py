@@ -10,15 +10,14 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import check_quantity
 from sysid_trib.physics.si_units import Measured, check_length_unit, check_measured
-from sysid_trib.records.units import METRES
+from sysid_trib.records.unit_tables import METRES
 from sysid_trib.results.judged import best
 from sysid_trib.results.kinds import MU
+from sysid_trib.results.law_curves import LAWS_SI, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described, signal_units
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.bands import band
 from sysid_trib.smooth_laws.calibration import slope
 
-# Group of a result with the dataset of `laws_in_si`.
-LAWS_SI = "laws_si"
 # Units of an angle's laws, and those of a displacement's.
 OF_DISPLACEMENT = {"N m": "N", "(N m)^2": "N^2", "rad/s": "m/s", "rad": "m"}
 
@@ -36,16 +35,16 @@ def laws_in_si(
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `laws`, or one of its identifications: of an angle, with an inertia, or of a displacement, with a
-        mass.
+        Result of `laws`, or one of its identifications: of an angle, with an inertia, or of a displacement,
+        with a mass.
     inertia : (float, float), kg m^2
-        Moment of inertia and its standard error; each of these is so given.
+        Moment of inertia and its standard error; likewise for the others.
     mass : (float, float), kg
-        Of a displacement in a unit of length.
+        Mass, for a displacement in a unit of length.
     load : (float, float), N
         Normal load of the contact.
     radius : (float, float), m
-        Of an angle: at which radius the contact rubs, see `in_si_units`.
+        Friction radius, for an angle, see `in_si_units`.
 
     Returns
     -------
@@ -115,7 +114,7 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
     Parameters
     ----------
     data : Dataset
-        Of `laws_in_si`, or an identification of `laws`.
+        Result of `laws_in_si`, or an identification of `laws`.
     law : {"friction", "restoring", "friction_coefficient"}
 
     Returns

@@ -11,8 +11,7 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, shows
 from sysid_trib.plots.style import GREY, INK
 from sysid_trib.printing.law_difference import LAWS_TITLE
-from sysid_trib.questions.law_difference import LAW_DIFFERENCE, LAW_WORDS
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
+from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW
 
 LAWS_HEIGHT = 2.4
 
@@ -26,9 +25,9 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `physics.law_difference`.
+        Result of `physics.law_difference`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     figure, panels = style.grid(2, 2, width, LAWS_HEIGHT)
     for ax, law in zip(panels, VARIABLE_OF_LAW, strict=True):

@@ -7,10 +7,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.plots.figure import LEGEND, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BLUE, ORANGE
 from sysid_trib.results.kinds import MU
+from sysid_trib.results.law_curves import LAWS_SI
 
 # Inch: a column of a journal, and the height.
 MU_WIDTH, MU_HEIGHT = 3.46, 2.5
@@ -26,9 +26,9 @@ def friction_coefficient(data: xr.Dataset, *, width: float = MU_WIDTH) -> Figure
     Parameters
     ----------
     data : Dataset
-        Of `physics.laws_in_si`.
+        Result of `physics.laws_in_si`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     name = MU if MU in data else "friction"
     figure = new_figure(min(width, TWO_COLUMNS), MU_HEIGHT)

@@ -15,7 +15,7 @@ from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
 from sysid_trib.plots.style import BLUE, GREY, INK, ORANGE
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.questions.difference import SIDES
+from sysid_trib.results.kinds import SIDES
 
 PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
 # Colours of the kinds of fit.
@@ -37,9 +37,9 @@ def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `validation.profile`.
+        Result of `validation.profile`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     rows = [data.sel(parameter=name) for name in data.parameter.values.tolist()]
     width = width if len(rows) > 1 else min(width, TWO_COLUMNS)
@@ -86,9 +86,9 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `validation.sensitivity`.
+        Result of `validation.sensitivity`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
     figure, panels = style.grid(count, 6, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
@@ -122,9 +122,9 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     tree : DataTree
-        Of `held_against`, which the command `difference` writes.
+        Result of `held_against`, which the command `difference` writes.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS

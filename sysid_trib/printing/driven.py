@@ -7,14 +7,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
-from sysid_trib.records.inputs import constants_of
+from sysid_trib.records.roles import constants_of
+from sysid_trib.results.kinds import MASS, PER_INPUT, REFITTED_SENSORS, STIFFNESS
 from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
     "Standard errors follow from the size of the residual if it is white. If a random force explains the "
@@ -31,8 +30,10 @@ DRIVEN_VERDICTS = {
     ),
     "approximate": "The model is approximate: the residual is {} (RMS), which is more than noise.",
     "not explained": "The model does not explain the record: the residual is {} (RMS).",
+    "undetermined": "The record does not determine the forces: no coefficient differs from zero. The "
+    "residual is {} (RMS).",
 }
-# A coefficient of less than so many of its errors may be zero.
+# A coefficient below this number of its errors may be zero.
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."
@@ -42,7 +43,7 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """Return the blocks of an identification with inputs; `record` describes what was read."""
+    """Return the blocks of an identification with inputs; `record` describes the record."""
     compared, unit = tree["judged"].to_dataset(), signal_units(tree)
     answer = compared.attrs["preferred"]
     best = compared.sel(model=answer)
@@ -123,9 +124,9 @@ def _constants_block(tree: xr.DataTree) -> Block:
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
     """Return the mass, stiffness and forces in the unit of the input."""
-    scaled = per_input(result)
-    if scaled is None:
+    if PER_INPUT not in tree.children:
         return []
+    scaled = tree[PER_INPUT].to_dataset()
     name, unit = scaled.attrs["input"], signal_units(tree)
     units = tree[record_groups(tree)[0]][name].attrs.get("units") or name
     of_each = {MASS: f"{units}/({unit}/s^2)", STIFFNESS: f"{units}/{unit}"}
@@ -142,8 +143,8 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     """Return a driven result as plain data."""
+    has_unit = PER_INPUT in tree.children
     compared = tree["judged"].to_dataset()
-    scaled = per_input(tree[compared.attrs["preferred"]].to_dataset())
     return {
         "verdict": compared.attrs["verdict"],
         "answer": compared.attrs["preferred"],
@@ -151,7 +152,7 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
             name: layout.mapped(tree[name].to_dataset(), "driven") for name in compared.model.values.tolist()
         },
         **layout.judged_json(tree),
-        "per_input": {} if scaled is None else layout.mapped(scaled, "per_input"),
+        "per_input": layout.mapped(tree[PER_INPUT].to_dataset(), "per_input") if has_unit else {},
     }
 
 
@@ -228,19 +229,19 @@ def response_csv(response: xr.Dataset) -> str:
 MOST_RUNS, DURATION = 8, "duration (s)"
 
 
-def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
-    """Return the blocks of a plan of runs; `stated` is the known identification."""
-    rows = _rows(data, stated)
-    said = [*_next_run(data, stated, data.sizes["run"] - len(rows))]
+def plan_blocks(data: xr.Dataset) -> list[Block]:
+    """Return the blocks of a plan of runs."""
+    rows = _rows(data)
+    said = [*_next_run(data, data.sizes["run"] - len(rows))]
     return [Block(said, ALWAYS), Block((), ALWAYS, table=layout.text_table(rows[:MOST_RUNS]))]
 
 
-def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]:
+def _next_run(data: xr.Dataset, equal: int) -> Iterator[str]:
     """Describe the best run, its expected information, and the number of equivalent runs left out."""
     best, unit, repeats = data.isel(run=0), data.amplitude.attrs["units"], int(data.attrs["repeats"])
     run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""
-    models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
+    models, wanted = list(np.atleast_1d(data.attrs["models"])), data.wanted.to_series().dropna().to_dict()
     if len(models) > 1:
         yield (
             f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
@@ -250,12 +251,12 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     if wanted or len(models) == 1:
         parts = [
             f"{symbol} {best.standard_error.sel(force=symbol).item():.2g} "
-            f"(now {stated.standard_error.sel(force=symbol).item():.2g})"
+            f"(now {data.stated_error.sel(force=symbol).item():.2g})"
             for symbol in [*wanted] or data.force.values.tolist()
         ]
         yield f"{run}. Standard errors from all records together: {', '.join(parts)}."
-    if "error_of_model" in stated:
-        errors = stated.error_of_model.sel(force=data.force.values).to_series()
+    errors = data.error_of_model.to_series()
+    if errors.any():
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
         yield f"The model error ({listed}) is included; more data cannot reduce it."
     if wanted and not best.meets.item():
@@ -271,10 +272,14 @@ def _size(run: xr.Dataset) -> str:
     return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
 
 
-def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
+def _rows(data: xr.Dataset) -> list[dict[str, str]]:
     """Return the table rows of runs: release, duration, and expected information."""
-    release, several, rows = f"release ({data.amplitude.attrs['units']})", len(data.attrs["models"]) > 1, []
-    units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
+    release, several, rows = (
+        f"release ({data.amplitude.attrs['units']})",
+        np.size(data.attrs["models"]) > 1,
+        [],
+    )
+    units = dict(zip(data.force.values.tolist(), data.unit.values.tolist(), strict=True))
     heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
     for run in layout.by_label(data, "run").values():
         row = {release: _size(run), DURATION: f"{run.duration.item():.3g}"}

@@ -13,7 +13,8 @@ from sysid_trib.results.models import in_model, library_of, shape_values_of
 from sysid_trib.results.variables import signal_symbol, signal_units
 
 # Digits of a number without an error, and of an error.
-DIGITS, DIGITS_OF_ERROR = 6, 2
+DIGITS = 6
+DIGITS_OF_ERROR = 2
 # Names of formulas in LaTeX; x is the angle, v its rate over w.
 NAMES = {"x": r"\theta", "v": r"\frac{\dot{\theta}}{\omega}", "t": "t"}
 
@@ -42,7 +43,7 @@ def equation_latex(result: xr.Dataset) -> str:
     for number, formula in _terms(result):
         written, is_sum = formula_latex(formula, names)
         if is_sum or written.startswith("-"):
-            # It is multiplied whole.
+            # A sum is multiplied as a whole.
             written = rf"\left({written}\right)"
         # Two adjacent numbers would read as one.
         times = "\\cdot" if written[:1].isdigit() else "\\,"
@@ -95,7 +96,7 @@ def frequency_text(result: xr.Dataset) -> str:
 
 
 def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, Formula]]:
-    """Yield numbers and formulas of the active forces, or of what the sensor adds.
+    """Yield numbers and formulas of the active forces, or of the terms of the sensor.
 
     A stiffness that refers to another frequency, that without contact, is in w already.
     """
@@ -115,7 +116,8 @@ def _sum(result: xr.Dataset, *, of_sensor: bool = False) -> str:
     for number, formula in _terms(result, of_sensor):
         factor = _factor(formula.text)
         if factor.startswith("-"):
-            number, factor = number[1:] if number.startswith("-") else f"-{number}", factor[1:]
+            number = number[1:] if number.startswith("-") else f"-{number}"
+            factor = factor[1:]
         text += f" {_signed(number)}*{factor}"
     return text
 

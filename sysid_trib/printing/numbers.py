@@ -8,18 +8,17 @@ import pandas as pd
 import scipy
 import xarray as xr
 
-from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
-from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.judged import given_results
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.kinds import SIDES, contents_text, kind_of
 from sysid_trib.results.models import library_of
+from sysid_trib.results.store import Status
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
-# Of a campaign: whether there is one for each force.
+# For a campaign: whether there is one for each force.
 _CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 
@@ -30,7 +29,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
+        Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
 
     Returns
     -------
@@ -48,7 +47,9 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     """
     rows: Iterator[dict[str, Any]]
     by = "model"
-    tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
+    tree = result if isinstance(result, xr.DataTree) else xr.DataTree()
+    if isinstance(result, xr.Dataset):
+        tree = xr.DataTree(result)
     kind = kind_of(tree)
     if kind == "difference":
         by, rows = "sample", _of_difference(tree)
@@ -60,7 +61,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     else:
         raise UsageError(
             "summary needs a result of identify, laws, compare, discover, difference or campaign, or of a "
-            "method."
+            f"method, not {contents_text(result)}."
         )
     table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
     return table.rename(columns={"by": by}).set_index([by, "quantity"])
@@ -77,7 +78,7 @@ def _of_identifications(named: Mapping[str, xr.Dataset]) -> Iterator[dict[str, A
 
 def _of_campaign(store: xr.Dataset) -> pd.DataFrame:
     """Return the numbers of all records that have some, by record, model and quantity."""
-    done = store.isel(record=np.flatnonzero(store.status.values == IDENTIFIED)).load()
+    done = store.isel(record=np.flatnonzero(store.status.values == Status.DONE)).load()
     tables = []
     for name, of in _CAMPAIGN_QUANTITIES.items():
         numbers = done[[name, f"{name}_standard_error" if name != "coefficient" else "standard_error"]]

@@ -12,6 +12,7 @@ from sysid_trib.records import half_periods, half_sines, reading, tables, units 
 from sysid_trib.records.clock import are_whole
 from sysid_trib.records.column import Column
 from sysid_trib.records.free_decay import free_decay
+from sysid_trib.records.unit_tables import STANDARD_GRAVITY
 
 
 def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
@@ -96,13 +97,14 @@ def unit_of(
         # "deg" of a rate is deg/s.
         given = replace(given, quantity=how.signal)
     if given and stated and stated.known and not _agree(stated, given):
-        known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
+        known = "" if given.known else f", which is unknown (known are {lab.OFFERED_UNITS})"
         raise _contradicted(column, stated.text, "units", how.units, known)
     if given and not given.known and given.quantity == "angle":
         # In whatever it is, no coefficient would have its size.
-        wrong = f"{table.source}: --units '{how.units}' is no unit of an angle that is known"
+        wrong = f"{table.source}: --units '{how.units}' is no known unit of an angle"
         raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
-    unit, why = given or stated, ""
+    unit = given or stated
+    why = ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
         # A column without a name, or named by its axis alone, may be an accelerometer.
@@ -127,8 +129,8 @@ def unit_of(
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
         wrong = f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much"
         raise RecordError(
-            f"{wrong} for an oscillation; if it is in degrees say so with --units deg, if it is no "
-            "angle name its unit."
+            f"{wrong} for an oscillation; give --units deg if it is in degrees, or its unit if it "
+            "is no angle."
         )
     return unit, why
 
@@ -152,7 +154,7 @@ def _assumed_unit(
     ----------
     table : FileTable
     signal : Column
-        Of its columns the signal.
+        Signal among its columns.
     time, values : (sample,) array of float, s and the column's unit
         The signal without bad samples.
     meant : str, optional
@@ -176,7 +178,8 @@ def _assumed_unit(
         text, why = _on_circle(time, values, radius)
     elif meant == "displacement" or (not meant and half > 180.0):
         # In degrees: a signal that is not named as an angle and swings farther is no angle.
-        text, why = "au", "coefficients are in its unit, au"
+        text = "au"
+        why = "coefficients are in its unit, au"
     elif meant in (None, "", "angle"):
         text, why = _of_angle(time, values, half) if gravity else _of_angle_without_gravity(signal, half)
     elif meant == "rate":
@@ -195,20 +198,21 @@ def _assumed_unit(
     return unit, f"unit not stated: {why}"
 
 
-# An axis that points down shows gravity but for so much of it, in a sensor that is not calibrated; the three
-# axes of one show it together but for less.
-OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
+# An axis that points down shows gravity within this part, in a sensor that is not calibrated; the three axes
+# of one sensor show it together within a smaller part.
+OF_GRAVITY = 0.055
+OF_GRAVITY_ON_AXES = 0.02
 
 
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
-    """Return why a column is an accelerometer axis in m/s^2 (three axes at rest show gravity), or nothing."""
+    """Return the reason for an accelerometer axis in m/s^2 (gravity on three axes), or nothing."""
     axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
     # More columns are gravity in some way by chance.
     if len(axes) != 3 or column not in axes:
         return ""
     rests = [float(np.nanmedian(values if axis is column else axis.values)) for axis in axes]
     together = float(np.sqrt(np.sum(np.square(rests))))
-    if abs(together / lab.STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
+    if abs(together / STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
         return ""
     names = ", ".join(axis.name for axis in axes)
     return f"unit not stated: taken as m/s^2, since {names} rest at {together:.3g} together, as gravity"
@@ -223,7 +227,7 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
         An accelerometer would, and an angle hardly.
     """
     rest = float(np.median(values))
-    if abs(abs(rest) / lab.STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
+    if abs(abs(rest) / STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
         raise UsageError(
             f"{column.source}: the quantity of column {column.name} is not stated; it swings about "
             f"{rest:.3g}, like an accelerometer in m/s^2 under gravity: give --units "
@@ -314,7 +318,7 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
         # Gravity comes out right, within this part.
-        if abs(gravity * metres / lab.STANDARD_GRAVITY - 1.0) < 0.05:
+        if abs(gravity * metres / STANDARD_GRAVITY - 1.0) < 0.05:
             return text, (
                 f"in {text}, since it moves on a circle of radius {radius:.4g} and swings "
                 f"as a pendulum of {radius:.4g} {text} does (its angle: --angle 'atan2(...)')"

@@ -14,13 +14,14 @@ UNEVEN_PART = 1e-9
 MOST_DIGITS = 9
 # Steps of the rounding within which stamps are a line's, cut off or rounded; its slope is known to a little
 # less, and less well where the steps differ.
-WITHIN, WITHIN_UNEQUAL = 1.02, 1.5
+WITHIN = 1.02
+WITHIN_UNEQUAL = 1.5
 # A row follows at once if it comes within this part of the mean step; in packets most do.
 AT_ONCE = 0.5
 GIVE_RATE = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
 
 
-# From when a clock counts, as a sentence says it.
+# Origin of a clock, in words.
 CLOCKS: dict[column.ClockKind, str] = {
     "dates": "by dates without a time zone",
     "universal": "in universal time (from 1970, or dates with a time zone)",
@@ -63,7 +64,7 @@ class Clock(NamedTuple):
     breaks : tuple of float, s
         Times at which the clock was set back: what comes after is a piece of its own.
     seen : tuple of str
-        What was seen of it.
+        Observations on the clock.
     counted_from : float, s
         By the stamps, what the record calls 0 s.
     """
@@ -93,7 +94,7 @@ def read_clock(
     stamps : (row,) array of float
         In the unit of the file; nan where one is missing.
     factor : float
-        Of that unit, in s.
+        Factor of that unit, in s.
     source : str
         Name of the file, for messages.
     values : (row,) array of float
@@ -167,9 +168,9 @@ def check_period(time: Array, values: Array, whole: bool, source: str, remedy: s
     whole : bool
         Whether the stamps are whole numbers.
     source : str
-        Of whom the question speaks.
+        Source that the error names.
     remedy : str
-        What to give.
+        Option to give.
 
     Raises
     ------
@@ -304,7 +305,8 @@ def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
 
 def _in_packets(given: Array, line: Array, values: Array) -> bool:
     """Return true if rows come in packets, and the signal moves as much between packets as within them."""
-    steps, moves = np.diff(given), np.abs(np.diff(values))
+    steps = np.diff(given)
+    moves = np.abs(np.diff(values))
     at_once = steps < AT_ONCE * (line[1] - line[0])
     if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):
         return False
@@ -313,5 +315,6 @@ def _in_packets(given: Array, line: Array, values: Array) -> bool:
     if np.ptp(given - line) > 1.5 * steps.max() or not _shows_period(steps.max(), line, values):
         return False
     ratio = np.median(steps[~at_once]) / max(float(np.median(steps[at_once])), 1e-300)
-    within, between = np.nanmedian(moves[at_once]), np.nanmedian(moves[~at_once])
+    within = np.nanmedian(moves[at_once])
+    between = np.nanmedian(moves[~at_once])
     return bool(between < np.sqrt(min(ratio, 100.0)) * within)

@@ -12,7 +12,7 @@ from sysid_trib.records.equilibrium import Swing
 FEWEST_EXTREMA = 5
 # Least number of half periods in which a drive holds the amplitude.
 DRIVEN_HALF_PERIODS = 8
-# A beat rises over so many half periods at least.
+# Least number of half periods in which a beat rises.
 FEWEST_RISING = 5
 # Between its maxima the amplitude of a beat falls by this part of the largest one at least.
 TROUGH = 0.3
@@ -53,7 +53,8 @@ AS_IT_IS = "name the forces that act (--forces) to use it uncut"
 
 def is_held(swing: Swing, decay: Swing) -> bool:
     """Return true if a drive holds the amplitude of a swing throughout, unlike a decay of the same record."""
-    peak, falling = swing.extrema, decay.extrema
+    peak = swing.extrema
+    falling = decay.extrema
     end, allowed = _held(peak, swing.scatter)
     throughout = end == peak.size >= DRIVEN_HALF_PERIODS
     return throughout and _falls_away(falling * peak[0] / falling[0], end, allowed)
@@ -61,7 +62,8 @@ def is_held(swing: Swing, decay: Swing) -> bool:
 
 def after_the_largest(swing: Swing, source: str) -> Swing:
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
-    run, time = swing.run, swing.time
+    run = swing.run
+    time = swing.time
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
     # Each half-sine has two unknowns.
     if per_half_period < 2.5:
@@ -73,7 +75,8 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
             f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
             f"record longer or widen the window, or {AS_IT_IS}."
         )
-    peak, scatter = swing.extrema, swing.scatter
+    peak = swing.extrema
+    scatter = swing.scatter
     largest = int(np.argmax(peak))
     first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
     quarter = max(1, (count - first) // 4)
@@ -100,7 +103,8 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
 def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
     """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest."""
     trough = int(np.argmin(peak))
-    before, after = peak[: trough + 1].max(), peak[trough:].max()
+    before = peak[: trough + 1].max()
+    after = peak[trough:].max()
     least = TROUGH * peak.max()
     if min(before, after) - peak[trough] > least + 2.0 * scatter and peak[0] > least:
         raise DecayError(
@@ -114,14 +118,15 @@ def _refuse_beats(swing: Swing, source: str) -> None:
 
     Where two modes are as strong as each other the sign changes at the node, which ends the run there.
     """
-    run, peak = swing.run, swing.halves.peak
+    run = swing.run
+    peak = swing.halves.peak
     fall = peak[run]
     quarter = fall.size // 4
     rise = peak[run.stop : min(run.stop + fall.size, peak.size - 1)]
     if quarter < 1 or rise.size < FEWEST_RISING:
         return
     lasts = swing.halves.duration[run.stop : run.stop + rise.size] / (0.5 * swing.oscillation.period)
-    # In most half periods the motion goes on, and in most of them it rises.
+    # In most half periods the motion continues, and in most of them it rises.
     swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > 0.7
     # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
     hollow = fall[-quarter - 1] - fall[-1] < 0.8 * (fall[0] - fall[quarter])
@@ -163,10 +168,12 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
     )
 
 
-# A half period is wrong if it is off its neighbours on both sides by this part, while they go on decaying.
+# A half period is wrong if it differs from its neighbours on both sides by this part, while they continue to
+# decay.
 WRONG_PART = 0.08
 # Most half periods that are wrong, of so many, and at least; they are no more than a swing or two in a row.
-WRONG_OF, FEWEST_WRONG = 30, 4
+WRONG_OF = 30
+FEWEST_WRONG = 4
 
 
 def wrong_swings(swing: Swing) -> Index:
@@ -211,7 +218,8 @@ def wrong_swings(swing: Swing) -> Index:
 def _deviation_from_decay(level: Array) -> Array:
     """Return the deviation of logarithms from their neighbours where these decay; else 0."""
     off = np.zeros(level.size)
-    before, after = level[1:-3], level[3:-1]
+    before = level[1:-3]
+    after = level[3:-1]
     around = np.stack([level[:-4], before, after, level[4:]])
     off[2:-2] = level[2:-2] - np.median(around, axis=0)
     # After a push, and in beats, the amplitude rises.
@@ -227,7 +235,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     int
         0 where nothing is clipped.
     str
-        What is left out, and why.
+        Description of the samples left out, with the reason.
 
     Raises
     ------
@@ -235,7 +243,8 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
         Too little is left.
     """
     time = swing.time
-    last, limits = -1, []
+    last = -1
+    limits = []
     for side in (-1, 1) if swing.run.stop - swing.run.start >= FEWEST_EXTREMA else ():
         reached, limit = _clipped(swing, side)
         if reached.size:
@@ -256,7 +265,9 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
 
     Exactly, or within the noise, which may come after what clips.
     """
-    halves, run, angle = swing.halves, swing.run, swing.signal
+    halves = swing.halves
+    run = swing.run
+    angle = swing.signal
     starts, stops = halves.samples(swing.time)
     part = slice(int(starts[run.start]), int(stops[run.stop - 1]))
     limit = float(side * np.max(side * angle[part]))
@@ -270,7 +281,7 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
         near = np.concatenate(([0], np.cumsum(np.abs(limit - angle) <= width)))
         return np.where(halves.sign == side, near[stops] - near[starts], 0)
 
-    # At the end of the sensor's range, exactly or within so many noise levels.
+    # Samples at the end of the sensor's range, exactly or within this number of noise levels.
     for width in (1e-9 * height, 6.0 * noise):
         # A cosine stays within so much of its top for this part of a half period.
         usual_width = max(width, swing.oscillation.step)
@@ -304,7 +315,8 @@ def before_the_hand(swing: Swing) -> slice | None:
 
 def _disturbed(swing: Swing, half: int) -> bool:
     """Return true if amplitude or duration leave the course of the half periods of the same sign before."""
-    peak, duration = swing.halves.peak, swing.halves.duration
+    peak = swing.halves.peak
+    duration = swing.halves.duration
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
     fall = peak[half - 4] - peak[half - 2]
     expected = peak[half - 2] - fall
@@ -319,5 +331,5 @@ def _nearly_stopped(swing: Swing, half: int) -> bool:
     """Return true if the amplitude, at its pace, is about to end or to be lost in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
-    # Friction alone stops a swing that, at its last pace, would end within so many half periods.
+    # Friction alone stops a swing that, at its last pace, would end within this number of half periods.
     return bool(peak[half] < 4.0 * pace + 4.0 * swing.oscillation.floor)

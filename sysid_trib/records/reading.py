@@ -17,6 +17,7 @@ from sysid_trib.records import units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.inputs import BETWEEN_SAMPLES
 from sysid_trib.records.tables import FileTable
+from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, RADIANS
 
 # Variables of a record that no input may be.
 TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
@@ -37,25 +38,25 @@ class Reading:
     time, angle : str or int, optional
         Columns of time and signal, by name or number from 0.
     signal : {"angle", "displacement", "rate", "acceleration", "accelerometer"}, optional
-        What was measured; an accelerometer on a pendulum feels gravity's component along its path too.
+        Measured quantity; an accelerometer on a pendulum also measures gravity's component along its path.
     units : str, optional
         Unit of the signal.
     sampling_rate : float, Hz, optional
-        Instead of a time column.
+        Sampling rate in place of a time column.
     time_units : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
         Unit of the time column.
     length : float, m, optional
-        Of a pendulum: turns a displacement in a unit of length into an angle.
+        Length of a pendulum: a displacement in a unit of length becomes an angle.
     distance : float, m, optional
-        Of an accelerometer from the axis of the pendulum that it is on.
+        Distance of an accelerometer from the axis of its pendulum.
     usual : str, optional
-        What is usually measured of such a system: the signal's quantity where nothing says it.
+        Usual quantity of such a system: that of the signal if it is not stated.
     gravity : bool
         Whether the body may swing under gravity; if not, its frequency does not tell the unit of an angle.
     inputs : mapping of str to (str or int)
         Columns of inputs by the names that forces hold, `{"u": "V1"}`; of another file `base.mat:y`.
     between : {"smooth", "linear", "held", "cubic"}, optional
-        What inputs are between their samples (see `KnownInput`); without it see `usual_between`.
+        Interpolation of inputs between their samples (see `KnownInput`); by default `usual_between`.
     constants : mapping of str to (str or float)
         Known constants of the run by the names that forces hold, `{"kp": 100.0, "load": "load"}`: a number,
         or a column that does not vary.
@@ -97,14 +98,14 @@ class Reading:
                     raise UsageError(f"{text} {value!r} is no number: give one.")
                 if not low <= float(value) <= high:
                     raise UsageError(f"{text} {value:g}: give {what}.")
-        if (self.signal == lab.ACCELEROMETER) != (self.distance is not None):
+        if (self.signal == ACCELEROMETER) != (self.distance is not None):
             wrong = "An accelerometer on a pendulum is read by its distance from the axis"
             raise UsageError(f"{wrong}: give --signal accelerometer and --distance M, or neither.")
 
     @property
     def quantity(self) -> str | None:
         """Measured quantity, if it is given; an accelerometer measures an acceleration."""
-        return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
+        return "acceleration" if self.signal == ACCELEROMETER else self.signal
 
 
 _STATED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)\s*")
@@ -137,7 +138,7 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
     if unit is None:
         columns = ", ".join(column.name for column in held.values())
         wrong = f"{table.source}: the unit of --angle '{text}' does not follow from its columns ({columns})"
-        raise UsageError(f"{wrong}, whose numbers it takes as they are; say it with --units (units=).")
+        raise UsageError(f"{wrong}, whose numbers it takes unchanged; state it with --units (units=).")
     base = next(iter(held)) if len(held) == 1 else ""
     made = Column(text, np.where(np.isfinite(signal), signal, np.nan), table.source, base, unit)
     return replace(table, columns=(*table.columns, made))
@@ -251,10 +252,10 @@ def _agreed(follows: str | None, given: str | None) -> str | None:
 def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
     """Return true if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
     of_unit = lab.signal_unit(unit)
-    table = lab.RADIANS if of_unit and of_unit.position == "rad" else lab.METRES
-    if of_unit is None or (table is lab.METRES and of_unit.position not in lab.METRES):
+    table = RADIANS if of_unit and of_unit.position == "rad" else METRES
+    if of_unit is None or (table is METRES and of_unit.position not in METRES):
         return False
-    size = of_unit.factor * (lab.METRES[of_unit.position] if table is lab.METRES else 1.0)
+    size = of_unit.factor * (METRES[of_unit.position] if table is METRES else 1.0)
     with np.errstate(all="ignore"):
         ends = [float(formula.evaluate(dict.fromkeys(names, at))) for at in (0.0, 1.0)]
     factor = abs(ends[1] - ends[0])
@@ -263,7 +264,7 @@ def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
 
 
 def _power(tree: ast.AST) -> float | None:
-    """Return the power of the columns' unit in a formula, 0 of a number; None of what has none."""
+    """Return the power of the columns' unit in a formula, 0 for a number; None if it has no power."""
     match tree:
         case ast.Constant() | ast.Name(id="pi"):
             return 0.0

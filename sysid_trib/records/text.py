@@ -92,7 +92,8 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
     commas = any("," in line for line in lines[start : start + 50])
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
-        delimiter, decimal = None, ","
+        delimiter = None
+        decimal = ","
     block = _rows_below(lines, start, delimiter)
     frame = _as_frame(block, delimiter, decimal, path, len(header or ()))
     # A delimiter at the end of every line makes an empty last column.
@@ -143,7 +144,8 @@ def _as_frame(
     """
 
     def table(lines: Sequence[str]) -> pd.DataFrame:
-        rows, sign = StringIO("\n".join(lines)), delimiter or r"\s+"
+        rows = StringIO("\n".join(lines))
+        sign = delimiter or r"\s+"
         return pd.read_csv(
             rows, sep=sign, decimal=decimal, header=None, skipinitialspace=True, low_memory=False
         )
@@ -206,7 +208,7 @@ def _rewritten(text: str, pattern: str, sign: str, plain: str) -> str:
 
 def _without_labels(lines: list[str]) -> list[str]:
     """Return lines with bare numbers if each row has the same labels or units, which the head then has."""
-    # By a line in the middle: a logger may greet and say farewell.
+    # By a line in the middle: a logger may write a greeting and a farewell.
     middle = lines[len(lines) // 2] if lines else ""
     for delimiter in DELIMITERS:
         labels, _, units = _dressed(middle, delimiter) or ((), (), ())
@@ -214,7 +216,8 @@ def _without_labels(lines: list[str]) -> list[str]:
             continue
         rows = [_dressed(line, delimiter) for line in lines]
         alike = [row is not None and (row[0], row[2]) == (labels, units) for row in rows]
-        start, sign = alike.index(True), delimiter or "\t"
+        start = alike.index(True)
+        sign = delimiter or "\t"
         above = lines[start - 1].split(delimiter) if start else []
         named = not any(labels) and len(above) == len(units)
         names = above if named else labels
@@ -271,7 +274,7 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 if delimiter is not None and delimiter not in line:
                     continue
                 fields = _fields(line, delimiter)
-                # Cells may be empty, but for the last one.
+                # Cells may be empty, except the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
                 # `data:` below a fact.
@@ -363,7 +366,8 @@ def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) ->
 
 def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | None]:
     """Return the row that names the columns, nearest first, and the row of their units, or None."""
-    last, above = rows[0], rows[1] if len(rows) > 1 else []
+    last = rows[0]
+    above = rows[1] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     if _are_names(above, last) and (bracketed or _are_units_of(last, above)):
         return 1, last
@@ -400,7 +404,7 @@ LONGEST_UNIT = 8
 
 
 def _with_unit(name: str, said: str) -> str:
-    """Return a name with what stands below it: its unit, or what is measured."""
+    """Return a name with the unit or quantity below it."""
     plain = said.strip().removeprefix("(").removesuffix(")") if said.count("(") == 1 else said.strip()
     plain = plain.strip("[] ")
     if is_missing(plain) or plain.lower() == "none" or split_header(name)[1]:

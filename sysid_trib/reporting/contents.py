@@ -11,8 +11,6 @@ from rich.table import Table
 
 from sysid_trib import plots
 from sysid_trib._version import __version__
-from sysid_trib.campaigns.conditions import reported_method
-from sysid_trib.campaigns.rows import STATUS, counts_of
 from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
@@ -29,6 +27,7 @@ from sysid_trib.printing import (
     layout,
 )
 from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.store import Status, counts_of, reported_method
 from sysid_trib.results.variables import record_groups
 
 # A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
@@ -42,7 +41,7 @@ DECIMATED = (
     "of each stretch, so that none of its peaks is lost."
 )
 TITLE = "Forces of a free decay"
-# By kind of result: the title of its page, and its blocks.
+# Title of the page and its blocks, by kind of result.
 PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "identify": (TITLE, identification.estimate_blocks),
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
@@ -69,7 +68,7 @@ def sections_of(
     Parameters
     ----------
     blocks : iterable of Block
-        Those of `--explain` are shown.
+        Blocks; those of `--explain` are shown.
     figures : mapping of str to sequence of Part
         By the titles of sections.
 
@@ -126,7 +125,7 @@ def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
-# Of a discovery, whose identifications are models and no methods.
+# For a discovery, whose identifications are models and no methods.
 BY_MODEL = {"before": "of the start model", "after": "of the final model"}
 
 
@@ -140,11 +139,11 @@ def campaign_contents(
     store : Dataset
         As `campaign` returns it.
     compared : Dataset, optional
-        What varies between its records; None of too few.
+        Variation between its records; None if there are too few.
     conditions : DataFrame, optional
         A row a record.
     command : str
-        What made it.
+        Command that made it.
     """
     figures: dict[str, list[Part]] = {}
     if compared is not None and conditions is not None:
@@ -199,7 +198,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
 def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
     cells = [layout.quantity(record.sel(force=symbol), "coefficient") for symbol in symbols]
     cells.append(layout.quantity(record, "asymptotic_frequency"))
-    status = STATUS[int(record.status)]
+    status = Status(int(record.status)).name.lower()
     texts = [text for text in (record.verdict.item(), campaign.named_text(record)) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
     name = str(record.record.item())

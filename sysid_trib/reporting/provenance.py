@@ -14,7 +14,7 @@ from sysid_trib.methods import method_of
 from sysid_trib.printing.equation import from_template
 from sysid_trib.reporting.contents import Part
 from sysid_trib.results.kinds import identifications_of, kind_of
-from sysid_trib.results.schema import NOT_KEPT
+from sysid_trib.results.models import NOT_KEPT
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
 
@@ -156,7 +156,7 @@ def _one_decay(data: xr.Dataset) -> str:
     if "input_columns" in attrs:
         first, last = window
         return f"{read}.sel(time=slice({first!r}, {last!r}))"
-    if "free_decay" not in attrs:
+    if "free_decay" not in attrs or "equilibrium" not in data:
         return read
     cut = {"window": window, "equilibrium": data.equilibrium.item()}
     return f"st.free_decay({read}, {_given(cut)})"

@@ -1,8 +1,9 @@
 """Effects in a result: significant coefficients, and the names of a discovery."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -12,8 +13,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces import force
 from sysid_trib.forces.library import library_of_text
 
-# Between the names of a pair of candidates, and between pairs.
-PAIR, PAIRS = " and ", "; "
+Item = TypeVar("Item")
 # Number of standard errors at which an effect needs a name.
 NAMED = 20.0
 
@@ -125,6 +125,27 @@ def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:
     return [steps.isel(step=at) for at in range(steps.attrs["count"])]
 
 
+def inseparable_groups(step: xr.Dataset) -> list[list[str]]:
+    """Return the credible set of a step in groups of effects that no run of this kind separates."""
+    groups: dict[float, list[str]] = {}
+    for symbol in credible_set(step):
+        number = step.inseparable.sel(candidate=symbol).item()
+        groups.setdefault(number, []).append(symbol)
+    return list(groups.values())
+
+
+def grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
+    """Return groups in which each is like each: a chain of neighbours may have ends that are far apart."""
+    groups: list[list[Item]] = []
+    for item in items:
+        home = next((group for group in groups if all(alike(other, item) for other in group)), None)
+        if home is None:
+            groups.append([item])
+        else:
+            home.append(item)
+    return groups
+
+
 def added_effects(tree: xr.DataTree) -> list[str]:
     """Return the symbols of the effects that were added, in the order of the steps."""
     return [step.symbol.item() for step in steps_taken(tree)]
@@ -134,8 +155,8 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
     """Return effects whose coefficient differs from the known one, and the known one."""
     offered, steps = candidates_of(tree), tree["steps"].to_dataset()
     known = {symbol: offered[symbol].coefficient for symbol in added_effects(tree)}
-    # Standard errors by which a coefficient differs from the one that physics knows where it is another
-    # force's.
+    # Standard errors by which a coefficient differs from its known physical value if it belongs to another
+    # force.
     return {
         symbol: value
         for at, (symbol, value) in enumerate(known.items())
@@ -169,16 +190,17 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
-def replacing_pairs(step: xr.Dataset) -> list[str]:
-    """Return pairs of candidates that compete with a step's effect, such as "lambda and delta"."""
-    text = str(step.pairs.item())
-    return text.split(PAIRS) if text else []
+def replacing_pairs(step: xr.Dataset) -> list[list[str]]:
+    """Return pairs of candidates that compete with a step's effect."""
+    pairs = step.pairs.values.tolist() if "pairs" in step else []
+    return [pair for pair in pairs if pair[0]]
 
 
 def alternatives_of(step: xr.Dataset) -> list[str]:
     """Return candidates, then pairs of them, that cannot be separated from the effect that has the name."""
     named = named_effect(step)
-    return [*(symbol for symbol in credible_set(step) if symbol != named), *replacing_pairs(step)]
+    pairs = (" and ".join(pair) for pair in replacing_pairs(step))
+    return [*(symbol for symbol in credible_set(step) if symbol != named), *pairs]
 
 
 def named_effect(step: xr.Dataset) -> str:

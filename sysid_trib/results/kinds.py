@@ -2,12 +2,21 @@
 
 import xarray as xr
 
+from sysid_trib.records.roles import input_names
 from sysid_trib.results.variables import record_groups
 
 # The preferred model in SI units, with the measured values used, and its coefficient of friction.
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
 CONSEQUENCES = "consequences"
+# Mass, stiffness and forces of a driven record in the unit of its input; the first two of them.
+PER_INPUT = "per_input"
+MASS = "mass"
+STIFFNESS = "stiffness"
+# Attribute of a prediction: the sensor terms that were fitted to its record.
+REFITTED_SENSORS = "refitted_sensors"
+# Samples of a difference.
+SIDES = ("first", "second")
 
 
 def si_of(tree: xr.DataTree) -> xr.Dataset | None:
@@ -16,7 +25,7 @@ def si_of(tree: xr.DataTree) -> xr.Dataset | None:
 
 
 def kind_of(tree: xr.DataTree) -> str:
-    """Return what made a result: one of identify, cross_check, laws, driven, compare, difference, discover.
+    """Return the kind of a result: identify, cross_check, laws, driven, compare, difference or discover.
 
     Empty if none did.
     """
@@ -32,6 +41,14 @@ def kind_of(tree: xr.DataTree) -> str:
     return "cross_check" if made_by == "identify" else str(made_by)
 
 
+def contents_text(result: object) -> str:
+    """Return in a few words what something is that is no result of the kind asked for."""
+    if not isinstance(result, xr.DataTree | xr.Dataset):
+        return f"an object of type {type(result).__name__}"
+    names = [*map(str, getattr(result, "children", ())), *sorted(map(str, result.data_vars))]
+    return f"data with {', '.join(names[:6]) or 'nothing in it'}"
+
+
 def is_of_driven(tree: xr.DataTree) -> bool:
     """Return true if the records of a result are driven; an identification alone keeps none."""
     kept = (tree[group].to_dataset() for group in record_groups(tree) if group in tree.children)
@@ -40,7 +57,7 @@ def is_of_driven(tree: xr.DataTree) -> bool:
 
 def has_input(record: xr.Dataset) -> bool:
     """Return true if something that drives the motion was recorded with it."""
-    return any("input" in (name, record[name].attrs.get("role")) for name in record.variables)
+    return bool(input_names(record))
 
 
 def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:

@@ -13,7 +13,8 @@ from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
 from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.notation import parse
-from sysid_trib.records.inputs import FORCING_CHANNEL, INPUT, KnownInput
+from sysid_trib.records.inputs import FORCING_CHANNEL, KnownInput
+from sysid_trib.records.roles import INPUT
 from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 
 Vector = NDArray[np.float64]
@@ -40,7 +41,7 @@ class Model:
     shapes : mapping of str to float
         `{"dahl.s": 0.02}`; defaults of the library where left out.
     inputs : mapping of str to KnownInput
-        What drives the motion, by the names that forces hold; `input` is an acceleration (rad/s^2) on the
+        Inputs that drive the motion, by their names in formulas; `input` is an acceleration (rad/s^2) on the
         right side of the equation. An input that is not given is zero.
 
     Raises

@@ -10,7 +10,7 @@ import numpy as np
 from sysid_trib.arrays import Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import channels_of
-from sysid_trib.records.units import ACCELEROMETER, STANDARD_GRAVITY
+from sysid_trib.records.unit_tables import ACCELEROMETER, STANDARD_GRAVITY
 from sysid_trib.simulation import under_way
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, Vector, motion_of, sensor_error
 
@@ -125,7 +125,7 @@ class Forcing(NamedTuple):
         From each knot on by powers of tau since it. The first channel is an acceleration over w^2 (rad) that
         pushes if there is one more than forces hold.
     increments : (knot, 2) array of float
-        What is added to x and v at the knots but the start.
+        Increments of x and v at the knots except the start.
     """
 
     knots: Vector
@@ -166,7 +166,7 @@ def integrate(
     most_steps : int
         A period.
     accuracy : float
-        What a step may leave of the series of x and v, in parts of these.
+        Truncation error of the series of x and v that a step may have, relative to these.
 
     Raises
     ------

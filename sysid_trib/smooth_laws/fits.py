@@ -18,6 +18,8 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
+from sysid_trib.results.law_curves import NO_BETTER
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
 from sysid_trib.smooth_laws.passive import Passive, made_passive
@@ -31,7 +33,6 @@ SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
 EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.8
 # Motions that give the columns of a fit which begins at another one, and of a fit to a part of the record.
 REFINEMENTS_OF_EXTENSION, REFINEMENTS_OF_PART = 4, 2
-NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
 
 
 @dataclass(frozen=True)
@@ -223,7 +224,7 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
     """Fit the motion itself: the named forces are free, the parts of curves are held as Direct found them."""
     result = fit.followed.result
     # With a copy of each run's own forces.
-    library = schema.library_of(result)
+    library = library_of(result)
     start = _model_of_all_runs(result, library)
     held = {force.symbol: start.coefficients[force.symbol] for force in library if force.curve}
     own = fit.method.own if isinstance(fit.method, Direct) else ()
@@ -245,4 +246,4 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
 def _model_of_all_runs(result: xr.Dataset, library: ForceLibrary) -> Model:
     """Return the model of an identification with the own forces of every run."""
     pairs = zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True)
-    return Model(library, dict(pairs), result.reference_frequency.item(), schema.shape_values_of(result))
+    return Model(library, dict(pairs), result.reference_frequency.item(), shape_values_of(result))

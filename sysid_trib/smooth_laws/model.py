@@ -9,9 +9,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import System, is_free_to_move, with_shipped
+from sysid_trib.forces.selection import is_free_to_move, with_shipped
+from sysid_trib.forces.systems import System
+from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.smooth_laws import curves
-from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW, depends_on
 
 # Forces outside of the penalty where no system is named, and the one that is always there: a jump at rest.
 USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
@@ -30,7 +31,7 @@ class LawModel:
     named : ForceLibrary
         Forces outside of the penalty, and those that are held.
     constraints : mapping
-        Of coefficients.
+        Constraints of coefficients.
     odd, even : tuple of str
         Curves of `libraries/curves.toml`; none where the record decides no curve.
     own : tuple of str
@@ -59,7 +60,7 @@ class LawModel:
         return tuple(
             force.symbol
             for force in library
-            if force.symbol in self.own or any(depends_on(force, of) for of in of_laws)
+            if force.symbol in self.own or any(force.depends_only_on(of) for of in of_laws)
         )
 
     @property
@@ -80,7 +81,7 @@ class LawModel:
 
 
 def law_model(system: System, asked: Constraints, library: ForceLibrary | None) -> LawModel:
-    """Return the forces outside of the penalty and what is held."""
+    """Return the forces outside of the penalty, and the held ones."""
     whole = library or load_library()
     symbols = list(dict.fromkeys((*(system.symbols or USUAL), *asked.names)))
     whole = with_shipped(whole, symbols)
@@ -98,12 +99,12 @@ def with_jump(named: ForceLibrary, offered: ForceLibrary) -> ForceLibrary:
 
 
 def smallest_part(amplitudes: Array) -> float:
-    """Return where a law of averaging begins, in parts of the largest amplitude."""
+    """Return the beginning of a law of averaging, in parts of the largest amplitude."""
     return BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
 
 
 def why_no_curve(amplitudes: Array) -> str:
-    """Return why the amplitudes decide no curve, or nothing."""
+    """Return the reason why the amplitudes determine no curve, or nothing."""
     if len(amplitudes) < FEWEST_OF_A_CURVE:
         return (
             f"{len(amplitudes)} half periods are too few for a curve (it takes {FEWEST_OF_A_CURVE}): the "

@@ -12,8 +12,8 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW, depends_on
 from sysid_trib.smooth_laws.fits import LawFit
 from sysid_trib.validation import holdout
 
@@ -24,7 +24,7 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
     Parameters
     ----------
     listed : mapping of str to Dataset
-        Of `law_formulas`, by law.
+        Result of `law_formulas`, by law.
     fit : LawFit
         The laws.
 
@@ -60,7 +60,7 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
 
 
 def held_out_rms(runs: Sequence[xr.Dataset], method: Method, library: ForceLibrary) -> float:
-    """Return what a model identified from two thirds leaves of the last (RMS, rad); nan without a motion."""
+    """Return the RMS residual (rad) of the last third by a model of the rest; nan without a motion."""
     try:
         result = method.identify(one_or_all([holdout.split(run)[0] for run in runs]), library)
         motions = holdout.motions_held_out(result, runs)
@@ -87,7 +87,7 @@ def _forces_of(formulas: xr.Dataset) -> Iterator[list[Force]]:
 def _model(fit: LawFit, forces: Mapping[str, Sequence[Force] | None]) -> ForceLibrary:
     """Return the forces of a fit in which formulas stand in the place of laws."""
     replaced = {NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]] for law, of_law in forces.items() if of_law}
-    kept = [force for force in fit.library if not any(depends_on(force, of) for of in replaced)]
+    kept = [force for force in fit.library if not any(force.depends_only_on(of) for of in replaced)]
     taken = {force.symbol for force in kept}
     for of_law in forces.values():
         for force in of_law or ():

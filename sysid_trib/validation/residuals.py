@@ -16,9 +16,11 @@ from sysid_trib.records import inputs, sensor, smoothing
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation import initial_conditions, simulate
-from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion
+from sysid_trib.simulation import initial_conditions
+from sysid_trib.simulation.initial_conditions import FittedMotion
+from sysid_trib.simulation.measured_motion import MEASURED, MEASURED_TIME, measured_part
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import lack_of_fit
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
@@ -97,6 +99,8 @@ def fitted_motion(
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
         start = initial_conditions.first_guess(time, angle, model.reference_frequency)
+    # `discovery.free_motion` fits the start too, but from a path of the search and with its time limits: a
+    # candidate may be too stiff, and has a motion even then.
     try:
         return initial_conditions.fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
     except SimulationError:
@@ -119,6 +123,8 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
     whose motion no spline follows, it is no more than the residual of a model.
     """
+    # A record of another result has the models of that.
+    decay = decay.drop_dims("model", errors="ignore")
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
@@ -199,10 +205,11 @@ def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise
     width = half_period(path[1])
     departure = departure_time(time, residual, noise, width)
     p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
-    # The sensor's noise is above so many times the frequency of the swing: a line below is no part of it.
+    # The sensor's noise is above this multiple of the frequency of the swing: a line below does not belong to
+    # it.
     in_band = line[0] < 6.0 * result.asymptotic_frequency.item()
     if in_band and tracked is None and root_mean_square(residual) <= noise:
-        # It is in the noise that the record's own spline leaves: what is left beside it decides.
+        # The noise of the record's own spline contains it: the rest of the residual decides.
         rest = lack_of_fit.without_line(time, residual, line[0])
         return (
             *(rms, root_mean_square(residual) / noise, departure),
@@ -217,9 +224,9 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     Integration makes white noise red: in the integral no residual is white.
     """
     time, model = decay.time.values.astype(float), model_of(result)
-    simulated = simulate.trajectory(model, time, motion.angle, motion.rate)
-    measured = decay[MEASURED].sel({initial_conditions.MEASURED_TIME: time}).values
-    residual = measured - simulated.shown(*initial_conditions.measured_part(decay)[0])
+    simulated = trajectory(model, time, motion.angle, motion.rate)
+    measured = decay[MEASURED].sel({MEASURED_TIME: time}).values
+    residual = measured - simulated.shown(*measured_part(decay)[0])
     # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])
@@ -231,7 +238,7 @@ def departure_time(time: Array, residual: Array, noise: float, width: int) -> fl
     """Return first time at which the mean square over so many samples is beyond the noise's; nan if never."""
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = (total[width:] - total[:-width]) / width
-    # A level that so many samples of noise pass once in a hundred records.
+    # A level that this number of samples of noise exceeds once in a hundred records.
     level = max(DEPARTED**2, float(scipy.stats.chi2.isf(0.01 * width / len(residual), width)) / width)
     departed = np.flatnonzero(local > level * noise**2)
     return float(time[departed[0]]) if len(departed) else float("nan")
@@ -258,7 +265,7 @@ def _noise_p_value(
         means = values[: len(values) // width * width].reshape(-1, width).mean(axis=1) / noise
         return np.array([width * np.sum(means**2), slow_square(values / noise)])
 
-    # Of the numbers of a slow residual so many are left to chance at least, whatever the fit has taken.
+    # Least degrees of freedom of a slow residual, whatever the number of fitted parameters.
     scale, degrees = np.ones(2), np.array([len(residual) // width, max(4, numbers - fitted)])
     if noises is not None:
         # The chi square of the same mean and variance.

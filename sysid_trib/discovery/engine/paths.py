@@ -26,7 +26,8 @@ from sysid_trib.discovery.engine.trials import Settings, TrialEffect
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Force, channels_of
 from sysid_trib.likelihood import force_columns, sensor_noise, weak_form
-from sysid_trib.records.inputs import INPUT, KnownInput, values_of_inputs
+from sysid_trib.records.inputs import KnownInput, values_of_inputs
+from sysid_trib.records.roles import INPUT
 from sysid_trib.records.smoothing import SplinesAt, least_squares_spline
 from sysid_trib.simulation import internal_states
 
@@ -67,11 +68,11 @@ class RecordPath:
     fine : PPoly
         The motion from rest by the forces that gave the path, each constant in the cell about a point.
     ratio : float
-        Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
+        Ratio of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
     held : Terms
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     inputs : mapping of str to KnownInput
-        What drives it.
+        Inputs that drive it.
     before : RecordPath, optional
         The record up to the first sample, and with it, of which forces remember.
     """
