@@ -52,7 +52,11 @@ def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -
         Of the rows about the last motion, so that its covariance is the final estimate's; None if it does
         not settle.
     """
-    return _refined(runs, linear_about, constraints) or _refined(runs, None, constraints)
+    begun = _along_motions(runs, constraints)
+    if begun is None or any(has_slipped(run) for run in begun):
+        # It has slipped about any path.
+        return None
+    return _refined(begun, linear_about, constraints) or _refined(begun, None, constraints)
 
 
 def refine_from(runs: Runs, start: Model, most: int, constraints: ConstraintMap) -> Solution | None:
@@ -76,14 +80,27 @@ def refine_from(runs: Runs, start: Model, most: int, constraints: ConstraintMap)
     """
     begun = [start.coefficients.get(symbol, 0.0) for symbol in runs[0].library.symbols]
     frequency = start.reference_frequency if runs[0].frequency_free else runs[0].frequency
-    near = with_common_values(runs, constraints.impose(np.array(begun)), frequency)
-    return _refined(near, None, constraints, most)
+    near = _along_motions(
+        with_common_values(runs, constraints.impose(np.array(begun)), frequency), constraints
+    )
+    return None if near is None else _refined(near, None, constraints, most)
+
+
+def _along_motions(runs: Runs, constraints: ConstraintMap) -> Runs | None:
+    """Return the runs with the motions of their model as paths; None if one cannot be computed."""
+    begun = (replace(run, sensitivity=None) for run in runs)
+    try:
+        return tuple(simulated(run, constraints) for run in begun)
+    except SimulationError:
+        return None
 
 
 def _refined(
-    runs: Runs, linear_about: Runs | None, constraints: ConstraintMap, most: int | None = None
+    begun: Runs, linear_about: Runs | None, constraints: ConstraintMap, most: int | None = None
 ) -> Solution | None:
     """Return the fixed point of the solution; without `linear_about` rows are linear about each motion.
+
+    `begun` : along the motions of the first estimate.
 
     Over many periods a small error of an operator turns what the motion still misses into other forces. Where
     forces are nearly the same, so that the last steps are slow, it is then the nearest motion.
@@ -91,11 +108,10 @@ def _refined(
     followed: Runs | None = None
     nearest: tuple[float, Solution] | None = None
     last, halvings = None, 0
-    runs = tuple(replace(run, sensitivity=None) for run in runs)
-    of_curves = any(run.library.in_curves.any() for run in runs)
-    for _ in range(most or (MAX_REFINEMENTS_OF_CURVES if of_curves else MAX_REFINEMENTS)):
+    runs, of_curves = begun, any(run.library.in_curves.any() for run in begun)
+    for done in range(most or (MAX_REFINEMENTS_OF_CURVES if of_curves else MAX_REFINEMENTS)):
         try:
-            runs = tuple(simulated(run, constraints) for run in runs)
+            runs = tuple(simulated(run, constraints) for run in runs) if done else begun
         except SimulationError:
             break
         if any(has_slipped(run) for run in runs):

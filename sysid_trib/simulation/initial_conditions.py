@@ -10,7 +10,7 @@ from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.records.smoothing import first_of_spline
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
-from sysid_trib.simulation.stand_in import accuracy_of, has_curves, without_curves
+from sysid_trib.simulation.stand_in import accuracy_of, has_curves, most_steps_of, without_curves
 from sysid_trib.simulation.trajectory import trajectory
 
 MAX_ROUNDS = 8
@@ -26,6 +26,8 @@ BY_START = (BY_ANGLE, BY_RATE)
 SINGULAR = 1e-7
 # A motion that does not come near the record in this number of rounds has slipped out of phase.
 NEARBY_ROUNDS = 4
+# Nor does one along curves that after so many rounds is farther from the record than rest.
+ROUNDS_OF_CURVES = 2
 
 
 @dataclass(frozen=True)
@@ -129,8 +131,9 @@ def fit_start(
     begin, zero, longest = np.array(start, dtype=float), offset or 0.0, np.inf
     by = BY_START if sensitivity is None else ()
     # Derivatives of a motion along many narrow parts of a curve take many times as long as the motion itself.
-    smooth = without_curves(model, float(np.ptp(angle))) if has_curves(model) else None
-    accuracy = accuracy_of(model)
+    of_curves = has_curves(model)
+    smooth = without_curves(model, float(np.ptp(angle))) if of_curves else None
+    accuracy, most_steps = accuracy_of(model), most_steps_of(model, most_steps)
     rounds = NEARBY_ROUNDS if near else MAX_ROUNDS
     for done in range(rounds + 1):
         if by and smooth is not None:
@@ -144,6 +147,8 @@ def fit_start(
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
         # Three columns of many rows: their products tell a step as well, and ten times as fast.
         residual = angle - zero - motion.angle
+        if of_curves and done >= ROUNDS_OF_CURVES and np.std(residual) > np.std(angle):
+            break
         steps, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ residual, rcond=SINGULAR**2)
         steps[:2] *= units
         before, longest = longest, np.max(np.abs(steps[:2]) / amplitude)

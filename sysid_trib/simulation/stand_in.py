@@ -15,6 +15,9 @@ FITTED_POWERS, FITTED_PLACES = (1, 3, 5, 7), 60
 # Truncation error of the series in a step of a motion along curves: thousands of them are far below any
 # noise.
 CURVE_PART = 1e-10
+# Steps a period that a motion along curves may take: along those of a record it takes fewer than a hundred.
+# Curves that a poor fit made steep take thousands, each of many parts: such a motion took six minutes.
+STEPS_ALONG_CURVES = 200
 
 
 def has_curves(model: Model) -> bool:
@@ -25,6 +28,11 @@ def has_curves(model: Model) -> bool:
 def accuracy_of(model: Model) -> float:
     """Return the truncation error of the series in a step of a fitted motion (see `integrate`)."""
     return CURVE_PART if has_curves(model) else STATE_PART
+
+
+def most_steps_of(model: Model, most_steps: int) -> int:
+    """Return the number of steps a period that a fitted motion may take, of at most `most_steps`."""
+    return min(most_steps, STEPS_ALONG_CURVES) if has_curves(model) else most_steps
 
 
 def without_curves(model: Model, largest: float) -> Model:

@@ -94,7 +94,8 @@ class LawFit:
     def residual_rms(self) -> float:
         """RMS of record minus motion, rad; infinite without a motion."""
         of = self.followed
-        if any(motion is None for motion in of.motions):
+        # A run without a motion decides: those after it are not computed.
+        if any(of.motion(at) is None for at in of.runs):
             return float("inf")
         pairs = zip(of.runs.values(), of.motions, strict=True)
         missed = [run.angle.values - motion.offset - motion.x for run, motion in pairs if motion is not None]
@@ -114,12 +115,17 @@ def fit_of(
 
 
 def fitted(
-    runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
+    runs: Sequence[xr.Dataset],
+    method: Direct | Averaging,
+    model: LawModel,
+    lowest: float = 0.0,
+    named: LawFit | None = None,
 ) -> LawFit:
     """Fit curves, or only the named forces where the motion of no curve follows the record better.
 
     An error of the model within the cycle may become a curve without a possible motion. With a random force
-    each half period is a separate equation, which avoids this.
+    each half period is a separate equation, which avoids this. `named` : the fit of the named forces, if it
+    is known.
     """
     without = replace(model.without_curves, reason=model.reason or NO_BETTER)
     if not model.odd:
@@ -130,14 +136,30 @@ def fitted(
         return fit_of(runs, method, without, lowest)
     if fit.is_white:
         return fit
-    named = fit_of(runs, method, without, lowest)
-    if fit.residual_rms <= named.residual_rms or method.random_force != "off":
-        return min((fit, named), key=lambda of: of.residual_rms)
+    named = named or fit_of(runs, method, without, lowest)
+    follows = np.isfinite(fit.residual_rms) and fit.residual_rms <= named.residual_rms
+    if follows or method.random_force != "off":
+        return min((named, fit), key=lambda of: of.residual_rms)
     try:
         other = fit_of(runs, replace(method, random_force="estimated"), model, lowest)
     except (SysidTribError, np.linalg.LinAlgError):
         return named
-    return min((other, named), key=lambda of: of.residual_rms)
+    return min((named, other), key=lambda of: of.residual_rms)
+
+
+def fitted_to_driven(runs: Sequence[xr.Dataset], method: Direct, model: LawModel) -> LawFit:
+    """Fit curves, or only the named forces where these follow driven records better, each extended.
+
+    Curves can follow a motor axis better than odd named forces, and worse than these with even parts.
+    """
+    plain = fit_of(runs, method, replace(model.without_curves, reason=model.reason or NO_BETTER))
+    named = extended(plain)
+    if not model.odd:
+        return named
+    fit = fitted(runs, method, model, named=plain)
+    if not fit.model.odd or named.residual_rms <= fit.residual_rms:
+        return named
+    return min((named, extended(fit)), key=lambda of: of.residual_rms)
 
 
 def extended(fit: LawFit) -> LawFit:
@@ -201,24 +223,27 @@ def p_value_of(result: xr.Dataset, symbols: Sequence[str]) -> float:
 def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
     """Fit the motion itself: the named forces are free, the parts of curves are held as Direct found them."""
     result = fit.followed.result
-    coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
     # With a copy of each run's own forces.
     library = library_of(result)
-    held = {force.symbol: coefficients[force.symbol] for force in library if force.curve}
+    start = _model_of_all_runs(result, library)
+    held = {force.symbol: start.coefficients[force.symbol] for force in library if force.curve}
     own = fit.method.own if isinstance(fit.method, Direct) else ()
     of_runs = Constraints(fit.method.constraints).of_each_run(own, len(runs))
     asked = Constraints({**of_runs.table, **held})
-    start = Model(
-        library,
-        coefficients,
-        result.reference_frequency.item(),
-        shape_values_of(result),
-    )
     method = Trajectory(
         reference_frequency=fit.method.reference_frequency,
         random_force="off",
         constraints=asked.table,
-        start=start,
+        # A fit without a motion is no place to begin at.
+        start=start if np.isfinite(fit.residual_rms) else None,
     )
     result = method.identify(one_or_all(list(runs)), library)
+    # Fits of parts begin where this one ended.
+    method = replace(method, start=_model_of_all_runs(result, library))
     return LawFit(method, fit.model, library, FollowedRuns(dict(enumerate(runs)), result))
+
+
+def _model_of_all_runs(result: xr.Dataset, library: ForceLibrary) -> Model:
+    """Return the model of an identification with the own forces of every run."""
+    pairs = zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True)
+    return Model(library, dict(pairs), result.reference_frequency.item(), shape_values_of(result))

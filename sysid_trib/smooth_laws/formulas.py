@@ -18,8 +18,8 @@ from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described
 
-# Most terms of a formula, and most formulas that are listed.
-MOST_TERMS, MOST_FORMULAS = 3, 6
+# Most terms of a formula, and most formulas that are listed: each is fitted to a part of the record.
+MOST_TERMS, MOST_FORMULAS = 3, 4
 # Values at which a shape parameter is tried first, evenly in the logarithm over the visited range.
 SHAPE_VALUES = 8
 SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5

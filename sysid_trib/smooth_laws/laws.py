@@ -25,7 +25,7 @@ from sysid_trib.results import signal_scale
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, OWN_LAWS, PASSIVE, VARIABLE_OF_LAW, odd_part
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
-from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
+from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, fitted_to_driven, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction, readings
 from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
@@ -227,9 +227,7 @@ def _identified_driven(
         method = replace(method, reference_frequency=max(clock_of(run) for run in runs))
         model = replace(model, odd=tuple(name for name in model.odd if name.startswith("friction")))
     tell("direct")
-    fits = {"direct": fitted(runs, method, model)}
-    tell("errors of the sensor, and even parts")
-    fits["direct"] = extended(fits["direct"])
+    fits = {"direct": fitted_to_driven(runs, method, model)}
     largest = _largest(runs)
     if passive:
         fits["direct"] = fits["direct"].made_passive(largest)

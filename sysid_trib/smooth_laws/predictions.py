@@ -40,14 +40,20 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
         return dict(listed)
     of_laws = held_out_rms(runs, fit.asked_method, fit.library)
     first = {law: next(_forces_of(formulas), None) for law, formulas in listed.items()}
-    predicted = {}
+    predicted, known = {}, dict[frozenset[str], float]()
     for law, formulas in listed.items():
         (other,) = (name for name in VARIABLE_OF_LAW if name != law)
         missed = []
         for forces in _forces_of(formulas):
             library = _model(fit, {law: forces, other: first.get(other)})
-            kept = {name: value for name, value in fit.method.constraints.items() if name in library.symbols}
-            missed.append(held_out_rms(runs, replace(fit.method, constraints=kept), library))
+            # The first formulas of both laws are one model.
+            key = frozenset(force.symbol + force.formula.text for force in library)
+            if key not in known:
+                kept = {
+                    name: value for name, value in fit.method.constraints.items() if name in library.symbols
+                }
+                known[key] = held_out_rms(runs, replace(fit.method, constraints=kept), library)
+            missed.append(known[key])
         values = {"held_out_rms": missed, "held_out_rms_of_laws": of_laws}
         predicted[law] = formulas.assign(described("law_formulas", values))
     return predicted

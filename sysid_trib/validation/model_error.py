@@ -13,6 +13,7 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.motion_fit.least_squares import sensitivities
 from sysid_trib.records.sensor import coarse_step, rounded_noise
 from sysid_trib.results import schema, variables
+from sysid_trib.results.models import library_of
 from sysid_trib.simulation import initial_conditions, motions
 from sysid_trib.validation import holdout, refits
 from sysid_trib.validation.residuals import FollowedRuns, fitted_motion
@@ -98,10 +99,18 @@ def fitted_parts(
     """
     limits = variables.PARTS_OF_RECORD.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
-    pairs = [(part, ends, run) for part, ends in zip(parts, limits, strict=True) for run in runs]
-    missed = [rms for part, ends, run in pairs for rms in _held_out(part, run, library, ends, later_only)]
+    # With a copy of each run's own forces.
+    whole = library_of(result)
+    missed = [
+        rms
+        for part, ends in zip(parts, limits, strict=True)
+        for number, run in enumerate(runs)
+        for rms in _held_out(part, run, number, whole, ends, later_only)
+    ]
+    has_own = any(force.run is not None for force in whole)
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
-        if taken and others:
+        # No run determines the own forces of another one.
+        if taken and others and not has_own:
             part = _same_forces(refits.refit(method, taken, library)[0], result)
             begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
             missed += [_missed(run, begun) for run in others]
@@ -184,6 +193,7 @@ def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | No
 def _held_out(
     part: xr.Dataset | None,
     run: xr.Dataset,
+    number: int,
     library: ForceLibrary,
     limits: tuple[float, float],
     later_only: bool,
@@ -196,13 +206,15 @@ def _held_out(
         if held_out.stop - held_out.start < 8:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
-        yield _missed(rest, None if part is None else holdout.carried_on(part, library, before))
+        yield _missed(rest, None if part is None else holdout.carried_on(part, library, before), number)
 
 
-def _missed(rest: xr.Dataset, result: xr.Dataset | None) -> float:
+def _missed(rest: xr.Dataset, result: xr.Dataset | None, number: int = 0) -> float:
     """Return the residual RMS (rad) of a model, start and zero fitted; nan without a motion."""
+    if result is None:
+        return float("nan")
     # A model that is too stiff gives no prediction; do not wait for it.
-    motion = None if result is None else fitted_motion(rest, result, most_steps=motions.FEW_STEPS_A_PERIOD)
+    motion = fitted_motion(rest, result, number, most_steps=motions.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
     return root_mean_square(rest.angle.values - motion.offset - motion.x)

@@ -66,9 +66,11 @@ class FollowedRuns:
     @property
     def motions(self) -> list[FittedMotion | None]:
         """The free motion in each run, see `fitted_motion`."""
-        return self.once(
-            "motions", lambda: [fitted_motion(d, self.result, at) for at, d in self.runs.items()]
-        )
+        return [self.motion(run) for run in self.runs]
+
+    def motion(self, run: int) -> FittedMotion | None:
+        """Return the free motion in a run, see `fitted_motion`."""
+        return self.once(f"motion {run}", lambda: fitted_motion(self.runs[run], self.result, run))
 
     def tracked(self, run: int) -> TrackedRecord:
         """Return a run as `track` follows it.
