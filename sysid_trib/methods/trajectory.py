@@ -187,6 +187,7 @@ class Trajectory(Constrained):
         parameters = parameters.completed()
         if self.starts == "measured":
             parameters = parameters.fix(measured_starts(runs))
+            records = tuple(replace(record, start_is_shown=True) for record in records)
         elif is_free_to_move(offered, parameters.constraints.fixed):
             # No rate shows where a body is that may be anywhere.
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]

@@ -37,6 +37,7 @@ from sysid_trib.simulation.initial_conditions import (
     first_zero,
     fit_start_of_several,
     measured_motion,
+    true_start,
 )
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
@@ -460,10 +461,10 @@ def _predict(
 
 def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
     """Predict a record from its measured start; nothing is fitted to it."""
-    held = [*measured_starts([record]).values()]
+    shown_angle, rate, _ = measured_starts([record]).values()
     time, angle = record.time.values.astype(float), record.angle.values.astype(float)
     try:
-        shown = trajectory(model, time, held[0], held[1]).angle
+        shown = trajectory(model, time, true_start(model, shown_angle, rate), rate).angle
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
     residual = angle - shown
