@@ -69,7 +69,7 @@ def runs(folder):
 
 
 def test_a_library_with_expressions_reads_back_as_it_was_written(joint):
-    assert joint["load_friction"].uses == ("back_emf", "motor", "tilt")
+    assert joint["load_friction"].uses == ("back_emf", "motor", "supply_sag", "tilt")
     assert joint["load_friction"].inputs == ("goal", "kp", "on")
     again = library_of_text(joint.to_toml(), "again")
     assert again.forces == joint.forces
@@ -177,7 +177,7 @@ def test_parameters_leave_with_their_covariance_as_toml_and_json(joint, runs, tm
     assert data["toml"] == data["json"]
     forces = {force["symbol"]: force for force in data["toml"]["forces"]}
     assert forces["load_friction"]["value"] == pytest.approx(0.25, rel=0.05)
-    assert forces["load_friction"]["uses"] == ["back_emf", "motor", "tilt"]
+    assert forces["load_friction"]["uses"] == ["back_emf", "motor", "supply_sag", "tilt"]
     variances = np.diag(data["toml"]["covariance"]["values"])
     errors = [force["standard_error"] for force in data["toml"]["forces"]]
     np.testing.assert_allclose(np.sqrt(variances[:-1]), errors, rtol=1e-9)

@@ -349,7 +349,7 @@ def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
         noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
             # In which the errors of a driven record are taken whose residual is not white.
-            covariance = unbounded.clustered_covariance(24)
+            covariance = unbounded.clustered_covariance
     # Unit of what is compared.
     units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
     extra: dict[str, tuple[ArrayLike, str, str]]
