@@ -10,8 +10,6 @@ may be added to the folder.
 
 import time
 from argparse import Namespace
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -20,21 +18,14 @@ import xarray as xr
 import sysid_trib as st
 from benchmarks import DATA
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.free_decay import free_decays
 
 FOLDER = DATA / "servo_pendulum"
 MOTIONS = ("lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
 COLUMNS = {"goal": "goal position", "on": "torque on"}
-# The servo's law of control: duty ratio by gain and error of position (SOURCE.md of the data).
-LIBRARY = """
-title = "A pendulum on a servo"
-include = ["joints"]
-inputs = { goal = "displacement", kp = "", on = "" }
-
-[expressions]
-powered = "on"
-torque = "max(-1, min(1, 0.00287746*kp*(goal - x)))"
-"""
+# Duty ratio by gain and error of position (1/rad), of SOURCE.md of the data.
+DUTY_RATIO = 0.00287746
 BASE = ("gravity", "tilt", "motor", "back_emf", "lambda", "zeta")
 # Friction laws that are held against each other, by the further forces of each.
 LAWS: dict[str, tuple[str, ...]] = {
@@ -49,12 +40,30 @@ CHOSEN = "with the load squared, and the load at low speed"
 NOT_NEGATIVE = dict.fromkeys(("lambda", "zeta", "back_emf"), (0.0, None))
 
 
+def library_text(duty_ratio: float, seen: str = "x") -> str:
+    """The library of a servo in TOML: joints under a control loop that saturates.
+
+    Parameters
+    ----------
+    duty_ratio : float, 1/rad
+        Of the duty ratio to the gain and the error of position.
+    seen : str
+        Position that the control loop sees, a formula.
+    """
+    return f"""
+title = "A pendulum on a servo"
+include = ["joints"]
+inputs = {{ goal = "displacement", kp = "", on = "" }}
+
+[expressions]
+powered = "on"
+torque = "max(-1, min(1, {duty_ratio}*kp*(goal - ({seen}))))"
+"""
+
+
 def library() -> ForceLibrary:
     """The forces of a joint under this law of control."""
-    with TemporaryDirectory() as folder:
-        file = Path(folder) / "servo.toml"
-        file.write_text(LIBRARY, encoding="utf-8")
-        return st.load_library(file)
+    return library_of_text(library_text(DUTY_RATIO), "servo")
 
 
 def gains() -> list[int]:

@@ -43,6 +43,8 @@ CONVERGED_DRIVEN = 1e-7
 FOLLOWED_DRIVEN = 0.3
 # Parts of all runs between which a model that lacks something scatters; from so many runs on, these do.
 PARTS, FEWEST_CLUSTERS = 24, 6
+# A motion whose sensitivities, whitened, are beyond this has diverged; their squares are still numbers.
+LARGEST_SENSITIVITY = 1e100
 # Part of what decides a parameter that its cluster leaves to the others, at least.
 LEAST_LEFT = 1e-3
 # A combination of parameters that moves the residual by less than this part of the most decisive one is not known.
@@ -297,7 +299,7 @@ def fitted(
         here = parameters.expand(free)
         columns = problem.white_sensitivity(here, residuals(*free))
         # The optimiser within bounds takes nothing else.
-        if bounded and not np.all(np.isfinite(columns)):
+        if bounded and not np.all(np.abs(columns) < LARGEST_SENSITIVITY):
             raise DecayError(NO_FITTED_MOTION)
         return columns
 

@@ -11,6 +11,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, half_periods
 from sysid_trib.records.inputs import ROLE, KnownInput, inputs_of, integral_of_rate, is_constant
+from sysid_trib.records.saturation import refuse_saturated
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
 # A part of a record that is used has so many samples, and lasts so many periods.
@@ -68,6 +69,9 @@ def driven_parts(
     if part.sizes["time"] < FEWEST_SAMPLES:
         raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
     said: list[str] = []
+    measured = _signal_names(part)[0]
+    given = part.time.values.astype(float), part[measured].values.astype(float)
+    refuse_saturated(*given, _shown(part, measured), str(part[measured].attrs.get("units", "")))
     if not keep_outliers:
         part, said = _without_outliers(part)
     time = part.time.values.astype(float)
