@@ -35,8 +35,13 @@ LAWS: dict[str, tuple[str, ...]] = {
     "with the load squared": ("load_squared",),
     "with the load squared, Stribeck": ("load_squared", "stribeck"),
     "with the load squared, and the load at low speed": ("load_squared", "load_stribeck"),
+    "the same, delay of the sensor": ("load_squared", "load_stribeck", "sensor_delay"),
+    "with the load, and more at low speed": (
+        *("load_friction", "load_stribeck"),
+        *("motor_saturation", "sensor_delay"),
+    ),
 }
-CHOSEN = "with the load squared, and the load at low speed"
+CHOSEN = "with the load, and more at low speed"
 NOT_NEGATIVE = dict.fromkeys(("lambda", "zeta", "back_emf"), (0.0, None))
 
 
@@ -154,7 +159,7 @@ def prediction(
 ) -> None:
     """Each gain predicted by the runs of the others, by three laws."""
     print("mean absolute error (mrad) of the four runs of a gain that is kept back")
-    for law in ("Coulomb and viscous", "with the load squared", CHOSEN):
+    for law in laws_tried:
         for gain in gains():
             result, _ = fitted(runs_of([other for other in gains() if other != gain]), law)
             error = np.mean(absolute_error(result, runs_of([gain])))

@@ -164,8 +164,8 @@ def test_errors_of_an_incomplete_law_are_those_between_runs():
     problem = FitProblem(_TwoParameters(), (record,) * 8, [], None)
     fit = Fit(problem, values, design @ values - target, design)
     without = []
-    for run in np.array_split(np.arange(len(target)), 8):
-        kept = np.setdiff1d(np.arange(len(target)), run)
+    for left_out in np.array_split(np.arange(len(target)), 8):
+        kept = np.setdiff1d(np.arange(len(target)), left_out)
         without.append(np.linalg.lstsq(design[kept], target[kept], rcond=None)[0] - values)
     jackknife = 7.0 / 8.0 * np.transpose(without) @ without
     own = fit._covariance_between(fit._ends(1))

@@ -171,7 +171,9 @@ def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     For an input without a unit its name is used: `1/u`.
     """
     text = force.units
-    with_unit = [channel for channel in force.channels if not channel.kind and inputs.get(channel.input) != "1"]
+    with_unit = [
+        channel for channel in force.channels if not channel.kind and inputs.get(channel.input) != "1"
+    ]
     raw = dict.fromkeys(channel.input for channel in with_unit if channel.input in inputs)
     for name in raw:
         of_input = {channel.name: 1.0 for channel in force.channels if channel.input == name}

@@ -47,7 +47,7 @@ PARTS, FEWEST_CLUSTERS = 24, 6
 LARGEST_SENSITIVITY = 1e100
 # Part of what decides a parameter that its cluster leaves to the others, at least.
 LEAST_LEFT = 1e-3
-# A combination of parameters that moves the residual by less than this part of the most decisive one is not known.
+# A combination of parameters is not known if it moves the residual by less than this part of the best known.
 SINGULAR_PART = 1e-7
 
 
@@ -113,8 +113,8 @@ class Fit:
         if len(self.problem.records) < FEWEST_CLUSTERS:
             return of_parts
         of_runs = self._covariance_between(self._ends(1))
-        sizes = [np.sqrt(np.diag(covariance)) for covariance in (of_parts, of_runs)]
-        ratio = np.divide(*sizes, out=np.ones_like(sizes[0]), where=sizes[1] > 0.0)
+        parts, runs = (np.sqrt(np.diag(covariance)) for covariance in (of_parts, of_runs))
+        ratio = np.divide(parts, runs, out=np.ones_like(parts), where=runs > 0.0)
         wider = np.maximum(1.0, ratio)
         return np.asarray(of_runs * np.outer(wider, wider))
 

@@ -35,8 +35,8 @@ def refuse_saturated(time: Array, values: Array, name: str, unit: str) -> None:
             times = f"{time[first.start]:.4g} to {time[first.stop - 1]:.4g} s"
             more = f" and {len(stays) - 1} more" if len(stays) > 1 else ""
             raise DecayError(
-                f"The sensor saturates: the {name} is cut off at {limit} ({times}{more}); record with a wider "
-                "range, or take a part without it (--window)."
+                f"The sensor saturates: the {name} is cut off at {limit} ({times}{more}); record with a "
+                "wider range, or take a part without it (--window)."
             )
 
 

@@ -110,7 +110,7 @@ class SimulatedMotion:
 
     @property
     def start_by_sensor(self) -> Vector:
-        """Derivatives of the angle at the start by the parameters, (parameter,), where the sensor shows a given one."""
+        """Derivatives of the angle at the start by the parameters, (parameter,), if the sensor shows one."""
         _, by_motion, by_names = self._sensor_error
         return np.asarray(-by_names[0] / (1.0 + by_motion[0, 0]))
 
