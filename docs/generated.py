@@ -31,6 +31,7 @@ from typer.testing import CliRunner
 import sysid_trib as st
 from sysid_trib.commands.app import app
 from sysid_trib.cycles.signatures import exactly_dependent, without_signature
+from sysid_trib.discovery.engine.trials import Settings
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
 from sysid_trib.printing.looked import loses_power, signature_text
@@ -263,6 +264,7 @@ def small_results() -> dict[str, xr.DataTree]:
         "identify": st.cross_check(decay, *identified),
         "compare": st.compare(decay, start, methods),
         "discover": st.discover(decay, start, candidates, max_effects=1),
+        "laws": st.laws(decay),
         DRIVEN: driven_result(time),
     }
 
@@ -282,12 +284,12 @@ def results() -> str:
     lines = []
     shown: dict[tuple[str, ...], str] = {}
     for command, tree in small_results().items():
-        lines += [f"### Of {command}", ""]
+        lines += [f"### Result of {command}", ""]
         for group, node in tree.children.items():
             variables = node.to_dataset().variables
             lines += [f"#### `{group}`", ""]
             if before := shown.get(names := tuple(map(str, variables))):
-                lines += [f"As {before}.", ""]
+                lines += [f"The same variables as {before}.", ""]
                 continue
             shown[names] = f"`{group}` of {command}"
             lines += ["| variable | over | unit | what |", "| --- | --- | --- | --- |"]
@@ -322,8 +324,15 @@ def methods() -> str:
     return "\n".join(lines)
 
 
+def settings() -> str:
+    """Every setting of `discover`: its value, what it decides, and the source of its default."""
+    rows = [f"| `{name}` | {' | '.join(words)} |" for name, *words in Settings.table()]
+    head = ["| setting | value | what it decides | derivation or source |", "| --- | --- | --- | --- |"]
+    return "\n".join([*head, *rows])
+
+
 PARTS: dict[str, Callable[..., str]] = {
-    part.__name__: part for part in (api, commands, forces, methods, results, ties)
+    part.__name__: part for part in (api, commands, forces, methods, results, settings, ties)
 }
 
 

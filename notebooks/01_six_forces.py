@@ -7,15 +7,15 @@
 # $$\ddot\theta + \omega_0^2\,\theta = -\omega_0^2\, f(\theta, \dot\theta), \qquad f = \sum_k c_k\, h_k(x, v),
 # \quad x = \theta,\; v = \dot\theta/\omega_0 .$$
 #
-# Small forces change two things only: the amplitude $a$ decays and the frequency $\omega$ shifts,
+# Small forces have two effects: the amplitude $a$ decays and the frequency $\omega$ shifts,
 #
 # $$\dot a = \omega_0 \sum_k c_k \langle h_k \sin\varphi\rangle, \qquad
 # \omega = \omega_0 \Big(1 + \sum_k c_k \langle h_k \cos\varphi\rangle / a\Big),
 # \qquad x = a\cos\varphi,\; v = -a\sin\varphi .$$
 #
-# The two averages are the *signature* of a force. This notebook derives those of the paper's six forces
-# (Table 1), draws its Figs. 2 to 5 again, and measures where the first order in the forces stops being
-# enough.
+# The two averages are the *signature* of a force (its describing function). This notebook derives the
+# signatures of the paper's six forces (Table 1), draws Figs. 2 to 5 again, and measures the error of the
+# first order in the forces.
 
 # %%
 import os
@@ -33,11 +33,11 @@ QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # half the duration of the de
 # %% [markdown]
 # ## A force is a formula
 #
-# A library is a file of formulas. All else is derived from them: what a point reflection of $(\theta,
-# \dot\theta)$ does (*parity*; the paper's Eq. 2 wants odd forces) and what a reversal of time does (it
-# turns a dissipative force around and leaves a conservative one as it is). The paper calls Eq. 2 "parity
-# and time reversal"; it is the point reflection alone, as a reversal of time forbids every dissipative
-# force.
+# A library is a file of formulas. All properties are derived from them. *Parity* is the effect of a point
+# reflection of $(\theta, \dot\theta)$; the paper's Eq. 2 requires odd forces. Time reversal changes the
+# sign of a dissipative force and leaves a conservative force unchanged. The paper calls Eq. 2 "parity and
+# time reversal", but it is the point reflection alone, because time reversal would forbid every
+# dissipative force.
 
 # %%
 library = st.load_library("contact_forces")
@@ -49,10 +49,9 @@ pd.DataFrame(
 # %% [markdown]
 # ## Table 1
 #
-# `st.forces.signature` averages any formula over a cycle. Next to it stand the expressions that the paper
-# prints.
-# The viscous formula is `2*v`, so that its coefficient is the damping ratio: its averages are twice those
-# printed for $\theta'$.
+# `st.forces.signature` averages any formula over a cycle. The table compares the averages with the
+# expressions that the paper prints. The viscous formula is `2*v`, so that its coefficient is the damping
+# ratio: its averages are twice those printed for $\theta'$.
 
 # %%
 a = np.linspace(0.1, 1.5, 8)
@@ -110,12 +109,11 @@ for panel, (symbol, value) in zip(panels, decays.items(), strict=True):
     panel.label_outer()
 
 # %% [markdown]
-# How good are the envelopes? Half-sines are fitted to the exact motion (`st.records.envelope`, as in notebook
-# 02),
-# and the amplitude of each is held against the averaged one at its time. Even the quadratic force, which
-# takes more than half of the amplitude in the first half period, is followed closely. Worst off is solid
-# friction just before the end: it stops the motion in steps of half a period, $2\lambda$ each, not along a
-# straight line.
+# How accurate are the envelopes? Half-sines are fitted to the exact motion (`st.records.envelope`, as in
+# notebook 02), and the amplitude of each is compared with the averaged one at its time. The averages
+# follow even the quadratic force closely, which removes more than half of the amplitude in the first half
+# period. The largest deviation is that of solid friction just before the end: it stops the motion in steps
+# of half a period, $2\lambda$ each, not along a straight line.
 
 # %%
 rows = []
@@ -179,14 +177,14 @@ ax.figure
 first_order_error(*fig_3)
 
 # %% [markdown]
-# The rest is of second order: with $\delta$ its square grows. A half period that decays is also no
-# half-sine, which this way of measuring a frequency turns into a small error of its own; both are in the
-# numbers above.
+# The remaining shift is of second order: it grows with the square of $\delta$. In addition, a decaying
+# half period is not exactly a half-sine, which causes a small error of this measurement of the frequency.
+# The numbers above contain both.
 #
 # ## Fig. 4: the quadratic elastic force shifts it linearly
 #
-# *$\zeta = 0.05$ with $\nu$ = -0.5, -0.2, 0.2, 0.9.* The line is
-# $\omega = \omega_0\,(1 + 4 a \nu/(3\pi))$; a frequency that rises while the swing decays means $\nu < 0$.
+# *$\zeta = 0.05$ with $\nu$ = -0.5, -0.2, 0.2, 0.9.* The line is $\omega = \omega_0\,(1 + 4 a
+# \nu/(3\pi))$. If the frequency rises while the swing decays, $\nu < 0$.
 
 # %%
 fig_4 = shifted("nu", [-0.5, -0.2, 0.2, 0.9], {"zeta": 0.05})
@@ -209,8 +207,8 @@ st.plots.frequency_shift(*fig_5).figure
 first_order_error(*fig_5)
 
 # %% [markdown]
-# The paper speaks of small discrepancies where $\epsilon$ is not small enough. They are the square of the
-# force: halve it, and the error of the frequency falls towards a quarter.
+# The paper mentions small discrepancies where $\epsilon$ is not small enough. They are proportional to the
+# square of the force: with half of the force, the error of the frequency falls towards a quarter.
 
 # %%
 rows = []
@@ -224,6 +222,6 @@ error["ratio to the one before"] = error.iloc[:, -1] / error.iloc[:, -1].shift()
 error
 
 # %% [markdown]
-# An identification that compares a record with these averages inherits that error: in the paper's
-# experiment (notebook 02) it is some percent of $\epsilon$. The direct method does not average at all, and
-# the averaging of this package removes what it would get wrong on its own model.
+# An identification that compares a record with these averages has the same error: in the paper's
+# experiment (notebook 02) it is some percent of $\epsilon$. The direct method does not average, and the
+# averaging of this package removes the error that it has on its own model.

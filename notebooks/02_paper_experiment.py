@@ -3,9 +3,9 @@
 #
 # Le Bot et al. (Tribology Letters 67:53, 2019, Sec. 3) let a torsional pendulum with a PDMS sphere on a
 # glass plate decay from about 0.3 to 0.02 rad and identify five forces. Their record was never published.
-# The package holds a **synthetic example** of it: the paper's coefficients, 25 s at 100 Hz, with white noise
-# and angle steps that are plausible for it. Nothing below is a measurement; what can be tested on it is
-# the way from a record to the forces, as the truth is known.
+# The package contains a **synthetic example** of it: the paper's coefficients, 25 s at 100 Hz, with
+# plausible white noise and angle steps. Nothing below is a measurement. Because the truth is known, the
+# example tests the way from a record to the forces.
 
 # %%
 import os
@@ -51,7 +51,7 @@ st.plots.motions(decay.sel(time=slice(0.0, 1.35)), half_periods=found).figure
 #
 # The averaged equations are linear in the coefficients: $\dot a_i = \omega_\infty \sum_k L_{ik} c_k$ with
 # $L = \langle h \sin\varphi\rangle$, and $\omega_i - \omega_\infty = \omega_\infty \sum_k M_{ik} c_k$ with
-# $M = \langle h \cos\varphi\rangle / a$. The paper takes the last $\omega_i$ as $\omega_\infty$ and solves
+# $M = \langle h \cos\varphi\rangle / a$. The paper uses the last $\omega_i$ as $\omega_\infty$ and solves
 # both by least squares. By hand:
 
 # %%
@@ -73,14 +73,14 @@ pd.DataFrame(
 )
 
 # %% [markdown]
-# ## What the rule for the last frequency costs
+# ## The error of the last frequency
 #
-# These values are not the truth, and noise is not to blame. First a decay with the paper's own coefficients
-# and **no noise** at all: at the last instant the elastic forces still lower the frequency, and a wrong
-# $\omega_\infty$ tilts $M$'s two columns until $\epsilon$ has the wrong sign. With $\omega_\infty$ as one
-# more unknown (a column of ones) most of that is gone. What then remains is the first order itself:
-# averaging the identified model's own motion shows how much, and next to nothing remains without it. The
-# direct method does without averages.
+# These values are not the truth, and the noise is not the reason. First consider a decay with the paper's
+# coefficients and **no noise**. At the last instant the elastic forces still lower the frequency, and a
+# wrong $\omega_\infty$ tilts the two columns of $M$ until $\epsilon$ has the wrong sign. With
+# $\omega_\infty$ as a further unknown (a column of ones) most of this error disappears. The rest is the
+# error of the first order. Averaging the motion of the identified model shows its size; without it almost
+# no error remains. The direct method does not use averages.
 
 
 # %%
@@ -115,8 +115,8 @@ clean = st.free_decay(st.simulate(truth, np.arange(2500) / 100, angle=0.3))
 described({label: st.identify(clean, library, method) for label, method in METHODS.items()})
 
 # %% [markdown]
-# (The errors of a record without noise come from what each method does not explain.) Now the example with
-# its noise:
+# (Without noise, the stated errors come from what each method does not explain.) Now the example with its
+# noise:
 
 # %%
 if not QUICK:
@@ -126,8 +126,8 @@ direct = results["direct"]
 described(results)
 
 # %% [markdown]
-# The two methods, held against each other. They saw the same noise, so that their errors do not simply add:
-# the error of their difference follows from how the noise of each sample moves both.
+# The cross-check compares the two methods. They use the same noise, so that their errors do not simply
+# add: the error of their difference follows from the influence of each sample on both.
 
 # %%
 tree = st.cross_check(decay, results["averaging, bias removed"], direct)
@@ -167,7 +167,7 @@ for label, motion in motions.items():
     print(f"{label}: RMS of record - model {1e3 * rms:.3g} mrad, {times:.3g} times the noise")
 
 # %% [markdown]
-# ## Figs. 8 and 9: which force weighs how much
+# ## Figs. 8 and 9: the weight of each force
 #
 # The weights of Sec. 4, $\lambda$, $2\zeta a$, $\delta a^2$ for the decay and $4\nu a/(3\pi)$, $3\epsilon
 # a^2/8$ for the frequency, with bands of one standard error.
@@ -185,10 +185,10 @@ pair = st.physics.weights(direct, [0.02, 0.3])
 pair[["decay_share", "frequency_share"]].to_dataframe().unstack().style.format("{:.1%}")
 
 # %% [markdown]
-# The viscous force dominates the decay and the quadratic elastic force the frequency, over the whole range,
-# as the paper says. Its $\lambda$ is negative, which a friction cannot be; the paper takes it for zero
-# within an error that it does not state. On the example the error is known, and the example was made
-# with that negative value.
+# As the paper says, the viscous force dominates the decay and the quadratic elastic force the frequency,
+# over the whole range. Its $\lambda$ is negative, which is impossible for a friction; the paper considers
+# it zero within an error that it does not state. On the example the error is known, and the example was
+# made with that negative value.
 
 # %%
 value, error = direct.coefficient.sel(force="lambda").item(), direct.standard_error.sel(force="lambda").item()
@@ -202,10 +202,10 @@ print(f"by the printed rule ({1e5 * value:.1f} ± {1e5 * error:.1f})e-5, that is
 # %% [markdown]
 # ## Fig. 10: frequency against amplitude
 #
-# Almost a straight line with a negative slope: $\nu < 0$ and more than $\epsilon$. The printed rule and the
-# fitted $\omega_\infty$ differ where the line meets the axis. At large amplitude the averaged line of the
-# direct method's model lies above the record although the model itself does not: that is the first order,
-# which a line of the averaged equations has.
+# The points are almost on a straight line with a negative slope: $\nu < 0$, and its effect exceeds that of
+# $\epsilon$. The printed rule and the fitted $\omega_\infty$ differ where the line meets the axis. At
+# large amplitude the averaged line of the direct method's model lies above the record, although the model
+# itself does not: the line has the error of the first order.
 
 # %%
 models = {label: st.physics.model_of(results[label]) for label in ("averaging, printed rule", "direct")}
@@ -249,7 +249,8 @@ print(f"difference: {apart.item() * 1e6:.2f}e-6 N m, {apart.item() / error.item(
 
 # %% [markdown]
 # The paper prints 25.9 (cut, not rounded) and 22.6, and calls that reasonable agreement. Rounding alone
-# does not explain the difference; an error of the contact radius, which enters with its cube, would:
+# does not explain the difference. An error of the contact radius, which enters with its cube, would
+# explain it:
 
 # %%
 radius = (3 * by_motion.contact_stiffness.item() / (16 * 0.53e6)) ** (1 / 3)
@@ -258,8 +259,8 @@ print(f"equal stiffness at a contact radius of {1e3 * radius:.3f} mm instead of 
 # %% [markdown]
 # ## Where the paper needs care
 #
-# Its method and its conclusions stand. Some printed numbers and rules do not; each is computed here beside
-# what is printed.
+# Its method and its conclusions are valid. Some printed numbers and rules are not; each is computed here
+# and compared with the printed one.
 
 # %%
 care = []
@@ -270,9 +271,10 @@ def note(what, printed, computed):
 
 
 # %% [markdown]
-# **Crossovers.** $\nu$ and $\epsilon$ weigh the same at $32\nu/(9\pi\epsilon)$ in magnitude. The printed
-# number is nearly $\pi$ times that; the crossover lies below $\pi$, and the sentence drawn from it does not
-# hold. That of $\zeta$ and $\delta$ compares peak forces; by what they do to the envelope it is later.
+# **Crossovers.** $\nu$ and $\epsilon$ have the same weight at $32\nu/(9\pi\epsilon)$ in magnitude. The
+# printed number is nearly $\pi$ times that. The crossover lies below $\pi$, so that the paper's conclusion
+# does not hold. The printed crossover of $\zeta$ and $\delta$ compares peak forces; by their effect on the
+# envelope it is at a larger amplitude.
 
 # %%
 crossing = abs(32 * PAPER["nu"] / (9 * np.pi * PAPER["epsilon"]))
@@ -291,8 +293,8 @@ note("zeta and delta weigh the same at (rad)", f"about 0.5 (2 zeta/delta = {rule
 
 # %% [markdown]
 # **Frequencies.** With $\alpha$ and $\zeta$ the exact frequency is $\omega_0\sqrt{1 + \alpha - \zeta^2}$,
-# not the printed product of roots, and the shift by the cubic force, printed $3\epsilon a^2/8$, lacks its
-# $\omega_0$. Both on simulated motions.
+# not the printed product of roots. The shift by the cubic force, printed $3\epsilon a^2/8$, lacks the
+# factor $\omega_0$. Simulated motions show both.
 
 # %%
 model = st.Model(library, {"alpha": 0.25, "zeta": 0.05}, reference_frequency=1.0)
@@ -307,8 +309,8 @@ computed = f"times w0: {W_INF * shift:.4f}; simulated {first.frequency.item() - 
 note("shift by epsilon = 0.05 at w0 = 9.91 rad/s (rad/s)", f"3 epsilon a^2/8 = {shift:.5f}", computed)
 
 # %% [markdown]
-# **Time left.** Below $a_\lambda = \lambda/(2\zeta)$ the paper counts solid friction alone; the viscous
-# force still helps.
+# **Remaining time.** Below $a_\lambda = \lambda/(2\zeta)$ the paper considers only solid friction, but the
+# viscous force still contributes.
 
 # %%
 model = st.Model(library, {"lambda": 1e-3, "zeta": PAPER["zeta"]}, W_INF)
@@ -364,6 +366,6 @@ note(
 pd.DataFrame(care, columns=["", "as printed", "computed here"]).style.hide()
 
 # %% [markdown]
-# Every coefficient above refers to the fitted frequency with contact; the paper scales by $\omega_0$ in its
-# theory and by $\omega_\infty$ in its experiment. An identification says which (`reference_frequency`), and
-# `st.physics.with_contactless_frequency` adds $\alpha$.
+# Every coefficient above refers to the fitted frequency with contact; the paper scales by $\omega_0$ in
+# its theory and by $\omega_\infty$ in its experiment. An identification states its frequency
+# (`reference_frequency`), and `st.physics.with_contactless_frequency` adds $\alpha$.

@@ -1,11 +1,11 @@
 # %% [markdown]
-# # Two identifications, and the floor under both
+# # Two identifications and their lower bound
 #
-# Averaging looks at amplitude and frequency of half periods; the direct method at the equation of motion
-# itself. How precise are they against noise, sampling rate and angle steps? No unbiased method can have
-# smaller standard errors than the Cramér-Rao bound, which `st.validation.cramer_rao_bound` computes from the
-# motion alone, before any record is taken. All records here are simulated: the five forces of Le Bot et al.
-# (2019, Sec. 3) and their frequency, from 0.3 rad at rest, 25 s.
+# Averaging uses the amplitude and frequency of half periods; the direct method uses the equation of
+# motion. This notebook shows their precision against noise, sampling rate and angle steps. No unbiased
+# method can have smaller standard errors than the Cramér-Rao bound. `st.validation.cramer_rao_bound`
+# computes it from the motion alone, before any record exists. All records here are simulated: the five
+# forces of Le Bot et al. (2019, Sec. 3) and their frequency, from 0.3 rad at rest, 25 s.
 
 # %%
 import os
@@ -34,7 +34,7 @@ METHODS = {
 # %% [markdown]
 # ## One record
 #
-# At a noise of 0.1 mrad and 100 Hz, both methods beside the bound:
+# Both methods and the bound, at a noise of 0.1 mrad and 100 Hz:
 
 
 # %%
@@ -63,16 +63,15 @@ for label, method in METHODS.items():
 pd.DataFrame(rows).T.style.format("{:.3g}")
 
 # %% [markdown]
-# Averages of the first order in the forces are biased, far beyond the noise. `Averaging()` identifies,
-# simulates what it identified, passes that motion through the same averaging, and takes off what that got
-# wrong.
+# Averages of the first order in the forces are biased, far beyond the noise. `Averaging()` identifies a
+# model, simulates it, averages its motion in the same way, and subtracts the error that this shows.
 #
 # ## Many records
 #
-# Below, each point is the RMS error over records that differ in their noise; of $n$ records it is known to
-# a part of about $1/\sqrt{2n}$, so that points may lie that much below the bound. Beside the figures stand
-# the ratio of error to bound, from the force that comes off best to the one that comes off worst, and how
-# many errors are smaller than 1.96 stated standard errors, which should be 95 % of them.
+# Each point below is the RMS error over records that differ in their noise. From $n$ records it is known
+# to a fraction of about $1/\sqrt{2n}$, so that points may lie below the bound by this amount. The tables
+# below the figures have the smallest and the largest ratio of error to bound among the forces, and the
+# fraction of errors below 1.96 stated standard errors, which should be 95 %.
 
 
 # %%
@@ -122,8 +121,8 @@ def over_bound(found):
 # %% [markdown]
 # ## Noise
 #
-# At 100 Hz. Without its correction, averaging stops improving where its bias begins; the others follow the
-# bound down.
+# At 100 Hz. Averaging without its correction does not improve below the noise at which its bias dominates;
+# the other methods follow the bound.
 
 # %%
 noises = [3e-5, 1e-3] if QUICK else [1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3]
@@ -139,8 +138,8 @@ by_noise.within.mean("force").transpose("level", "method").to_pandas().style.for
 # %% [markdown]
 # ## Sampling rate
 #
-# At a noise of 0.1 mrad a sample. More samples of the same noise are more information: the bound falls with
-# the square root of the rate.
+# At a noise of 0.1 mrad per sample. More samples with the same noise contain more information: the bound
+# decreases with the square root of the rate.
 
 # %%
 rates = [50, 200] if QUICK else [25, 50, 100, 200, 400]
@@ -157,11 +156,11 @@ print(f"bound of zeta times the root of the rate: {bound * np.sqrt(rates)}")
 # %% [markdown]
 # ## Angle steps
 #
-# A sensor with steps, at 100 Hz and 0.1 mrad of noise. The bound takes steps for white noise of
-# step/$\sqrt{12}$. Where the noise is a good part of a step, that is what they are. Where it is not, their
-# errors depend on the angle and repeat from swing to swing: methods that count on white noise lose some
-# precision, and, worse, state errors that are too small (the second table). A little noise before the steps
-# does good.
+# A sensor with steps, at 100 Hz and 0.1 mrad of noise. The bound treats steps as white noise of
+# step/$\sqrt{12}$. This is correct if the noise is a good part of a step. Otherwise the errors of the
+# steps depend on the angle and repeat from swing to swing. Methods that assume white noise then lose some
+# precision and, which is worse, state errors that are too small (the second table). A little noise before
+# the steps improves the result.
 
 # %%
 steps = [3e-4, 3e-3] if QUICK else [1e-4, 3e-4, 1e-3, 3e-3, 1e-2]
@@ -177,8 +176,8 @@ by_step.within.mean("force").transpose("level", "method").to_pandas().style.form
 # %% [markdown]
 # ## Planning a measurement
 #
-# The bound needs no record, so that it can choose an experiment: from which angle must the pendulum be let
-# go to know $\epsilon$ to one percent, at 100 Hz and 0.5 mrad of noise?
+# The bound needs no record, so that it can choose an experiment. From which angle must the pendulum be
+# released to know $\epsilon$ to one percent, at 100 Hz and 0.5 mrad of noise?
 
 # %%
 time = np.arange(2500) / 100

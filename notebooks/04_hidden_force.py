@@ -1,11 +1,10 @@
 # %% [markdown]
 # # Finding a hidden force
 #
-# An oscillator is known to have dry and viscous friction. Something else may act in it:
-# here a draw hides one effect, none, or something that nobody has thought of. `discover` gets the record
-# alone. It says where the known model and the record disagree, ranks what may be missing, adds what fits
-# best, shows the gap shrink, and says which effects the record cannot separate. The envelopes with
-# the truth are opened after the verdicts.
+# An oscillator is known to have dry and viscous friction. A random draw hides one effect, none, or one
+# that is in no library. `discover` gets the record alone. It shows where the known model and the record
+# differ, ranks the candidates, adds the best one, shows how the residual decreases, and says which effects
+# the record cannot separate. The envelopes with the truth are opened after the verdicts.
 #
 # Every record in this notebook is *synthetic*: simulated, with white noise added.
 
@@ -28,11 +27,11 @@ pd.set_option("display.max_colwidth", None)
 QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # fewer candidates and hidden records, shorter motions
 
 # %% [markdown]
-# ## What is known, and what may be missing
+# ## The start model and the candidates
 #
-# The model to start from has solid and viscous friction. Candidates are the other contact forces and the
-# effects that come with the package. `alpha`, a linear spring, is not offered: on one record it cannot be
-# separated from the frequency, which is fitted.
+# The start model has solid and viscous friction. Candidates are the other contact forces and the effects
+# of the package. `alpha`, a linear spring, is not offered: one record cannot separate it from the
+# frequency, which is fitted.
 
 # %%
 contact, effects = st.load_library("contact_forces"), st.load_library("candidate_effects")
@@ -62,12 +61,12 @@ def model_with(hidden: dict[str, float], shapes: dict[str, float] | None = None)
 print(f"{len(candidates)} candidates in {len({force.family for force in candidates})} families")
 
 # %% [markdown]
-# ## Nothing missing, and what would have been detected
+# ## Nothing missing, and the detectable effects
 #
-# First an oscillator in which nothing is hidden. *Nothing missing* means little without the strength
-# from which on an effect would have been detected. This detectability has one row a candidate. It is
-# computed from the record's noise and the motion's sensitivities. What the known forces can imitate on
-# this record is not testable, and is said to be.
+# In the first oscillator nothing is hidden. The verdict *nothing missing* says little without the smallest
+# effect that the record would show. The table of detectability has one row for each candidate, computed
+# from the noise of the record and the sensitivities of the motion. An effect that the known forces can
+# imitate on this record is marked as not testable.
 
 # %%
 nothing = st.discover(record_of(model_with({})), known, candidates)
@@ -81,10 +80,10 @@ print("Would be seen from:", ", ".join(f"{symbol} {c:.2g}" for symbol, c in seen
 # %% [markdown]
 # ## A sealed record
 #
-# A draw takes any candidate (or nothing, one time in six), a sign where both make sense, its shape
-# parameters within a factor of two of their defaults, and a strength: the RMS residual of the best fit of
-# the known forces is to lie between 0.4 and 8 times the noise. The truth goes into an envelope. Several
-# are drawn; one is looked at closely.
+# A draw chooses any candidate (or none, one time in six), a sign if both make sense, shape parameters
+# within a factor of two of their defaults, and a strength: the RMS residual of the best fit of the known
+# forces is between 0.4 and 8 times the noise. The truth goes into an envelope. Several records are drawn;
+# this is one of them.
 
 # %%
 LOSING = ("friction", "damping", "hysteresis")
@@ -125,17 +124,17 @@ record, envelope = records[number]
 found = st.discover(record, known, candidates)
 
 # %% [markdown]
-# Where do model and record disagree? The known forces alone, fitted as well as they can be, are the model
-# *before*; with what was found it is the model *after*.
+# Where do model and record differ? The model *before* has the best fit of the known forces; the model
+# *after* also has the effects that were found.
 
 # %%
 display(st.plots.story(found))
 
 # %% [markdown]
-# What closes the gap? The score of each candidate is how far its own effect on the motion, less what the
-# known forces can imitate, stands out of the residual, in standard errors. The threshold is corrected for
-# the number of candidates and shape parameters that were tried. Effects that may as well be the truth
-# compete with the named one: they are in its 95 % credible set.
+# Which effect explains the residual? The score of a candidate is its coefficient over its standard error,
+# after the part that the known forces can imitate is removed. The threshold is corrected for the number of
+# candidates and shape parameters that were tried. Effects that explain the record equally well compete
+# with the named one: they are in its 95 % credible set.
 
 # %%
 display(st.plots.ranking(found))
@@ -145,8 +144,8 @@ print(f"Verdict: {found.attrs['verdict']}")
 display(tables.effects_found(found))
 
 # %% [markdown]
-# Held out is the last third of the record: the models are fitted again on the first two thirds, and predict
-# it. Now the envelope:
+# The last third of the record is held out: the models are fitted to the first two thirds, and predict it.
+# Now the envelope:
 
 # %%
 truth = {symbol: c for symbol, c in envelope.coefficients.items() if symbol not in BASE}
@@ -155,8 +154,8 @@ print("Hidden:", *(f"{name} = {value:.4g}" for name, value in (truth | envelope.
 # %% [markdown]
 # ## Competing effects, and the measurement that separates them
 #
-# At small angles a cubic spring, a pendulum's gravity, a magnet, and an inertia that grows with the angle
-# do much the same. One of them is hidden, at 0.3 rad.
+# At small angles a cubic spring, gravity of a pendulum, a magnet, and an inertia that grows with the angle
+# have nearly the same effect. One of them is hidden, at 0.3 rad.
 
 # %%
 alike = [s for s in ("epsilon", "gravity", "magnet", "inertia") if s in candidates.symbols]
@@ -169,11 +168,12 @@ print(f"One record from 0.3 rad: {one.attrs['verdict']}")
 display(tables.effects_found(one))
 
 # %% [markdown]
-# Which measurement would separate them? The detectability answers before the measurement is made: from
-# motions of the *known* model, released from larger and larger angles, it has the coefficient of five
-# standard errors of each candidate, and the cosine between the responses of any two, outside of what the
-# model can imitate. So an effect of the size just found has so many standard errors, and differs from each
-# competing effect by a part of them. Some 2.4 (odds of 19 to 1 between two) separate them.
+# Which measurement would separate them? The detectability answers this before the measurement. It
+# simulates the *known* model, released from larger and larger angles, and computes the coefficient of five
+# standard errors of each candidate, and the cosine between the responses of any two, without the part that
+# the model can imitate. This gives the number of standard errors of the effect just found, and of its
+# difference from each competing effect. Some 2.4 standard errors (odds of 19 to 1 between two) separate
+# two effects.
 
 
 # %%
@@ -196,8 +196,8 @@ differences = xr.concat(
 display(differences.to_pandas().round(1))
 
 # %% [markdown]
-# So the second release is made from 1.2 rad, and both runs are searched together: they share forces and
-# frequency.
+# The second release is therefore made from 1.2 rad, and both runs are searched together: they share forces
+# and frequency.
 
 # %%
 large = record_of(elastic, angle=1.2, seed=2)
@@ -209,8 +209,8 @@ print("Hidden was:", chosen, strength)
 # %% [markdown]
 # ## An effect that is in no library
 #
-# A name can only be the best one offered. Here the pivot is a motor with magnets: its cogging torque
-# repeats 24 times a turn, and none of the candidates does.
+# A name is only the best of the candidates. Here the pivot is a motor with magnets: its cogging torque
+# repeats 24 times a turn, and no candidate does that.
 
 # %%
 COGGING = """
@@ -233,9 +233,10 @@ print(f"Verdict: {unknown.attrs['verdict']}")
 display(tables.effects_found(unknown))
 
 # %% [markdown]
-# What was named is wrong, and it shows: the gap does not go down to the noise, and on the held-out third a
-# step may even raise it. The omnibus test knows no candidate: it takes trial forces (powers of the amplitude
-# times harmonics of the phase), and its p-value says whether the residual follows the motion.
+# The name is wrong, and the result shows it: the residual does not fall to the noise, and an effect may
+# even worsen the prediction of the held-out third. The omnibus test involves no candidate: it uses trial
+# forces (powers of the amplitude times harmonics of the phase). Its p-value says whether the residual
+# depends on the motion.
 
 # %%
 omnibus = unknown["omnibus"].ds.isel(selection_step=-1)
@@ -245,7 +246,7 @@ display(strongest.to_frame("z of the trial force (amplitude r, phase phi)").roun
 display(st.plots.story(unknown))
 
 # %% [markdown]
-# Offered as one more candidate, the cogging is named:
+# If the cogging torque is offered as a further candidate, it is named:
 
 # %%
 named = st.discover(driven, known, replace(candidates, forces=(*candidates, *cogging)))
@@ -255,7 +256,7 @@ display(tables.effects_found(named))
 # %% [markdown]
 # ## All sealed records
 #
-# One record is an anecdote. All that were drawn, by their numbers from 1 on: first the verdicts,
+# One record proves little. Here are all that were drawn, by number from 1 on. First the verdicts,
 
 # %%
 others = {n: st.discover(record, known, candidates) for n, (record, _) in records.items() if n != number}
@@ -267,9 +268,9 @@ verdicts = others | {number: found}
 
 # %%
 def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
-    """Truth against verdict; gaps are those of the held-out third, in noise levels."""
+    """Truth against verdict; residuals are those of the held-out third, in noise levels."""
     truth = {symbol: c for symbol, c in hidden.coefficients.items() if symbol not in BASE}
-    steps, gaps = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
+    steps, residuals = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     each = [steps.isel(step=at) for at in range(steps.attrs["count"])]
     named = [one["symbol"].item() for one in each]
     classes = [one.candidate.values[one.credible.values].tolist() for one in each]
@@ -279,8 +280,8 @@ def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
         "verdict": tree.attrs["verdict"],
         "named": "; ".join(" ".join(pair) for pair in zip(named, coefficients, strict=True)),
         "competing": "; ".join(", ".join(s for s in tied if s not in named) for tied in classes),
-        "gap before": gaps[0],
-        "after": gaps[-1],
+        "residual before": residuals[0],
+        "after": residuals[-1],
         "exact": set(named) == set(truth),
         "in the set": len(named) == len(truth) and all(set(truth) & set(tied) for tied in classes),
     }
@@ -290,19 +291,19 @@ table = pd.DataFrame({n: row_of(verdicts[n], records[n][1]) for n in records}).T
 display(table.round(2))
 something = table.hidden != "nothing"
 exact, tied = (table[something][column].sum() for column in ("exact", "in the set"))
-print(f"Of {something.sum()} hidden effects {exact} were named exactly, {tied} are in a credible set.")
+print(f"{exact} of {something.sum()} hidden effects were named exactly, {tied} are in a credible set.")
 alarms = (table[~something].verdict != "nothing missing").sum()
-print(f"Of {(~something).sum()} records with nothing hidden {alarms} raised an alarm.")
+print(f"{alarms} of {(~something).sum()} records with nothing hidden raised an alarm.")
 
 # %% [markdown]
-# The gap can go down to one noise level, not further. A row whose effect is not in the set is a wrong
-# name given with confidence. It happens, the more easily the weaker the effect and the more candidates
-# resemble it: [What discover finds](../docs/discovery.md) counts some hundred such records.
+# The residual can fall to one noise level, not further. A row whose effect is not in the set is a wrong
+# name, given with confidence. This happens more often if the effect is weak and if many candidates
+# resemble it: [What discover finds](../docs/discovery.md) has the rates of some hundred such records.
 #
-# ## What to take home
+# ## Summary
 #
-# - A name is the best of what was offered. Read the competing effects with it, and what was held out.
-# - *Nothing missing* goes with the detectability: weaker effects may be there.
-# - Competing effects are not a failure of the search but of the record; which other record separates them
-#   can be computed.
-# - *Unknown effect* is a verdict too. Say what you know about the apparatus in a line of TOML, and ask again.
+# - A name is the best of the candidates. Read the competing effects and the held-out prediction with it.
+# - Read the detectability with *nothing missing*: weaker effects may be present.
+# - If effects compete, the record does not separate them. The program computes which other record would.
+# - *Unknown effect* is a verdict too. Describe what you know about the apparatus in a line of TOML, and
+#   repeat the search.

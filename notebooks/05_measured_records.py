@@ -1,14 +1,13 @@
 # %% [markdown]
 # # Measured records
 #
-# Three free decays that others measured and published: a steel pendulum on a bearing, a bob on a string
-# that was filmed, and the model of a ship that rolls in a basin. Of each something is known beforehand, and
-# can be held against what is found. None is explained to the last: the residuals are shown, not
-# hidden.
+# Three free decays that others measured and published: a steel pendulum on a bearing, a filmed bob on a
+# string, and the model of a ship that rolls in a basin. For each, some facts are known beforehand and can
+# be compared with the result. No model explains a record completely: the residuals are shown.
 #
-# The records are not part of this repository. They are read from the folder that `SYSID_TRIB_DATA` names;
-# who is online may set `SYSID_TRIB_FETCH=1`, which fetches them from their public sources
-# ([measured.py](measured.py) says which) and checks them.
+# The records are not part of this repository. They are read from the folder that `SYSID_TRIB_DATA` names.
+# If you are online, `SYSID_TRIB_FETCH=1` fetches them from their public sources
+# ([measured.py](measured.py) lists them) and checks them.
 
 # %%
 import os
@@ -31,9 +30,9 @@ files = measured.files()
 # %% [markdown]
 # ## The same three questions
 #
-# What do averaging and direct identification find, and does their model explain the record? How do other
-# methods compare, also on a last third that they have not seen? And what is missing, if the search starts
-# from one force: viscous friction for the pendulums, quadratic drag for the ship?
+# Which coefficients do averaging and direct identification find, and does their model explain the record?
+# How do other methods compare, also on a last third that they have not used? Which force is missing, if
+# the search starts from one force: viscous friction for the pendulums, quadratic drag for the ship?
 
 # %%
 contact, effects = st.load_library("contact_forces"), st.load_library("candidate_effects")
@@ -70,16 +69,18 @@ def identified(decay: xr.Dataset, symbols: str) -> xr.DataTree:
 
 
 def searched(decay: xr.Dataset, start: str, effects: int, holdout: xr.Dataset | None = None) -> xr.DataTree:
-    """What a start model of one force lacks; gaps are in noise levels."""
+    """Find the forces that a start model lacks, and print residuals in noise levels."""
     unseen = () if holdout is None else holdout
     most = 1 if QUICK else effects
     tree = st.discover(decay, contact.select([start]), candidates, max_effects=most, holdout=unseen)
     display(tables.effects_found(tree))
-    gaps = tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
+    residuals = tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     print(
-        f"Verdict: {tree.attrs['verdict']}. On what was held out ({tree.attrs['held_out']}) the start model"
+        f"Verdict: {tree.attrs['verdict']}. On the held-out part ({tree.attrs['held_out']}) the start model"
     )
-    print(f"has a gap of {gaps[0]:.3g} times the noise, the final one of {gaps[-1]:.3g} times.")
+    print(
+        f"has a residual of {residuals[0]:.3g} times the noise, the final one of {residuals[-1]:.3g} times."
+    )
     return tree
 
 
@@ -106,10 +107,10 @@ def held_against(record: str, what: str, known_as: str, found: str) -> None:
 # %% [markdown]
 # ## A steel pendulum on its bearing
 #
-# An encoder reads the angle at 1 kHz. Known beforehand: hanging down is pi; gravity restores it, as
-# sin(theta) with the coefficient 1; the bearing rubs, the air drags, and nothing feeds energy in. Where the
-# whole record is not there (its file cannot be fetched), the same swing from 15 s to 70 s is taken from the
-# parts that its authors published. Every tenth sample is more than enough.
+# An encoder reads the angle at 1 kHz. Known beforehand: hanging down is pi; gravity restores the pendulum,
+# as sin(theta) with the coefficient 1; the bearing rubs, the air drags, and nothing feeds energy in. If
+# the whole record is missing (its file cannot be fetched), the same swing from 15 s to 70 s is taken from
+# the parts that its authors published. Every tenth sample is more than enough.
 
 
 # %%
@@ -132,7 +133,7 @@ if "pendulum" in files:
     held_against("pendulum", "equilibrium (rad)", f"{np.pi:.4f}", f"{centre:.4f} ± {error:.4f}")
 
 # %% [markdown]
-# Offered the contact forces, of which the cubic one must do gravity's work,
+# With the contact forces, of which the cubic one must replace gravity,
 
 # %%
 if "pendulum" in decays:
@@ -140,8 +141,8 @@ if "pendulum" in decays:
     display(st.plots.overview(cubic))
 
 # %% [markdown]
-# the methods find the same coefficients of a model that is wrong, and the check says so: at such angles x^3
-# is not gravity. With gravity itself in its place:
+# the methods find the same coefficients of a wrong model, and the check says so: at such angles x^3 is not
+# gravity. With gravity itself:
 
 # %%
 if "pendulum" in decays:
@@ -158,8 +159,8 @@ if "pendulum" in decays:
     display(st.plots.comparison(compared))
 
 # %% [markdown]
-# Then the search, on a longer part that reaches up to the stop; the last seconds take no part and are
-# predicted, with the start of their motion fitted.
+# Next comes the search, on a longer part that reaches up to the stop. The last seconds are not used; they
+# are predicted, with only the start of their motion fitted.
 
 # %%
 if "pendulum" in files:
@@ -171,10 +172,11 @@ if "pendulum" in files:
     display(st.plots.ranking(pendulum))
 
 # %% [markdown]
-# ## A bob on a string, filmed
+# ## A filmed bob on a string
 #
-# Twenty pictures a second. Known beforehand: gravity restores it, so that a cubic force must come out near
-# -1/6 as long as angles are not too large; air drags it. And the camera looks from one side.
+# The film has twenty pictures per second. Known beforehand: gravity restores the bob, so that a cubic
+# force must be near -1/6 as long as angles are not too large; air drags it. The camera looks from one
+# side.
 
 # %%
 if "string" in files:
@@ -205,8 +207,8 @@ if "string" in decays:
 # %% [markdown]
 # ## A ship model that rolls
 #
-# A hundred readings a second, in steps of 0.005 degree. Known beforehand: water takes the energy, most of
-# it by drag with the square of speed; nothing rubs dry.
+# A hundred readings per second, in steps of 0.005 degree. Known beforehand: water dissipates the energy,
+# mostly by drag with the square of speed; there is no dry friction.
 
 # %%
 if "ship" in files:
@@ -234,12 +236,13 @@ if "ship" in decays:
     display(st.plots.ranking(rolling))
 
 # %% [markdown]
-# ## A random force beside the sensor's noise
+# ## A random force in addition to the sensor noise
 #
-# The fits above know the sensor's noise alone, and their residuals are many times that. A random force in the
-# motion (a white acceleration) makes angle and rate a random walk. Its density is estimated with the sensor's
-# noise, and the errors of the coefficients grow. It is no excuse: where the random force goes with the
-# motion, a force is missing, and the p-value of a force that does not is small.
+# The fits above contain the sensor noise alone, and their residuals are many times that noise. With a
+# random force (a white acceleration) angle and rate follow a random walk. Its density is estimated
+# together with the sensor noise, and the errors of the coefficients increase. A random force does not
+# excuse a missing force: if it depends on the motion, the p-value of a force that depends on nothing is
+# small, and a force is missing.
 
 # %%
 MODELS = {
@@ -261,19 +264,19 @@ if pushed:
     display(tables.random_forces(decays, pushed, ahead))
 
 # %% [markdown]
-# Innovations are what is predicted wrongly one sample ahead. Of a right model they are white: within their
-# band over time, and without autocorrelation. A model that lacks a force that acts slowly can have white
-# innovations too, since the random force follows the record; the last column of the table tells them apart.
-# Here it is small three times: none of these models is all there is in its record.
+# Innovations are the errors of the prediction one sample ahead. For a correct model they are white: within
+# their band over time, and without autocorrelation. A model that lacks a slow force can have white
+# innovations too, because the random force follows the record. The last column of the table separates the
+# two cases. It is small for all three records: each of these models lacks a force.
 #
-# When was the motion pushed? The third panel below has the smoothed random force, as a mean over the span in
-# which the sensor lets it be seen, with its band. A force that comes with the swing, or shrinks with its
+# When did the random force act? The third panel below shows the smoothed random force, as a mean over the
+# span that the sensor resolves, with its band. A force that follows the swing, or decreases with its
 # amplitude, is not random: that of the ship is largest in the first seconds.
 #
-# How far can the motion be foreseen? A model of the first two thirds predicts the last third, from each
-# origin on with the samples up to there. The bands grow by the random force on the way. They promise 95 %
-# where that force is random; where it goes with the motion they promise nothing, and can be too wide (the
-# film: what its model lacks at large angles counts as noise at small ones) or too narrow.
+# How far ahead can the motion be predicted? A model of the first two thirds predicts the last third, from
+# each origin on with the samples up to there. The random force widens the bands with time. They contain 95
+# % if the force is random. If it depends on the motion they can be too wide (in the film, the forces that
+# its model lacks at large angles count as noise at small ones) or too narrow.
 
 
 # %%
@@ -297,11 +300,12 @@ for name, decay in decays.items():
     display(figure)
 
 # %% [markdown]
-# ## What was known, and what was found
+# ## Known and found
 #
-# Errors are those that direct identification states. They hold if the model does; where the record is not
-# explained, a difference of many errors says more about the model's form than about the coefficient: a
-# viscous coefficient below zero, or a dry friction of water, stands for a force of another form.
+# The errors are those that direct identification states. They are valid if the model is. If the record is
+# not explained, a difference of many errors says more about the form of the model than about the
+# coefficient: a negative viscous coefficient, or a dry friction of water, stands for a force of another
+# form.
 
 # %%
 if known:

@@ -1,8 +1,8 @@
 # %% [markdown]
 # # A force of your own
 #
-# A force is a few lines of text. From its formula the package derives what it needs: the signature by which
-# it acts on envelope and frequency, its exact motion, the column of the regression, its parity, unit and
+# A force is a few lines of text. The package derives what it needs from the formula: the signature (the
+# effect on envelope and frequency), the exact motion, the column of the regression, parity, unit and
 # label. This notebook goes from the lines to an identification, with a shape parameter, an internal state,
 # and an error of the sensor. Every record is *synthetic*: simulated, with white noise added.
 
@@ -30,9 +30,9 @@ FOLDER = TemporaryDirectory()
 # %% [markdown]
 # ## Five lines
 #
-# An aluminium disc that turns between magnets is braked by eddy currents: in proportion to its speed while
-# it is slow, and less and less when it is fast. No library of the package has this force, and the disc has
-# two more.
+# Eddy currents brake an aluminium disc that turns between magnets: in proportion to its speed while it is
+# slow, and less and less when it is fast. No library of the package has this force. The disc has two more
+# forces.
 
 # %%
 BRAKE = """
@@ -66,9 +66,9 @@ brake = disc["brake"]
 print(f"{brake.parity}, {brake.character}, unit of the coefficient {brake.units}; in LaTeX {brake.latex}")
 
 # %% [markdown]
-# `x` is the angle, `v` the angular rate over the reference frequency w, both in rad; `t` would be the time
-# in s. The shape parameter `s` stands inside the formula, the coefficient before it. On the command line
-# `sysid-trib forces` shows a library, and what averaging cannot separate in it:
+# `x` is the angle, `v` the angular rate over the reference frequency w, both in rad; `t` is the time in s.
+# The shape parameter `s` is inside the formula, the coefficient is in front of it. On the command line
+# `sysid-trib forces` shows a library, and the forces that averaging cannot separate:
 
 
 # %%
@@ -85,8 +85,8 @@ print(command_line("forces", "mine.toml").stdout)
 # ## Its signature
 #
 # Over a cycle $x = a\cos\varphi$, $v = -a\sin\varphi$ a force acts by two averages: $\langle
-# h\sin\varphi\rangle$ drives the amplitude, $\langle h\cos\varphi\rangle$ the frequency. For this one the
-# first can be done by hand, with $k = a/s$:
+# h\sin\varphi\rangle$ drives the amplitude, $\langle h\cos\varphi\rangle$ the frequency. For this force
+# the first can be derived by hand, with $k = a/s$:
 #
 # $$\langle h\sin\varphi\rangle = -\frac{a}{k^2}\left(1 - \frac{1}{\sqrt{1 + k^2}}\right)$$
 
@@ -107,13 +107,14 @@ for panel, average in zip(panels, ("sine", "cosine"), strict=True):
     both[average].plot.line(x="amplitude", ax=panel)
 
 # %% [markdown]
-# Viscous friction would be a straight line here, dry friction a level one. The drag of a slow disc looks
-# viscous, that of a fast one falls: this distinguishes the brake from the usual frictions.
+# For viscous friction this would be an inclined straight line, for dry friction a horizontal one. The drag
+# of a slow disc looks viscous, that of a fast one decreases: this distinguishes the brake from the usual
+# frictions.
 #
 # ## Its motion
 #
-# A model is a library, coefficients, and a reference frequency. The motion is exact, switching and sticking
-# at their true times; noise is added by us.
+# A model is a library, coefficients, and a reference frequency. The motion is exact, with switching and
+# sticking at their true times. The code adds noise.
 
 # %%
 FREQUENCY, NOISE, SECONDS = 9.0, 2e-4, 15.0 if QUICK else 25.0  # rad/s, rad, s
@@ -134,10 +135,10 @@ predicted = st.physics.predict_envelope(model, decay.time.values, amplitude=0.6)
 display(st.plots.motions(decay, {"averaged envelope": predicted}).figure)
 
 # %% [markdown]
-# ## Identified
+# ## Identification
 #
-# Averaging and direct identification hold shape parameters, at a value that you give or at the default; the
-# trajectory fit can find them. The default here is 0.2 rad, the truth 0.25 rad:
+# Averaging and direct identification hold shape parameters at a given value or at the default. The
+# trajectory fit can identify them. The default here is 0.2 rad, the truth 0.25 rad:
 
 # %%
 m = st.methods
@@ -155,8 +156,8 @@ display(tables.coefficients(results))
 print("In truth:", TRUTH | model.shapes)
 
 # %% [markdown]
-# Held at the wrong value, direct identification makes dry friction out of what the brake should do. That
-# must not pass unseen: the cross-check simulates both models and shows their residuals.
+# At the wrong value, direct identification attributes a part of the brake to dry friction. The cross-check
+# detects this: it simulates both models and shows their residuals.
 
 # %%
 wrong = {
@@ -178,8 +179,8 @@ display(st.plots.overview(checks["s as found"]))
 # %% [markdown]
 # ## Forces with the same signature
 #
-# Different formulas may have signatures that are the same but for a factor. No averaging separates them,
-# whatever the record; regression of the angle itself may, because it uses the harmonics.
+# Different formulas may have signatures that differ only by a factor. Averaging cannot separate them on
+# any record. Regression of the angle itself may, because it uses the harmonics.
 
 # %%
 SAME_SIGNATURE = """
@@ -208,7 +209,7 @@ print("In truth:", truth)
 # %% [markdown]
 # ## A history-dependent force
 #
-# An oil film warms as it is sheared, and thins. Its warmth z is a state: dz/d(wt) is its formula, heating
+# An oil film warms as it is sheared, and thins. Its warmth z is a state with the formula dz/d(wt): heating
 # by v^2 and cooling with the time constant s/w, here some seconds. The film is cold at the release: z
 # starts from zero.
 
@@ -247,8 +248,8 @@ display(residuals.round(2).to_frame("RMS residual of the trajectory, over the no
 
 # %% [markdown]
 # A film whose warmth follows the speed at once (`v**3`) does not explain the record; the state does.
-# Averaging takes a history-dependent force in its steady cycle, which a film that starts cold is not in: it
-# is off by many of its errors, and the simulated models show it:
+# Averaging assumes the steady cycle of a history-dependent force. A film that starts cold is not in this
+# cycle: averaging is wrong by many of its errors, and the simulated models show it:
 
 # %%
 tree = st.cross_check(cooling, found["averaging, s held at that"], found["direct, s held at that"])
@@ -258,10 +259,10 @@ print("RMS residuals over the noise:", ", ".join(f"{label} {ratio:.3g}" for labe
 # %% [markdown]
 # ## An error of the sensor
 #
-# What is measured need not be the angle. With `kind = "sensor"` a formula is added to the reading, not to
-# the motion. A camera in front of a pendulum sees the chord, sin(x), and not the arc: a part of that error,
-# `sin(x) - x`, is easily taken for a spring. Methods identify forces alone; `discover` also offers errors
-# of the sensor.
+# A sensor may not measure the angle itself. With `kind = "sensor"` a formula is added to the reading, not
+# to the motion. A camera in front of a pendulum measures the chord, sin(x), not the arc: a part of this
+# error, `sin(x) - x`, resembles a spring. Methods identify forces alone; `discover` also offers errors of
+# the sensor.
 
 # %%
 CHORD = """
@@ -290,15 +291,15 @@ seen = st.discover(filmed, camera.select(["viscous"]), camera.select(["chord", "
 step, held = seen["steps"].ds.isel(step=0), seen["holdout"].ds
 value, error = step["coefficient"].item(), step["standard_error"].item()
 print(f"{seen.attrs['verdict']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
-gaps = (held.rms / held.residual_noise).values.round(2)
-print("Gap on the held-out third, over the noise, before and after:", gaps)
+residuals = (held.rms / held.residual_noise).values.round(2)
+print("Residual of the held-out third, over the noise, before and after:", residuals)
 display(st.plots.ranking(seen))
 
 # %% [markdown]
-# ## What a bad library gives
+# ## Errors in a library
 #
-# Formulas are read by a whitelist: nothing in a file is ever executed, and a library from a stranger is
-# safe to load. What cannot be used is refused in one sentence that says what, where, and what to do.
+# Formulas are read by a whitelist: nothing in a file is ever executed, so that a library from anyone is
+# safe to load. An error is one sentence that says what is wrong, where, and what to do.
 
 # %%
 LINE = '[[force]]\nsymbol = "mine"\nformula = "{}"\n'

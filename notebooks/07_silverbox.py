@@ -1,14 +1,13 @@
 # %% [markdown]
 # # Silverbox: from a signal to named forces
 #
-# An electronic circuit that behaves as a mass on a hardening spring, driven by a voltage (Wigren and
-# Schoukens 2013). The input is random in phase: there is no free decay in it. The model begins linear, and
-# each further force has a name. Five realisations train it. The sixth takes no part in any fit and says
-# whether the force belongs there.
+# An electronic circuit behaves as a mass on a hardening spring, driven by a voltage (Wigren and Schoukens
+# 2013). The input has random phases, and there is no free decay. The model begins linear, and each further
+# force has a name. Five realisations train it. The sixth is not used in any fit and tests the model.
 #
-# The record is not part of this repository: `SYSID_TRIB_DATA` names the folder that holds it. Published
-# errors of this benchmark are of another part, in which the drive grows beyond that of the training; they
-# are not those below.
+# The record is not part of this repository: `SYSID_TRIB_DATA` names its folder. Published errors of this
+# benchmark refer to another part, in which the drive grows beyond the training; do not compare them with
+# those below.
 
 # %%
 import os
@@ -30,8 +29,8 @@ path = measured.driven("silverbox")
 # %% [markdown]
 # ## The record
 #
-# `input="V1"` makes the column the input u of formulas. Between its samples it is smooth, since it was
-# measured without aliasing. A realisation takes 8,700 samples.
+# `input="V1"` makes the column the input u of formulas. It is smooth between its samples, because it was
+# measured without aliasing. A realisation has 8,700 samples.
 
 # %%
 SAMPLES, REALISATIONS = 8700, 5
@@ -45,10 +44,9 @@ if path is not None:
 # %% [markdown]
 # ## Forces, one after the other
 #
-# First gain and viscous damping alone, which is a linear oscillator; its frequency is fitted as well. Then
-# come the cubic spring, for which the circuit was built, an even part, and three that are small: quadratic
-# and dry friction and a fifth power of the displacement. Which forces were tried was decided on these six
-# realisations.
+# The first model has gain and viscous damping, a linear oscillator whose frequency is fitted as well. Then
+# follow the cubic spring, for which the circuit was built, an even part, and three small forces: quadratic
+# and dry friction and a fifth power of the displacement. The forces were chosen on these six realisations.
 
 # %%
 known = {
@@ -90,9 +88,9 @@ if path is not None:
     display(pd.DataFrame(rows))
 
 # %% [markdown]
-# The predictions are free runs: the model knows the input and where the motion begins, nothing of the
-# output after that. Most of what the linear model leaves is the cubic spring. What each further force takes
-# away in the last realisation it takes away in training too.
+# The predictions are free runs: the model knows the input and the start of the motion, and no output after
+# that. Most of the residual of the linear model is the cubic spring. Each further force reduces the
+# residual of the last realisation as it does in training.
 
 # %%
 if path is not None:
@@ -107,11 +105,11 @@ if path is not None:
     display(figure)
 
 # %% [markdown]
-# ## The answer, and two methods on it
+# ## The preferred result, and two methods
 #
-# Coefficients are in the units of the circuit: the cubic one in V^-2. What is left is more than noise, so
-# that the errors allow for its being correlated, and coefficients are those of a model that is not
-# complete.
+# Coefficients are in the units of the circuit: the cubic one in V^-2. The residual is more than noise.
+# Therefore the errors include its correlation, and the coefficients are effective values of an incomplete
+# model.
 
 # %%
 if path is not None:
@@ -124,8 +122,8 @@ if path is not None:
     )
 
 # %% [markdown]
-# `Direct` takes the equation of motion row by row, `Trajectory` the free run. They see the same record in
-# different ways; here is the model of five parameters by both.
+# `Direct` uses the equation of motion row by row, `Trajectory` uses the free run. This is the model of
+# five parameters by both:
 
 # %%
 if path is not None:

@@ -1,11 +1,12 @@
 # %% [markdown]
 # # A frame that rubs: friction against load
 #
-# A single-storey frame is shaken at its base, and brass rubs on steel at its floor under a load (Marino and
-# Cicirello 2023). Displacements of mass and base were measured. Frequency and damping belong to the frame,
-# the friction to the load: three records are identified together, in which only the friction differs.
+# A single-storey frame is shaken at its base, and brass rubs on steel at its floor under a load (Marino
+# and Cicirello 2023). Displacements of mass and base were measured. Frequency and damping belong to the
+# frame, the friction to the load. Three records are identified together, in which only the friction
+# differs.
 #
-# The records are not part of this repository: `SYSID_TRIB_DATA` names the folder that holds them.
+# The records are not part of this repository: `SYSID_TRIB_DATA` names their folder.
 
 # %%
 import os
@@ -25,11 +26,11 @@ QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # two records of three, half 
 folder = measured.driven("frame")
 
 # %% [markdown]
-# ## Inputs from files of their own
+# ## Inputs from separate files
 #
-# The base has a file of its own for each record: `FILE:COLUMN` names it. The spring is stretched by x - base
-# and the damper moves at its rate, so that both forces hold the input. That of the spring is known: its
-# coefficient is one.
+# Each record has a separate file with the motion of the base; `FILE:COLUMN` names it. The spring is
+# stretched by x - base, and the damper moves at the rate of x - base, so that both forces contain the
+# input. The coefficient of the spring is known to be one.
 
 # %%
 LOADS = np.array([250.0, 550.0] if QUICK else [250.0, 350.0, 550.0])  # g
@@ -58,13 +59,13 @@ if folder is not None:
     display(st.plots.overview(tree))
 
 # %% [markdown]
-# More than noise is left, so that the verdict is no "explained", and the coefficients are effective values.
-# The errors allow for what is left being correlated, by blocks of the records. They know nothing of another
-# form of the friction.
+# The residual is more than noise, so the verdict is not "explained", and the coefficients are effective
+# values. The errors include the correlation of the residual, by blocks of the records. They do not include
+# another form of the friction.
 #
 # ## Friction against load
 #
-# The coefficient lambda is a displacement, that of the spring under the friction. With the mass it is a
+# The coefficient lambda is a displacement: that of the spring under the friction. With the mass it is a
 # force, F = m w^2 lambda.
 
 # %%
@@ -96,5 +97,6 @@ if folder is not None:
     display(figure)
 
 # %% [markdown]
-# The line is one friction coefficient for all loads. Where the points leave it by more than their errors, the
-# friction is not in proportion to the load, or the form of the model takes its part: this record cannot tell.
+# The line is one friction coefficient for all loads. If the points differ from it by more than their
+# errors, either the friction is not proportional to the load, or the form of the model is wrong. This
+# record cannot decide between the two.

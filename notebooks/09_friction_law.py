@@ -1,13 +1,13 @@
 # %% [markdown]
 # # From a record to a friction law
 #
-# A bob on a string was filmed while it swung. No sum of a few named forces explains the record. Here its
-# friction is identified as a curve against speed, with a band, and the restoring force as a curve against
-# displacement. No formula is chosen.
+# A bob on a string was filmed while it swung. No sum of a few named forces explains the record. This
+# notebook identifies its friction as a curve against speed, with a band, and the restoring force as a
+# curve against displacement. No formula is chosen.
 #
-# The record is not part of this repository. It is read from the folder that `SYSID_TRIB_DATA` names; who is
-# online may set `SYSID_TRIB_FETCH=1`, which fetches it from its public source ([measured.py](measured.py)
-# says which) and checks it.
+# The record is not part of this repository. It is read from the folder that `SYSID_TRIB_DATA` names. If
+# you are online, `SYSID_TRIB_FETCH=1` fetches it from its public source ([measured.py](measured.py) names
+# it) and checks it.
 
 # %%
 import os
@@ -25,7 +25,7 @@ files = measured.files()
 # %% [markdown]
 # ## A simulated record first
 #
-# Its friction law is known. The curve is not told which forces made it.
+# Its friction law is known, but the method does not get the forces that made the record.
 
 # %%
 library = st.load_library("contact_forces")
@@ -47,7 +47,7 @@ print(f"The band holds the true law at {inside.sum()} of {len(v)} visited speeds
 # %% [markdown]
 # ## The filmed string
 #
-# The named forces of a pendulum leave several times the noise.
+# With the named forces of a pendulum the residual is several times the noise.
 
 # %%
 if "string" in files:
@@ -61,9 +61,9 @@ if "string" in files:
     display(st.plots.laws(tree))
 
 # %% [markdown]
-# The grey part is not visited by the record. Dashed lines there are continuations. The restoring force is
-# shown without the straight line and without gravity, which `pendulum` holds: what is left is the sensor's,
-# or the string's.
+# The record does not visit the grey part; dashed lines there are extrapolations. The restoring force is
+# shown without the straight line and without gravity, which `pendulum` holds. The rest comes from the
+# sensor or the string.
 #
 # The numbers of the figure, as a table that can be published:
 
@@ -76,8 +76,9 @@ if "string" in files:
 # %% [markdown]
 # ## In SI units
 #
-# The laws are forces over the inertia. With the moment of inertia they are torques; over the load and the
-# radius of a contact they are coefficients of friction. A bob of 0.2 kg on a string of 0.66 m, say:
+# The laws are forces over the inertia. Multiplied by the moment of inertia they are torques; divided by
+# the load and the radius of a contact these are coefficients of friction. For example, a bob of 0.2 kg on
+# a string of 0.66 m:
 
 # %%
 if "string" in files:

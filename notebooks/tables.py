@@ -10,9 +10,9 @@ import sysid_trib as st
 
 
 def effects_found(tree: xr.DataTree) -> pd.DataFrame:
-    """Of a discovery one row an effect: what it is, and the gap before and after it (in noise levels).
+    """Return one row per effect of a discovery, with the residual before and after it (in noise levels).
 
-    `fit` is the gap on what was fitted, `held out` on what was predicted.
+    `fit` is the residual on what was fitted, `held out` on what was predicted.
     """
     steps, held = tree["steps"].ds, tree["holdout"].ds
     noise = held.residual_noise.item()
@@ -28,8 +28,8 @@ def effects_found(tree: xr.DataTree) -> pd.DataFrame:
                 "competing": "; ".join(
                     s for s in step.candidate.values[step.credible.values] if s != step["symbol"].item()
                 ),
-                "fit": " to ".join(f"{gap:.3g}" for gap in fit),
-                "held out": " to ".join(f"{gap:.3g}" for gap in out.values[at : at + 2]),
+                "fit": " to ".join(f"{residual:.3g}" for residual in fit),
+                "held out": " to ".join(f"{residual:.3g}" for residual in out.values[at : at + 2]),
             }
         )
     return pd.DataFrame(rows)

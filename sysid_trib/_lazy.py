@@ -12,7 +12,7 @@ from sysid_trib.errors import did_you_mean
 
 
 def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """`__getattr__`, `__dir__` and `__all__` of a package, as its stub `__init__.pyi` lists its names.
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, as its stub `__init__.pyi` lists its names.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ SMALLEST_PART = 1e-8
 
 
 def root_mean_square(values: ArrayLike) -> float:
-    """RMS of numbers."""
+    """Return the RMS of numbers."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
@@ -30,7 +30,7 @@ def cell_middles(edges: Array) -> Array:
 
 
 def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
-    """A variable with its attributes.
+    """Return a variable with its attributes.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def with_error(
     long_name: str,
     units: str = "1",
 ) -> Variables:
-    """A variable and its `..._standard_error`, of the same dimensions and unit."""
+    """Return a variable and its `..._standard_error`, of the same dimensions and unit."""
     values, errors = values_and_errors
     return {
         name: variable(dims, values, long_name, units),
@@ -63,7 +63,7 @@ def with_error(
 
 
 def jacobian(function: Callable[[Array], ArrayLike], at: Array, errors: Array) -> Array:
-    """Derivatives of values by parameters that are known to these errors, by central differences.
+    """Return the derivatives of values by parameters that are known to these errors, by central differences.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def jacobian(function: Callable[[Array], ArrayLike], at: Array, errors: Array) -
 
 
 def dependent_columns(table: Array) -> list[tuple[int, ...]]:
-    """Groups of linearly dependent columns of a matrix, each as small as can be.
+    """Return the groups of linearly dependent columns of a matrix, each as small as can be.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""The program: it runs a command, and says in one line how it failed.
+"""The program: it runs a command and reports a failure in one line.
 
 It imports next to nothing before it listens to Ctrl-C, which may come while the commands are imported.
 """
@@ -11,7 +11,7 @@ from typing import NoReturn
 
 INTERRUPTED = 130
 OUT_OF_MEMORY = "Out of memory; take a shorter window or a lower sampling rate, or raise the limit."
-# Bytes; what the largest libraries of machine code take to be loaded.
+# Bytes that the largest libraries of machine code need to be loaded.
 LIBRARY_SIZE = 2**28
 
 
@@ -49,13 +49,13 @@ def main() -> None:
 
 
 def _pass_interrupts_over(unraisable: "sys.UnraisableHookArgs") -> None:
-    """Say nothing of an interrupt that came where nothing can be raised: it is known to have come."""
+    """Suppress the message of an interrupt that arrived where no exception can be raised."""
     if not isinstance(unraisable.exc_value, KeyboardInterrupt):
         sys.__unraisablehook__(unraisable)
 
 
 def _outcome() -> tuple[int, str]:
-    """Exit status of the command, and the line for stderr if it failed."""
+    """Run the command; return its exit status and, if it failed, the line for stderr."""
     import warnings
 
     # A closed stream is none.
@@ -67,7 +67,7 @@ def _outcome() -> tuple[int, str]:
         # A terminal or pipe that is not UTF-8 must not turn ± into a traceback.
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     with warnings.catch_warnings():
-        # Numerical libraries warn in their own terms; what matters of it is in the result, or an error here.
+        # Numerical libraries warn in their own terms; relevant warnings are in the result, or an error here.
         warnings.showwarning = lambda *_, **__: None
         try:
             return _run()
@@ -78,7 +78,7 @@ def _outcome() -> tuple[int, str]:
 
 
 def _run() -> tuple[int, str]:
-    """Run the command; its exit status, and what it was refused for."""
+    """Run the command; return its exit status and the error that ended it."""
     import typer
 
     from sysid_trib.commands.app import app
@@ -118,7 +118,7 @@ def _leave_standard_output() -> None:
 
 
 def _memory_is_short() -> bool:
-    """True if next to no memory is left: libraries that cannot be loaded then end in errors of any kind."""
+    """Return true if almost no memory is left: libraries then fail to load with errors of any kind."""
     try:
         bytearray(LIBRARY_SIZE)
     except MemoryError:

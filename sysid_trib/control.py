@@ -22,7 +22,7 @@ __all__ = ["damp", "linearise", "to_nonlinear_system"]
 # Distances from rest (rad) at which a force's slopes are compared: where they differ it has none.
 OUTER_STEP, INNER_STEP = 1e-7, 1e-8
 SLOPE_TOLERANCE = 1e-3
-# What `damp` gives of each pole, with its unit.
+# Variables of `damp` for each pole, with their units.
 POLE = {
     "natural_frequency": ("natural frequency", "rad/s"),
     "damping_ratio": ("damping ratio", "1"),
@@ -34,7 +34,7 @@ POLE = {
 def to_nonlinear_system(
     model: Model | xr.Dataset, inertia: float | None = None
 ) -> "control.NonlinearIOSystem":
-    """The model as a nonlinear system of python-control.
+    """Return the model as a nonlinear system of python-control.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def to_nonlinear_system(
 def linearise(
     model: Model | xr.Dataset, amplitude: float | None = None, inertia: float | None = None
 ) -> "control.StateSpace":
-    """The model as a linear system about rest, or about a cycle.
+    """Return the model as a linear system about rest, or about a cycle.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def linearise(
 
 
 def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Dataset:
-    """Natural frequency and damping ratio of the linearised model, by python-control.
+    """Return the natural frequency and damping ratio of the linearised model, by python-control.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def _states(forces: Iterable[Force]) -> list[str]:
 
 
 def _labels(states: list[str]) -> dict[str, Any]:
-    """Names in python-control of a system all of whose states come out."""
+    """Return the names in python-control of a system whose states are all outputs."""
     return {"states": states, "outputs": states, "inputs": ["torque"], "name": "oscillator"}
 
 
@@ -177,13 +177,14 @@ def _refuse_memory(model: Model) -> None:
     for force in model.forces:
         if force.memory:
             raise UsageError(
-                f"Force '{force.symbol}' holds values from its reversals, as python-control cannot; leave it "
+                f"Force '{force.symbol}' keeps values from its reversals, which "
+                f"python-control cannot do; leave it "
                 "out, or linearise at an amplitude."
             )
 
 
 def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: float) -> Array:
-    """Rates of theta, theta_dot and the internal states (per s), without the input."""
+    """Return the rates of theta, theta_dot and the internal states (per s), without the input."""
     w = model.reference_frequency
     x, rate, *inner = np.asarray(state, dtype=float).tolist()
     rates = [rate, -(w**2) * x]
@@ -197,7 +198,7 @@ def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: fl
 
 
 def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
-    """System matrix with every force's describing function, and the names of its states."""
+    """Return the system matrix with every force's describing function, and the names of its states."""
     check_quantity("amplitude", amplitude)
     w = model.reference_frequency
     sums = np.zeros(2)
@@ -208,7 +209,7 @@ def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
 
 
 def _at_rest(model: Model) -> tuple[Array, list[str]]:
-    """Derivatives of the rates by the states at rest, and the states; forces without slopes are left out."""
+    """Return states and the derivatives of the rates by them at rest; forces without slopes are left out."""
     _refuse_memory(model)
     timed = next((f.symbol for f in model.forces if f.holds_time), None)
     if timed is not None:
@@ -230,7 +231,7 @@ def _at_rest(model: Model) -> tuple[Array, list[str]]:
 
 
 def _slopes(force: Force, model: Model) -> Array | None:
-    """Slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
+    """Return the slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
     names = ("x", "v", *force.state)
 
     def names_at(z: Array) -> dict[str, Any]:

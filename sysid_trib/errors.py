@@ -53,7 +53,7 @@ def readable(name: str) -> str:
 
 
 def did_you_mean(name: str, known: Iterable[str]) -> str:
-    """` Did you mean ...?` of the known name that is nearest to one that does not exist, or nothing.
+    """Return ` Did you mean ...?` with the known name nearest to an unknown one, or an empty text.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 class Tell(Protocol):
-    """Takes the name of what begins, and which part of it is done where that is known."""
+    """Report of progress: takes the name of the work that begins and, if known, the part that is done."""
 
     def __call__(self, activity: str, done: float | None = None) -> None:
         """Report.
@@ -83,4 +83,4 @@ class Tell(Protocol):
 
 
 def silent(activity: str, done: float | None = None) -> None:
-    """Say nothing."""
+    """Report no progress."""

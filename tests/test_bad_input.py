@@ -43,7 +43,7 @@ def refused(folder):
 # Content of the file (text, bytes, or a signal), and what is said of it.
 RECORDS = {
     "binary": (bytes(range(256)) * 8, "binary content"),
-    "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle holds"),
+    "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle contains"),
     "huge": ((TIME, linear(amplitude=1e300)), "too much for an oscillation"),
 }
 
@@ -87,7 +87,7 @@ def test_forces_that_come_along_are_simulated_by_their_names(symbol, tmp_path):
 
 
 LIBRARIES = {
-    "__import__('os').system('touch X')": "holds something other than",
+    "__import__('os').system('touch X')": "contains something other than",
     "-v^2": "(write ** for a power, sign for sgn)",
     "exp(800*x)": "is not a finite number",
     "v": "z and g are the same force",
@@ -174,7 +174,7 @@ def test_refusals_come_before_the_work(refused):
 def test_what_a_method_refuses_names_the_file(folder):
     paths = [write_csv(folder / f"{at}.csv", angle=linear(zeta=0.01 + 0.01 * at)) for at in range(2)]
     said = run("identify", paths[0], "--window", "0:1.9").complaint
-    assert said.startswith("sysid-trib: 0.csv: 3 amplitudes cannot decide 5 forces")
+    assert said.startswith("sysid-trib: 0.csv: 3 amplitudes cannot determine 5 forces")
     write_library(folder / "own.toml", z="2*v", g="v")
     said = run("identify", *paths, "--library", folder / "own.toml").complaint
     assert said.startswith("sysid-trib: 0.csv and 1 more: ")

@@ -116,10 +116,14 @@ def test_identifications_are_compared_at_one_frequency_and_a_worn_run_scatters()
         ({"load": [1.0, 2.0]}, None, "2 rows for 4 runs"),
         ({"load": [1.0, 1.0, 1.0, 1.0]}, None, "the same in all runs"),
         ({"load": [1.0, None, 2.0, 3.0]}, None, "no value for run 2"),
-        ({"load": [1.0, 2.0, 3.0, 4.0], "wear": [2.0, 4.0, 6.0, 8.0]}, None, "'wear' goes with 'load' in"),
+        (
+            {"load": [1.0, 2.0, 3.0, 4.0], "wear": [2.0, 4.0, 6.0, 8.0]},
+            None,
+            "'wear' is confounded with 'load'",
+        ),
         ({"load": [1.0, 2.0, 3.0, 4.0]}, "place", "no column 'place'"),
         ({"place": list("abcd")}, "place", "one of which has several runs"),
-        (pd.DataFrame({"place": list("aaaa")}), "place", "two laboratories at least"),
+        (pd.DataFrame({"place": list("aaaa")}), "place", "at least two laboratories"),
     ],
 )
 def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sentence):
@@ -129,7 +133,7 @@ def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sente
 
 
 def test_what_is_no_set_of_runs_is_refused():
-    with pytest.raises(UsageError, match="Two runs at least"):
+    with pytest.raises(UsageError, match="needs at least two runs"):
         st.campaigns.between_runs(runs_of([1.0], [0.1]))
     with pytest.raises(UsageError, match="needs identifications"):
         st.campaigns.between_runs([xr.Dataset()])

@@ -257,9 +257,9 @@ def test_the_command_ends_with_a_page(tmp_path):
 SCRIPT = """
 import sys
 
-sys.path.insert(0, sys.argv[1])
+sys.path[:0] = [sys.argv[1], f"{sys.argv[1]}/tests"]
 import sysid_trib as st
-from test_campaign import MANY, TASK
+from tests.test_campaign import MANY, TASK
 
 if __name__ == "__main__":
     st.campaign(MANY, TASK, output=sys.argv[2], workers=2)
@@ -273,7 +273,7 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
     process = subprocess.Popen(
-        [sys.executable, script, Path(__file__).parent, tmp_path / "part.zarr"], start_new_session=True
+        [sys.executable, script, Path(__file__).parents[1], tmp_path / "part.zarr"], start_new_session=True
     )
     time.sleep(5.0)
     os.killpg(process.pid, signal.SIGKILL)

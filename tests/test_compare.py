@@ -77,7 +77,7 @@ def test_forces_of_one_signature_are_one_to_averaging():
     assert averaging.neglects.item() == "even"
     assert np.all(np.isnan(averaging.coefficient))
     assert np.isnan(averaging.time_taken)
-    blind = "delta, positional (taken for zeta); even"
+    blind = "delta, positional (absorbed by zeta); even"
     assert of(found, "logarithmic decrement").neglects.item() == blind
     assert found.attrs["averaging_cannot_see"] == "even"
 
@@ -137,7 +137,7 @@ def test_a_prediction_that_is_good_by_accident_is_told():
     assert "Averaging (printed rule) predicts the held-out part best" in told
     assert "a coincidence" in told
     # Its frequency may be far off: coefficients refer to that of the model that misses the record least.
-    least = re.search("times that of (.+?): its prediction", told)[1]
+    least = re.search("times that of (.+?): its good prediction", told)[1]
     assert f"rad/s (w of {least})" in told
 
 

@@ -192,7 +192,7 @@ def test_a_method_that_takes_no_constraint_keeps_its_row():
 
 def test_what_is_fixed_too_high_leaves_nothing_to_fit_and_is_said(record):
     held = {"zeta": 0.05, "lambda": (0, None), "delta": (0, None)}
-    with pytest.raises(DecayError, match="With what is fixed, delta, lambda would pass the bounds"):
+    with pytest.raises(DecayError, match="With the fixed values, delta, lambda would exceed the bounds"):
         Averaging(constraints=held).identify(record, FORCES.select(["lambda", "zeta", "delta"]))
 
 

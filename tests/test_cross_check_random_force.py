@@ -112,5 +112,5 @@ def test_a_record_too_short_to_tell_the_noises_apart_is_named():
     record = quiet(4, 15, 1)
     pair = [st.identify(record, FORCES, method(random_force="estimated")) for method in (Averaging, Direct)]
     sentences = sentences_of(identification_blocks(st.cross_check(record, *pair)))
-    assert any("No random force is found" in text for text in sentences)
-    assert any("to tell a random force from the sensor's noise" in text for text in sentences)
+    assert any("No random force was found" in text for text in sentences)
+    assert any("to separate a random force from the sensor's noise" in text for text in sentences)

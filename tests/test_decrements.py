@@ -59,7 +59,7 @@ def test_without_noise_its_own_model_is_found(case):
 
 
 def test_a_steady_amplitude_tells_no_shift_of_the_frequency():
-    with pytest.raises(DecayError, match="cannot tell these forces apart"):
+    with pytest.raises(DecayError, match="cannot separate these forces"):
         FrequencyShift().identify(paper_run({"nu": -0.1}, duration=6.0).decay(), FORCES)
 
 

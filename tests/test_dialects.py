@@ -195,7 +195,7 @@ def test_the_unit_of_columns_is_that_of_a_formula(tmp_path, headers, formula, un
         # By hand in rad.
         (["a (deg)"], "a*pi/180", "does not follow"),
         (["a (g)"], "9.81*a", "does not follow"),
-        (["a (deg)"], "2*c", "Columns that it may hold: time, a"),
+        (["a (deg)"], "2*c", "Columns that it may contain: time, a"),
         (["a (deg)"], "__import__('os')", "__import__"),
         (["a (deg)"], "atan2(a)", "atan2"),
     ],
@@ -215,7 +215,7 @@ def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
     )
     record = st.read_record(place, time="t", angle="gain*sin(pot) - pi*zero", units="rad")
     assert record.angle.values == pytest.approx(0.5 * np.sin(volts) - 0.01 * np.pi)
-    with pytest.raises(UsageError, match=r"--input: 'gian\*pot' holds the unknown name 'gian'"):
+    with pytest.raises(UsageError, match=r"--input: 'gian\*pot' contains the unknown name 'gian'"):
         st.read_record(place, time="t", angle="pot", units="rad", input="gian*pot")
     rows = [f"{t!r},{v!r}" for t, v in zip(time.tolist(), volts.tolist(), strict=True)]
     head = ["// gain = 0.5", "# zero = 0.01", "time (s),a (deg)"]
@@ -225,7 +225,7 @@ def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
     with pytest.raises(UsageError, match="says deg"):
         st.read_record(twice, angle="a - zero", units="rad")
     twice.write_text("\n".join(["# gain = 0.7", *head, *rows]))
-    with pytest.raises(UsageError, match=r"holds gain, which the file states as 0.7 and 0.5; write"):
+    with pytest.raises(UsageError, match=r"contains gain, which the file states as 0.7 and 0.5; write"):
         st.read_record(twice, angle="gain*a - zero")
 
 

@@ -213,4 +213,4 @@ def test_bad_candidates(folder, tmp_path):
     same = toml(tmp_path / "same.toml", VISCOUS)
     ending = run("discover", folder / "plain.csv", "--library", same, "--candidates", same)
     assert ending.status == 2
-    assert "No candidate is left" in ending.complaint
+    assert "The library has no candidate" in ending.complaint

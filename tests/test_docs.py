@@ -78,7 +78,8 @@ def test_what_a_page_says_is_printed_is_printed(page, command, generated):
 
 def _sentences(text):
     """Sentences of a page, without code, tables' lines and addresses."""
-    text = re.sub(r"^```.*?^```$|<!--.*?-->|^    .*$|^#.*$", "\n\n", text, flags=re.MULTILINE | re.DOTALL)
+    hidden = r"^```.*?^```$|<!--.*?-->|^    [^\n]*$|^#[^\n]*$"
+    text = re.sub(hidden, "\n\n", text, flags=re.MULTILINE | re.DOTALL)
     for block in re.split(r"\n\s*\n|\n(?=\s*(?:[-*]|\d+\.)\s)|\|", re.sub(r"\]\([^)]*\)", "]", text)):
         yield from re.split(r"(?<=[.!?:])\s+|(?<=[.:?]\*\*)\s+", " ".join(block.split()))
 
@@ -175,7 +176,7 @@ def test_no_page_selects_by_an_argument_that_xarray_has_itself():
 
 @pytest.mark.slow
 def test_json_keys_are_those_documented(generated):
-    page = (DOCS / "files.md").read_text(encoding="utf-8")
+    page = (DOCS / "json.md").read_text(encoding="utf-8")
     results = generated.small_results()
     printed = {
         "identify": identification_json(results["identify"]),
@@ -186,22 +187,43 @@ def test_json_keys_are_those_documented(generated):
     printed["difference"] = mapped(
         held_against(record, record, library, st.methods.Direct()).to_dataset(), "difference"
     )
-    printed["laws"] = laws_json(st.laws(results["identify"]["record"].to_dataset()))
+    printed["laws"] = laws_json(results["laws"])
     driven = results[generated.DRIVEN]
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
+    sections = re.split(r"^## ", page, flags=re.MULTILINE)
+    tables = {
+        part.partition("\n")[0]: re.findall(r"^\| (`.+?`) \| (.+) \|$", part, re.MULTILINE)
+        for part in sections
+    }
+    shared, used = _listed(tables["Several commands"]), set()
     for command, data in printed.items():
-        section = re.split(r"^### ", page.split("## JSON")[1], flags=re.MULTILINE)
-        table = next(part for part in section if part.startswith(f"{command}\n"))
-        rows = re.findall(r"^\| (`.+?`) \| (.+) \|$", table, re.MULTILINE)
-        documented = {
-            key
-            for cells, words in rows
-            if "several runs" not in words
-            for key in re.findall(r"`(.+?)`", cells)
-        }
-        keys = {_general(path, documented) for path in _paths(data)}
-        assert sorted(keys - documented) == sorted(documented - keys) == []
+        own = _listed(tables[command])
+        of_groups = _held_by_groups([*tables["Several commands"], *tables[command]], results.get(command))
+        keys = {_general(path, own | shared | of_groups) for path in _paths(data)}
+        assert sorted(keys - own - shared - of_groups) == sorted(own - keys) == []
+        used |= keys
+    assert sorted(shared - used) == []
+
+
+GROUP = re.compile(r"^group `(\w+)`")
+
+
+def _listed(rows):
+    """Keys that rows list themselves; those that only several runs have are left out."""
+    own = [cell for cell, words in rows if "several runs" not in words and not GROUP.match(words)]
+    return {key for cell in own for key in re.findall(r"`(.+?)`", cell)}
+
+
+def _held_by_groups(rows, result):
+    """Keys with the names of variables and attributes of the groups of a result that rows refer to."""
+    groups = [(cell.strip("`"), match[1]) for cell, words in rows if (match := GROUP.match(words))]
+    return {
+        f"{key}.{name}"
+        for key, group in groups
+        if result is not None and group in result.children
+        for name in (*result[group].variables, *result[group].attrs)
+    }
 
 
 def _paths(data, path=""):

@@ -69,6 +69,10 @@ CLAUSE = re.compile(
     r"(?:What|How|Which|That|Whether|If|Nor|Not|No|None|Where|When|Why|Of|Those|These|The same|One that|It|So"
     r"|As|At|By|Up|In|On|For|From|With|Without|Beside|Only|Both|Along|Above|Below|Over|Until|Else|To)\b"
 )
+# First words of docstrings that begin with a noun phrase.
+NOUN = re.compile(
+    r"(?:The|An?|True|Each|Every|All|One|Its|RMS|[Pp]-value|[A-Z][\w-]* of|[A-Z][\w-]+[^s\W]s)\b"
+)
 # Names of types that every module may give to the same thing.
 ALIASES = {"Array", "Vector", "Index", "Mask"}
 
@@ -125,6 +129,16 @@ def first_lines(tree, _):
             yield text.splitlines()[0], node.body[0].lineno
 
 
+def first_lines_of_functions(tree, _):
+    """Yield the first lines of functions that are neither properties nor captions."""
+    named = ("property", "cached_property", "shows", "decrement")
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef) and (text := ast.get_docstring(node)):
+            decorators = [ast.unparse(decorator).partition("(")[0] for decorator in node.decorator_list]
+            if not set(decorators) & set(named):
+                yield text.splitlines()[0], node.body[0].lineno
+
+
 def phrases(text, line=1):
     """Forbidden phrases of a text, with their lines."""
     return [(m[0], line + text.count("\n", 0, m.start())) for m in PHRASES.finditer(text)]
@@ -176,6 +190,11 @@ def test_identifiers_name_the_thing():
 def test_docstrings_begin_with_a_verb_or_the_name_of_a_thing():
     """A clause such as "What ..." or "By how much ..." names neither."""
     assert not wrong(first_lines, CLAUSE.match)
+
+
+def test_docstrings_of_functions_begin_with_a_verb():
+    """Other forms than "The distance" or "Distance of" are left to the reader."""
+    assert not wrong(first_lines_of_functions, NOUN.match)
 
 
 def test_texts_are_in_the_words_of_the_field():

@@ -99,5 +99,5 @@ def test_dates_of_an_input_count_from_the_record_s_first() -> None:
     found = as_record(record)
     assert found.u_time.values[0] == pytest.approx(-0.1)
     mixed = record.assign_coords(u_time=np.arange(early.size) * 0.02)
-    with pytest.raises(UsageError, match="time holds dates and u_time none"):
+    with pytest.raises(UsageError, match="time contains dates and u_time none"):
         as_record(mixed)

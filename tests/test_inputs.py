@@ -159,9 +159,9 @@ def test_what_has_not_been_seen_is_predicted_from_its_start() -> None:
     assert whole.residual_rms == pytest.approx(1e-4, rel=0.1)
     assert begun.residual_rms < 2e-4
     assert begun.attrs["warm_up"] == 1.5
-    with pytest.raises(UsageError, match="warm-up of 90 s holds"):
+    with pytest.raises(UsageError, match="warm-up of 90 s contains"):
         st.predict(result, other, warm_up=90.0)
-    with pytest.raises(UsageError, match="holds the input u, which this record lacks"):
+    with pytest.raises(UsageError, match="contains the input u, which this record lacks"):
         st.predict(result, other.drop_vars("u"))
 
 
@@ -259,7 +259,7 @@ def test_an_input_of_another_length_or_kind_is_refused() -> None:
     record = driven_record(1)
     short = record.drop_vars("u").assign(u=("u_time", record.u.values[:600], record.u.attrs))
     short = short.assign_coords(u_time=("u_time", TIME[:600]))
-    with pytest.raises(DecayError, match="reaches from 0 to"):
+    with pytest.raises(DecayError, match="covers 0 to"):
         st.identify(short, DRIVEN, st.methods.Direct())
     holed = record.copy(deep=True)
     holed.u[7] = np.nan
@@ -271,7 +271,7 @@ def test_an_input_of_another_length_or_kind_is_refused() -> None:
     for method in of_free_motions:
         with pytest.raises(UsageError, match="known input"):
             st.identify(record, DRIVEN.select(["zeta"]), method)
-    with pytest.raises(UsageError, match="No force holds the input q"):
+    with pytest.raises(UsageError, match="No force contains the input q"):
         st.simulate(st.Model(DRIVEN, TRUTH, W), TIME, inputs={"q": TIME})
 
 

@@ -162,7 +162,7 @@ def test_friction_that_feeds_energy_in_is_said(tree):
     changed["direct"].dataset = result
     said = "\n".join(sentence for block in laws_blocks(changed) for sentence in block.sentences)
     assert "Friction feeds energy in at" in said
-    assert "does not decide whether it feeds energy in" in said
+    assert "does not determine whether it feeds energy in" in said
     assert "would feed energy in at" in said
 
 

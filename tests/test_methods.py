@@ -90,7 +90,7 @@ SPEED = {"zeta": "2*v", "delta": "v*abs(v)"}
 @pytest.mark.parametrize(
     ("method", "formulas", "sentence"),
     [
-        (Averaging(), SPEED | {"positional": "x**2*sign(v)"}, "cannot tell apart delta and positional"),
+        (Averaging(), SPEED | {"positional": "x**2*sign(v)"}, "cannot separate delta and positional"),
         (Averaging(), {"zeta": "2*v", "even": "x**2"}, "even has no signature"),
         (Direct(9.91), SPEED | {"viscous": "v"}, "zeta and viscous are the same force"),
         (Trajectory(5.0), {"zeta": "2*v"}, "follows"),
@@ -112,8 +112,8 @@ def test_forces_that_a_method_cannot_tell_are_refused_in_a_sentence(method, form
 @pytest.mark.parametrize(
     ("method", "duration", "sentence"),
     [
-        (Averaging(), 1.4, "cannot decide 5 forces"),
-        (Direct(9.91), 0.3, "cannot decide 6 forces"),
+        (Averaging(), 1.4, "cannot determine 5 forces"),
+        (Direct(9.91), 0.3, "cannot determine 6 forces"),
         *(
             (kind(), 1.6, "give a longer record")
             for kind in (methods.FeenyLiang, methods.WuDecrement, methods.EnergyDecay)

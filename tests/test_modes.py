@@ -147,7 +147,7 @@ def test_a_clipped_sensor_is_left_out_and_said(record):
 
 def test_what_does_not_exist_is_refused(record):
     with pytest.raises(
-        UsageError, match=r"--mode 3 does not exist; it holds 2 modes \(1: 79.* Hz, 2: 211 Hz\)"
+        UsageError, match=r"--mode 3 does not exist; the record has 2 modes \(1: 79.* Hz, 2: 211 Hz\)"
     ):
         st.one_mode(record, 3)
     with pytest.raises(UsageError, match="no mode is in --band 100:150 Hz"):
@@ -214,7 +214,7 @@ def test_the_commands_take_one_mode(tmp_path, record):
     printed = json.loads(run("backbone", path, "--mode", 1, "--json").out)
     assert printed["runs"][0]["unit"] == "m"
     assert run("backbone", path, "--band", "70:90", "--mode", 1).complaint.endswith("give one.")
-    assert "holds 2 modes" in run("backbone", path, "--mode", 4).complaint
+    assert "the record has 2 modes" in run("backbone", path, "--mode", 4).complaint
     assert "is for a RECORD" in run("backbone", "--mode", 1).complaint
     steady = json.loads(run("response", path, "--mode", 1, "--drive", 0.2, "--json").out)
     assert steady["drive_units"] == "m/s^2"

@@ -167,7 +167,7 @@ def test_a_refusal_names_a_command_that_takes_the_record(tmp_path):
     for command in ("look", "backbone"):
         ending = run(command, path)
         assert ending.status != 0
-        assert ending.err.rstrip().endswith(f"take it as it is by sysid-trib identify {path} --forces zeta.")
+        assert ending.err.rstrip().endswith(f"use it uncut with sysid-trib identify {path} --forces zeta.")
     assert "such as --forces zeta" in run("identify", path).err
     assert run("identify", path, "--forces", "zeta").status == 0
     # What no command takes is sent to none.

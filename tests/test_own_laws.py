@@ -58,3 +58,10 @@ def test_own_laws_are_printed_written_and_kept(tree, tmp_path):
 def test_what_cannot_be_each_runs_own_is_refused(runs, own, said):
     with pytest.raises(UsageError, match=said):
         st.laws([run_of(1.0, 0)] * runs, own=own)
+
+
+def test_the_figure_shows_the_law_of_each_run(tree):
+    (panel,) = st.plots.own_laws(tree).axes
+    assert panel.get_legend_handles_labels()[1] == ["run 1", "run 2"]
+    first, second = (line.get_ydata() for line in panel.lines[:2])
+    assert np.nanmedian(second / first) == pytest.approx(LOADS[1] / LOADS[0], rel=0.05)

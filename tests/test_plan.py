@@ -139,7 +139,7 @@ def test_motions_that_a_rival_can_make_tell_nothing():
         ({"amplitude": (0.5, 0.1)}, "lower one first"),
         ({"duration": (0.0, 5.0)}, "above zero"),
         ({"wanted": {"gravity": 1.0}}, "no coefficient 'gravity'"),
-        ({"wanted": {"zeta": 0.0}}, "above zero"),
+        ({"wanted": {"zeta": 0.0}}, "must be positive"),
     ],
 )
 def test_what_cannot_be_planned_is_refused(tree, options, words):
@@ -158,7 +158,7 @@ def test_no_run_of_a_driven_body_is_planned(tree):
     record = tree["record"].to_dataset()
     push = xr.DataArray(np.zeros(record.sizes["time"]), dims="time", attrs={"role": "input", "units": "V"})
     driven = xr.DataTree.from_dict({"record": record.assign(voltage=push)})
-    with pytest.raises(UsageError, match="of releases of a free decay; the records"):
+    with pytest.raises(UsageError, match="is for free decays; the records"):
         plan(driven)
 
 
@@ -174,7 +174,7 @@ def test_a_difference_is_no_model(tmp_path, words):
     name, *options = words.split()
     ending = command(name, result, *options)
     assert ending.status == 2
-    assert "compares samples and is no model of either" in ending.err
+    assert "is a comparison of samples, not a model" in ending.err
 
 
 @pytest.mark.slow
@@ -214,7 +214,7 @@ def test_rivals_of_a_discovery_part_at_a_larger_release():
     assert best.entropy.item() < smallest.entropy.item()
     stands = found["steps"].symbol.item()
     other = ({"epsilon", "gravity"} - {stands}).pop()
-    with pytest.raises(UsageError, match=f"'{other}' may be the truth in the place of '{stands}'"):
+    with pytest.raises(UsageError, match=f"'{other}' competes with '{stands}'"):
         plan(found, wanted={other: 0.1})
 
 

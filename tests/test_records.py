@@ -264,8 +264,8 @@ BAD = {
     "prose": ("this is not\na record at all\n", "no rows of numbers"),
     "binary": (bytes(range(256)) * 10, "binary content"),
     "infinite": (changed(17, angle="inf"), "row 17 of column angle is infinite"),
-    "text": (changed(17, angle="bad"), "row 17 of column angle holds 'bad'"),
-    "text in time": (changed(9, time="later"), "row 9 of column time holds 'later'"),
+    "text": (changed(17, angle="bad"), "row 17 of column angle contains 'bad'"),
+    "text in time": (changed(9, time="later"), "row 9 of column time contains 'later'"),
     "one sample": ("time,angle\n0,1\n", "single sample"),
     "ragged": (changed(17, angle="0.1,5,6"), r"line 18 has 4 cells .*, the others have 2"),
     "unknown unit of time": (table(header="time (fortnights),angle"), "unit 'fortnights' .*--time-units"),
@@ -312,12 +312,12 @@ def test_any_text_is_read_or_refused(tmp_path_factory, content):
 
 def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):
     known = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
-    said = f"unit furlong is none of those that are known ({known}): coefficients are in it"
+    said = f"unit furlong is unknown (known are {known}): coefficients are in it"
     stated = read_record(written(tmp_path, table(header="time (s),signal (furlong)")))
     assert (stated.angle.attrs["units"], stated.attrs["reading"]) == ("furlong", said)
     plain = written(tmp_path, table(header="time (s),signal"))
     assert read_record(plain, units="furlong").attrs["reading"] == said
-    assert "are known" not in read_record(plain, units="px").attrs["reading"]
+    assert "known are" not in read_record(plain, units="px").attrs["reading"]
     # A slip in the unit of an angle would leave coefficients off by powers of it.
     with pytest.raises(UsageError, match=r"'degr' is no unit of an angle that is known; give rad, mrad, deg"):
         read_record(plain, units="degr", signal="angle")

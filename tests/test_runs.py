@@ -77,7 +77,7 @@ def test_a_run_that_alone_decides_nothing_says_so():
     found = run_agreement(runs, identify(runs, LIBRARY, Averaging()))
     assert found.attrs["verdict"] == "unknown"
     assert found.reason.values[0] == ""
-    assert "amplitudes cannot decide" in found.reason.values[1]
+    assert "amplitudes cannot determine" in found.reason.values[1]
 
 
 @pytest.mark.in_full

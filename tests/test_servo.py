@@ -75,7 +75,7 @@ def test_a_library_with_expressions_reads_back_as_it_was_written(joint):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ('[expressions]\na = "b"\nb = "a"\n[[force]]\nsymbol = "f"\nformula = "a"', "go in a circle"),
+        ('[expressions]\na = "b"\nb = "a"\n[[force]]\nsymbol = "f"\nformula = "a"', "are circular"),
         ('[expressions]\nsin = "x"\n[[force]]\nsymbol = "f"\nformula = "x"', "cannot name an expression"),
         ('[expressions]\na = 1\n[[force]]\nsymbol = "f"\nformula = "a"', "must be a formula in quotes"),
         ('include = ["no_such"]\n[[force]]\nsymbol = "f"\nformula = "x"', "no library 'no_such'"),
@@ -255,7 +255,7 @@ def test_parameters_leave_with_their_covariance_as_toml_and_json(joint, runs, tm
         ("kp=torque on", "goal=goal position,on=torque on", "the constant kp changes within the run"),
         ("kp=gain", "goal=goal position,on=torque on", "the constant kp is not known"),
         ("kp=1,2,3", "goal=goal position,on=torque on", "holds 3 values for 1 records"),
-        ("kp=kp", "on=torque on", "holds the input goal, which this record lacks"),
+        ("kp=kp", "on=torque on", "contains the input goal, which this record lacks"),
         ("kp=kp", "kp=kp,goal=goal position", "given as an input and as a constant"),
     ],
 )

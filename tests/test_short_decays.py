@@ -38,7 +38,7 @@ def test_what_proves_no_decay_is_taken_where_its_forces_are_named(name):
         free_decay(record)
     (kept,) = free_decays(record, as_it_is=True)
     assert kept.equilibrium.item() == pytest.approx(0.05, abs=4.0 * kept.equilibrium_standard_error.item())
-    assert "taken as it is" in kept.attrs["free_decay"]
+    assert "used uncut" in kept.attrs["free_decay"]
     result = st.identify(kept, st.load_library("contact_forces").select(["zeta"]), st.methods.Direct())
     assert result.coefficient.item() == pytest.approx(zeta, abs=4.0 * result.standard_error.item())
 
@@ -65,7 +65,7 @@ def test_other_commands_take_it(tmp_path, name):
     for command in (["identify"], ["compare"], ["discover", "--max-effects", "1", "--time-limit", "5"]):
         ending = run(*command, tmp_path / "r.csv", "--forces", "zeta")
         assert ending.status == 0, ending.err
-        assert "taken as it is" in ending.out
+        assert "used uncut" in ending.out
 
 
 def test_noise_is_no_short_decay():

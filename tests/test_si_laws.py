@@ -116,8 +116,8 @@ def test_a_displacement_takes_a_mass_and_gives_newtons():
 @pytest.mark.parametrize(
     ("given", "match"),
     [
-        ({}, "SI units take the inertia"),
-        ({"inertia": INERTIA, "load": LOAD}, "SI units take the inertia"),
+        ({}, "SI units need the inertia"),
+        ({"inertia": INERTIA, "load": LOAD}, "SI units need the inertia"),
         ({"inertia": (-1.0, 0.0)}, "must be a positive number"),
         ({"inertia": INERTIA, "load": (0.0, 0.0), "radius": RADIUS}, "must be a positive number"),
     ],
@@ -128,7 +128,7 @@ def test_what_is_missing_or_impossible_is_refused(given, match):
 
 
 def test_an_identification_without_laws_is_refused():
-    with pytest.raises(UsageError, match="holds no friction law"):
+    with pytest.raises(UsageError, match="contains no friction law"):
         st.physics.laws_in_si(known(PAPER), inertia=INERTIA)
 
 
@@ -278,4 +278,4 @@ def test_the_command_laws_gives_the_coefficient_of_friction(tmp_path):
     assert (tmp_path / "friction_coefficient.pdf").exists()
     refused = command("laws", str(record), "--load", "3")
     assert refused.status != 0
-    assert "coefficient of friction takes the load too" in refused.err
+    assert "coefficient of friction also needs the load" in refused.err

@@ -77,7 +77,10 @@ def test_the_law_of_the_papers_forces_predicts_as_they_do():
 
 
 def test_formulas_within_the_band_hold_the_true_one():
-    listed = st.physics.law_formulas(st.best(identified("stribeck")))
+    result = st.best(identified("stribeck"))
+    listed = st.physics.law_formulas(result)
+    law = result.sel(speed=listed.speed)
+    assert np.all((law.friction_low <= listed.friction) & (listed.friction <= law.friction_high))
     found = [listed.isel(alternative=at).dropna("force") for at in range(listed.sizes["alternative"])]
     names = [set(of.force.values.tolist()) for of in found]
     assert {"lambda", "zeta", "stribeck"} in names
@@ -162,7 +165,7 @@ def test_parts_of_a_curve_share_one_table_of_averages():
 
 def test_a_result_without_laws_is_refused():
     result = st.identify(record("paper"), st.load_library().select(["zeta"]), st.methods.Direct())
-    with pytest.raises(DecayError, match="holds no laws"):
+    with pytest.raises(DecayError, match="contains no laws"):
         st.physics.law_formulas(result)
 
 

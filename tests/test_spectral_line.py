@@ -95,7 +95,7 @@ def test_hum_is_said_and_where_the_motion_is_explains_nothing(hum):
     if frequency < 9.0:
         assert verdict_of(tree) == "approximate"
     else:
-        assert verdict_sentence(tree).endswith("noise and a line.")
+        assert verdict_sentence(tree).endswith("noise and a spectral line.")
 
 
 def test_intervals_hold_beside_hum(hum):

@@ -153,7 +153,7 @@ def between_runs(
     """
     estimates = results if isinstance(results, xr.Dataset) else _estimates(results)
     if estimates.sizes.get("run", 0) < 2:
-        raise UsageError("Two runs at least show what varies between them; give more.")
+        raise UsageError("Variation between runs needs at least two runs; give more.")
     table = _conditions_table(conditions, estimates.sizes["run"])
     laboratory = None
     if laboratories is not None:
@@ -164,7 +164,9 @@ def between_runs(
         if len(set(column)) < 2:
             raise UsageError(f"Condition '{name}' is the same in all runs; leave it out.")
     for name, others in without_collinear(table)[1].items():
-        raise UsageError(f"Condition '{name}' goes with {others} in these runs; leave one of them out.")
+        raise UsageError(
+            f"Condition '{name}' is confounded with {others} in these runs; leave one of them out."
+        )
     design = _design(table)
     names = estimates.quantity.values.tolist()
     level = VARIES_LEVEL / len(names)
@@ -246,5 +248,5 @@ def _quantity(
 
 
 def _with_interval(name: str, interval: Array) -> dict[str, float]:
-    """A value and the ends of its interval of 95 %."""
+    """Return a value and the ends of its interval of 95 %."""
     return {f"{name}{end}": value for end, value in zip(("", "_lower", "_upper"), interval, strict=True)}

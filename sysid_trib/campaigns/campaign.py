@@ -22,7 +22,8 @@ from sysid_trib.campaigns.store import as_dataset, store_for
 from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
 
-# Blocks of a store at least, and the most records that a block holds: what a kill may cost.
+# Least number of blocks of a store, and the most records of a block: a killed process loses at most one
+# block.
 BLOCKS, LARGEST_BLOCK = 1000, 100
 EXTRA = ("distributed", "zarr")
 # How often it is looked whether workers are there, s; on a busy machine one that starts anew takes more than
@@ -46,7 +47,7 @@ def campaign(
     memory: str = "auto",
     tell: Tell = silent,
 ) -> xr.Dataset:
-    """Do one task with many records, on several processes or machines, into one Zarr store.
+    """Run one task on many records, on several processes or machines, and write a Zarr store.
 
     Parameters
     ----------
@@ -102,7 +103,7 @@ def campaign(
     if not isinstance(task, Task):
         raise UsageError(f"campaign needs a Task, or one of {', '.join(TASKS)}; not {task!r}.")
     if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
-        raise UsageError("A campaign needs a list of records, of one at least.")
+        raise UsageError("A campaign needs a list of at least one record.")
     # A link to a store stays one when records come to it.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):
@@ -122,7 +123,7 @@ def campaign(
 
 
 def check_extra() -> None:
-    """Refuse a campaign where dask or zarr is not there.
+    """Raise an error if dask or zarr is not installed.
 
     Raises
     ------
@@ -165,7 +166,7 @@ def _through(
 
     # On this machine not all may have started yet.
     count = workers if isinstance(workers, int) else len(client.nthreads())
-    # Blocks that wait at each worker: enough that none idles, and few enough to hold in memory.
+    # Blocks that wait at each worker: enough to keep it busy, few enough for the memory.
     running = as_completed([submit(block) for block in islice(waiting, 3 * max(1, count))])
     for future in running:
         block = sent.pop(future.key)
@@ -189,8 +190,8 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    # What a worker has to say comes with its rows; profiles and logs of all that happened only grow.
-    # Memory that is given back at each chance is taken anew with each array: 5 % of the time of a record.
+    # Workers return messages with their rows; profiles and logs of all events only grow. Memory that is
+    # returned at each chance is allocated anew with each array: 5 % of the time of a record.
     quiet = {
         "distributed.scheduler.allowed-failures": DEATHS,
         "distributed.comm.timeouts.connect": "10s",
@@ -220,7 +221,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 n_workers=0,
                 threads_per_worker=1,
                 memory_limit=memory,
-                # Without a page; what is served in its place must not want the port that others have.
+                # Without a page; the server in its place must not use the port of other servers.
                 dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=CRITICAL,
@@ -272,7 +273,7 @@ def _without_current_folder() -> Iterator[None]:
 
 @contextmanager
 def _looked_after(cluster: Any, workers: int) -> Iterator[None]:
-    """Start workers, and others in places that dask gave up, as it does where one dies while it starts."""
+    """Start workers, and replace those that dask gave up because they died while starting."""
     ended = Event()
     cluster.scale(workers)
 

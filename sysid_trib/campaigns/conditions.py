@@ -36,7 +36,7 @@ def reported_method(store: xr.Dataset) -> str:
 
 
 def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
-    """Coefficients and asymptotic frequency of all records with numbers, as `between_runs` takes them.
+    """Return coefficients and asymptotic frequency of all records with numbers, as `between_runs` takes them.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
 
 
 def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
-    """A table of conditions, a row a record.
+    """Read a table of conditions with one row for each record.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
         for column in table:
             if set(table[column].astype(str)) & base_names:
                 raise UsageError(
-                    f"{path.name}: column '{column}' holds names of records; call it '{RECORD}'."
+                    f"{path.name}: column '{column}' contains names of records; call it '{RECORD}'."
                 )
         if len(table) != len(records):
             rows = f"{len(table)} row{'s' * (len(table) != 1)}"
@@ -135,7 +135,7 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
 
 
 def _check_values(path: Path, table: pd.DataFrame) -> None:
-    """Refuse a table in which a record lacks a condition, before the work is done."""
+    """Raise an error, before the work is done, for a table in which a record lacks a condition."""
     for column in table:
         missing = np.flatnonzero(table[column].isna())
         if len(missing):

@@ -19,24 +19,24 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
 from sysid_trib.results.variables import RESULT_TABLES
 
-# What a killed process leaves of a chunk ends so, as with zarr.
+# Ending of the remains of a chunk of a killed process, as with zarr.
 UNFINISHED = ".partial"
 Row: TypeAlias = dict[str, Any]
 
 EDGES = ("lowest", "highest")
-# Of a record's time: enough to see how it decays, whether it stops, and what does not belong to it.
+# Parts of a record's time: enough to show its decay, its stop and foreign samples.
 OUTLINE_PARTS = 60
 TIED = "tied"
 EFFECT_P_VALUE = "effect_p_value"
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
-# What may become of a record, by the number that the store has of it.
+# Status of a record, by its number in the store.
 STATUS = ("waiting", "done", "refused", "failed", "lost")
 WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
 
-# Dimensions beside the record, unit and meaning of each variable.
+# Dimensions other than the record, unit and meaning of each variable.
 VARIABLES = {
     name: (tuple(dims.split()), units, meaning)
     for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
@@ -46,7 +46,7 @@ STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
     **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},
 }
-# What is not known.
+# Unknown values.
 FILL = {"f": np.nan, "U": "", "i": 0}
 
 
@@ -63,7 +63,7 @@ def counts_of(store: xr.Dataset) -> dict[str, int]:
 
 
 def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
-    """Write the chunk of a number along the first dimension; it is in its place when it is whole.
+    """Write the chunk of a number along the first dimension; rename it only when it is complete.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     whole[: len(values)] = values
     place = _place(folder, array, number)
     if np.array_equal(whole, np.full_like(whole, array.fill_value), equal_nan=whole.dtype.kind == "f"):
-        # As zarr does: what is not there is the fill value.
+        # As in zarr, a missing chunk has the fill value.
         place.unlink(missing_ok=True)
         return
     content: Any = np.ascontiguousarray(whole)
@@ -99,7 +99,7 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
 
 
 def read_chunk(folder: Path, array: Any, number: int) -> Array:
-    """The chunk of a number along the first dimension, as `write_chunk` takes it; whole at the end too.
+    """Read the chunk of a number along the first dimension; the last one is as large as the others.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def _place(folder: Path, array: Any, number: int) -> Path:
 
 
 def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """The arrays that hold the rows of the records, in the order of the checksum."""
+    """Return the arrays that hold the rows of the records, in the order of the checksum."""
     return {
         name: array for name, array in sorted(arrays.items()) if is_per_record(array) and name != "record"
     }
@@ -138,7 +138,7 @@ def labels_checksum(arrays: Mapping[str, Any]) -> int:
 
 
 def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: int) -> Array:
-    """CRC-32 of each record's name and row.
+    """Return the CRC-32 of each record's name and row.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: in
 
 
 def is_per_record(array: Any) -> bool:
-    """True if an array of a store has a row a record."""
+    """Return true if an array of a store has one row for each record."""
     return bool(array.attrs["_ARRAY_DIMENSIONS"][0] == "record")
 
 
@@ -169,7 +169,7 @@ def _bytes(column: Array) -> Array:
 def new_array(
     group: Any, name: str, dims: tuple[str, ...], shape: tuple[int, ...], dtype: Any, block: int
 ) -> Any:
-    """An array of a store that is made, of so many records in a chunk."""
+    """Create an array of a store with a given number of records in a chunk."""
     chunks = (max(1, min(block, shape[0])), *(max(1, size) for size in shape[1:]))
     array = group.create_array(name, shape=shape, dtype=dtype, chunks=chunks, fill_value=FILL[dtype.kind])
     array.attrs["_ARRAY_DIMENSIONS"] = list(dims)
@@ -177,7 +177,7 @@ def new_array(
 
 
 def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
-    """Fill the rows of a new group that an old one has, a block of so many records at a time.
+    """Copy the rows of an old group into a new one, a block of records at a time.
 
     `names` : of the records of the new one, those of the old one among them.
     """
@@ -193,13 +193,13 @@ def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
                 new[name][first : first + block] = values
 
 
-# What says that another process has locked a file: EDEADLK is of Windows.
+# Error numbers of a file that another process has locked: EDEADLK occurs on Windows.
 TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
 @contextmanager
 def sole_writer(path: Path) -> Iterator[None]:
-    """Hold the lock of a store: a file next to it, locked until this process lets it go or dies.
+    """Hold the lock of a store: a file next to it, locked until this process releases it or ends.
 
     Raises
     ------
@@ -223,7 +223,7 @@ def sole_writer(path: Path) -> Iterator[None]:
 
 
 def _held(place: Path, path: Path) -> int | None:
-    """The lock, as an open file; None where files cannot be locked."""
+    """Return the lock as an open file; None where files cannot be locked."""
     while True:
         try:
             file = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
@@ -248,7 +248,7 @@ def _held(place: Path, path: Path) -> int | None:
 
 
 def _lock(file: int) -> None:
-    """Lock an open file at once; an OSError with one of `TAKEN` where another process has locked it."""
+    """Lock an open file at once; raise an OSError of `TAKEN` if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
 

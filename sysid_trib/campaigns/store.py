@@ -1,4 +1,4 @@
-"""The Zarr store of a campaign: made once, then filled a block of records at a time.
+"""The Zarr store of a campaign: created once, then filled a block of records at a time.
 
 A chunk holds one block of records. A block is written by one process, its status last, and each chunk is
 renamed into its place when it is whole: at any moment the store can be read, and what is done is known.
@@ -36,7 +36,7 @@ LARGEST_LABELS = 2**24
 
 
 class Store:
-    """A store that is there, its arrays such as a campaign makes.
+    """An existing store with the arrays of a campaign.
 
     Parameters
     ----------
@@ -71,20 +71,20 @@ class Store:
         self._rows, self._labels = stored.row_arrays(self.arrays), stored.labels_checksum(self.arrays)
 
     def _block(self, number: int) -> tuple[list[str], dict[str, Array]]:
-        """Names and rows of the records of a block."""
+        """Return the names and rows of the records of a block."""
         names = self.names[number * self.block : (number + 1) * self.block]
         rows = self._rows.items()
         return names, {k: stored.read_chunk(self.path / k, array, number)[: len(names)] for k, array in rows}
 
     def check(self) -> None:
-        """Refuse a store in which a record is not as it was written, with the first such record."""
+        """Raise an error that names the first record whose row is not as it was written."""
         for number in range(-(-len(self.names) // self.block)):
             names, columns = self._block(number)
             status, known = columns["status"], columns[CHECKSUM]
             wrong = (status != WAITING) & (known != stored.row_checksums(columns, names, self._labels))
             wrong |= (status < 0) | (status >= len(STATUS))
             if wrong.any():
-                raise _damaged(self.path, f"record {names[np.argmax(wrong)]} is not as it was written")
+                raise _damaged(self.path, f"record {names[np.argmax(wrong)]} differs from what was written")
 
     def unfinished(self, records: CampaignRecords) -> tuple[list[Index], int, int]:
         """Return the unfinished records of a campaign.
@@ -100,7 +100,7 @@ class Store:
         changed = np.zeros(len(status), dtype=bool)
         for at in np.flatnonzero(status != WAITING).tolist():
             checksum = checksum_of(record_at(records, at))
-            # One that is no longer there, or that only the workers see, is what it was.
+            # A record that no longer exists, or that only the workers see, is taken as unchanged.
             changed[at] = bool(checksum) and checksum != str(known[at])
         blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (stored.REFUSED, stored.FAILED))
         todo = np.flatnonzero(np.isin(status, (WAITING, stored.LOST)) | changed)
@@ -120,7 +120,7 @@ class Store:
         try:
             names, columns = self._block(number)
             if columns["status"][places].any():
-                # What is done anew does not count until all of it is there.
+                # A new row does not count until it is complete.
                 columns["status"][places] = WAITING
                 stored.write_chunk(self.path / "status", self.arrays["status"], number, columns["status"])
             for name in columns.keys() & rows[0].keys():
@@ -180,7 +180,7 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
-    """The store of a campaign as a Dataset, read when it is used.
+    """Return the store of a campaign as a Dataset, read when it is used.
 
     Parameters
     ----------
@@ -203,12 +203,12 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
 
 
 def as_dataset(path: Path) -> xr.Dataset:
-    """A store that has been checked as a Dataset."""
+    """Return a checked store as a Dataset."""
     store = xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
-    # A directory lists its arrays in any order; the order of dims in what is printed is not to depend on it.
+    # A directory lists its arrays in any order; the printed order of dims must not depend on it.
     store = store[sorted(name for name in map(str, store.data_vars) if name != CHECKSUM)]
     for array in store.variables.values():
-        # No value is missing: what was not computed is nan, waiting, or an empty text.
+        # No value is missing: an uncomputed value is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
     return store
 
@@ -221,7 +221,7 @@ def _damaged(path: Path, reason: object) -> RecordError:
 
 
 def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any = None) -> None:
-    """Make a store near its place and put it there: empty, or with the rows of an old one that it replaces.
+    """Create a store next to its final place and rename it: empty, or with the rows of a replaced one.
 
     A kill between the two steps of that is mended by `_recover`.
     """
@@ -242,7 +242,7 @@ def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any
 
 
 def _recover(path: Path) -> None:
-    """Put a store back that was taken away and not replaced; remove what a kill has left next to it."""
+    """Restore a store that was moved but not replaced; remove what a killed process left next to it."""
     shutil.rmtree(_near(path, "partial"), ignore_errors=True)
     taken_away = _near(path, "replaced")
     if taken_away.exists() and not path.exists():
@@ -256,7 +256,7 @@ def _near(path: Path, ending: str) -> Path:
 
 
 def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
-    """Make the arrays of a store."""
+    """Create the arrays of a store."""
     labels = task.axes
     units, degrees = zip(*task.quantities.values(), strict=True)
     coordinates: dict[str, tuple[str, Sequence[Any]]] = {
@@ -284,7 +284,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Say of a store that cannot be read that it is damaged, or none."""
+    """Raise an error that says that a store is damaged or missing, if it cannot be read."""
     try:
         yield
     except (SysidTribError, MemoryError):
@@ -294,6 +294,6 @@ def _readable(path: Path) -> Iterator[None]:
             f"{path}: cannot be made, or is no store of a campaign ({error.strerror or error}); choose "
             "another with -o."
         ) from None
-    # What is damaged meets its reader with any exception at all.
+    # A damaged store can raise any exception in its reader.
     except Exception as error:
         raise _damaged(path, error) from None

@@ -41,14 +41,14 @@ Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
 CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
 
 TASKS = get_args(Name)
-# Of what a store holds; one of another format is of another version.
+# Format of a store; another format belongs to another version.
 STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
 # Of laws: both methods, and the one that is preferred.
 PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
-# What a comparison says of a record, before the name of a method.
+# Variables of a comparison for a record, before the name of a method.
 PREDICTS_BEST = "predicts best: "
 
 
@@ -132,7 +132,7 @@ class Task:
             object.__setattr__(self, "candidates", forces.as_library(self.candidates, "Task, candidates=,"))
         if (self.name == "laws") != bool(self.speeds):
             raise UsageError(
-                "The task laws needs at least one speed, and no other takes one: speeds=(0.1, 0.5)."
+                "The task laws needs at least one speed, such as speeds=(0.1, 0.5); other tasks take none."
             )
         if not all(speed > 0.0 and np.isfinite(speed) for speed in self.speeds):
             raise UsageError("The speeds of laws are numbers above 0.")
@@ -148,14 +148,14 @@ class Task:
 
     @property
     def labels(self) -> list[str]:
-        """The labels of the identifications that come of a record."""
+        """Labels of the identifications of a record."""
         if self.name == "laws":
             return list(LAW_LABELS)
         return list(MODELS) if self.name == "discover" else list(self.methods)
 
     @property
     def forces(self) -> ForceLibrary:
-        """All forces that may come of a record."""
+        """All forces that a result of the task may contain."""
         of = {force.symbol: force for library in (self.library, self.candidates or ()) for force in library}
         return ForceLibrary("all", tuple(of.values()))
 
@@ -221,7 +221,7 @@ def empty_row(task: Task) -> stored.Row:
 
 
 def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
-    """The rows of some records, one after the other; a bad record has its reason in the place of numbers.
+    """Compute the rows of some records in turn; a record that fails has its reason instead of numbers.
 
     Parameters
     ----------
@@ -242,13 +242,13 @@ def _row_of(task: Task, record: Any) -> stored.Row:
     except SysidTribError as error:
         row |= {"status": stored.REFUSED, "message": str(error)}
     except Exception as error:
-        # One bad record ends no campaign; what it was is kept with it.
+        # One bad record does not end a campaign; its error is kept with it.
         row |= {"status": stored.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
 
 def _outline(decay: xr.Dataset) -> np.ndarray:
-    """Lowest and highest value in each part of a decay's time: (edge, part), in its unit.
+    """Return the lowest and highest value in each part of a decay's time: (edge, part), in its unit.
 
     A part without a sample is nan.
     """
@@ -260,7 +260,7 @@ def _outline(decay: xr.Dataset) -> np.ndarray:
 
 
 def checksum_of(record: Any) -> str:
-    """SHA-256 of a record's file; empty of one that cannot be read, or is none."""
+    """Return the SHA-256 of a record's file; empty if the file cannot be read."""
     # A pipe would be waited for.
     if not isinstance(record, str) or not os.path.isfile(record):
         return ""
@@ -272,11 +272,11 @@ def checksum_of(record: Any) -> str:
 
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
-    """The numbers of a result in the places of the store."""
+    """Put the numbers of a result into the places of the store."""
     row = {name: of for name, of in empty_row(task).items() if "model" in stored.VARIABLES[name][0]}
     axes = task.axes
     for at, label in enumerate(task.labels):
-        # What a record's text withholds is not kept either.
+        # Numbers that are withheld from a record's text are not kept either.
         if label == PREFERRED:
             label = judged.preferred_of(tree)
         given = label in tree.children and "covariance" in tree[label]
@@ -302,7 +302,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
 
 
 def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
-    """The friction of an identification at the task's speeds, and its coefficient, with standard errors."""
+    """Return friction and its coefficient at the task's speeds, with standard errors."""
     data = laws_in_si(result, **task.measured) if task.measured else result
     speeds = np.array(task.speeds)
     largest = float(np.max(data.speed.values[data.speed_visited.values]))
@@ -315,7 +315,7 @@ def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
-    """The effects that a discovery named, each with its p-value and what it cannot be separated from."""
+    """Return the effects that a discovery named, each with its p-value and its competing effects."""
     steps = effects.steps_taken(tree)
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
     # Competing effects that a store has by name, the most probable of each effect.
@@ -338,7 +338,7 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
     # Files say themselves when they change.
     held = [item for item in records if isinstance(item, xr.Dataset)]
     in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
-    # What is called, without its address in memory.
+    # The function without its address in memory.
     inner = getattr(task.read, "func", task.read)
     given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
     read = f"{inner.__module__}.{inner.__qualname__} {given!r}"

@@ -1,4 +1,4 @@
-"""The commands as one program: their options and help, of a table (`commands.toml`), and what was given.
+"""The commands as one program; their options and help come from the table `commands.toml`.
 
 Modules that compute are imported when a command runs.
 """
@@ -35,10 +35,10 @@ PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 
 def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Parameter:
-    """An option as the argument of a function that typer reads, under the title of its group in the help."""
+    """Return an option as an argument for typer, under the title of its group in the help."""
     usual = {"metavar": row.get("value"), "help": row["help"], "rich_help_panel": row["title"]}
     if row.get("positional"):
-        # What cannot be read is refused where it is read.
+        # An unreadable value is refused where it is read.
         read = typer.Argument(show_default=default != [], readable=False, **usual)
     else:
         flags = ("-o", "--output") if row["flag"] == "-o" else (row["flag"], *row.get("formerly", ()))
@@ -47,12 +47,12 @@ def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Pa
 
 
 RECORDS = "records"
-# What the next command asks of the same records and forces.
+# Options of the next command on the same records and forces.
 TAKEN_OVER = rows_of(RECORDS, "model", "start", "search")
 
 
 def command_after(command: str, others: Mapping[str, str | None], given: CommandOptions) -> str:
-    """A command with the options that were given before, and others in their place (`next_step.NextStep`)."""
+    """Return a command with the options given before, and others replaced (`next_step.NextStep`)."""
     known, defaults = rows_of_command(command), defaults_of(type(given))
     taken = {name: value for name, value in vars(given).items() if name in TAKEN_OVER}
     if taken.get("candidates") and "candidates" not in known and taken["library"] == defaults["library"]:
@@ -76,12 +76,12 @@ def command_after(command: str, others: Mapping[str, str | None], given: Command
 
 
 def _as_given(value: Any) -> str:
-    """A value of an option as one writes it: 10000, not 10000.0."""
+    """Write the value of an option as a user would: 10000, not 10000.0."""
     return str(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
 def check_between(value: float | None, option: str, low: float, high: float, units: str = "") -> None:
-    """Refuse a number outside of a range, or none, by the name of its option."""
+    """Raise an error, naming the option, for a number outside of a range."""
     if value is not None and not low <= value <= high:
         raise UsageError(f"{option} '{value:g}' must be a number from {low:g} to {high:g}{units}.")
 
@@ -89,7 +89,7 @@ def check_between(value: float | None, option: str, low: float, high: float, uni
 def parse_window(
     text: str, option: str, form: str = "START:STOP in seconds, such as 15:75, 25: or :60"
 ) -> tuple[float | None, float | None]:
-    """`15:75`; either side may be empty. `form` says how it is written."""
+    """Parse `15:75`; either side may be empty. `form` describes the notation."""
     sides = text.split(":")
     if len(sides) != 2:
         raise UsageError(f"{option} '{text}' must be {form}.")
@@ -98,7 +98,7 @@ def parse_window(
 
 
 def parse_value_with_error(text: str | None, option: str) -> tuple[float, float] | None:
-    """`8.87`, `8.87±0.01` or `8.87+-0.01`."""
+    """Parse `8.87`, `8.87±0.01` or `8.87+-0.01`."""
     if text is None:
         return None
     parts = PLUS_MINUS.split(text.strip())
@@ -113,7 +113,7 @@ def parse_value_with_error(text: str | None, option: str) -> tuple[float, float]
 
 
 def texts_by_name(texts: Iterable[str], option: str, form: str) -> dict[str, str]:
-    """Names and texts of an option's `NAME=VALUE`; `form` says how it is written."""
+    """Parse names and texts of an option, `NAME=VALUE`; `form` describes the notation."""
     pairs: dict[str, str] = {}
     for text in texts:
         name, _, value = (part.strip() for part in text.partition("="))
@@ -126,13 +126,13 @@ def texts_by_name(texts: Iterable[str], option: str, form: str) -> dict[str, str
 
 
 def numbers_by_name(texts: Iterable[str], option: str, form: str) -> dict[str, float]:
-    """Names and numbers of an option's `NAME=VALUE,...`."""
+    """Parse names and numbers of an option, `NAME=VALUE,...`."""
     pairs = texts_by_name((part for text in texts for part in text.split(",")), option, form)
     return {name: parse_number(value, f"{option} '{name}={value}'") for name, value in pairs.items()}
 
 
 def parse_number(text: str, option: str) -> float:
-    """A finite number, or a sentence that names the option."""
+    """Parse a finite number; the error names the option."""
     value = float("nan")
     with suppress(ValueError):
         value = float(text)
@@ -155,7 +155,7 @@ class GroupedCommand(TyperCommand):
                 formatter.write_dl(rows)
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
-        """Write the examples, each on a line of its own that can be copied."""
+        """Write the examples, each on its own line so that it can be copied."""
         with formatter.section("Examples"):
             for example in COMMANDS[str(self.name)]["examples"]:
                 formatter.write(f"  {example}\n")
@@ -182,7 +182,7 @@ def _options(
 
 
 def _add(name: str, home: str, options: list[str], help: str, examples: list[str]) -> None:
-    """Make a command of its row in the table.
+    """Add the command that a row of the table describes.
 
     The function of its name in the module `home`, which is imported when it runs, takes what says how far it
     is and what was given, and gives what prints.

@@ -23,7 +23,7 @@ from sysid_trib.results.random_force import DENSITY_UNITS
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
-    """The forces that are asked for, the linear elastic one among them where alpha is wanted.
+    """Return the requested forces, with the linear elastic one if alpha is wanted.
 
     A named force that the library lacks is taken from the libraries of the package.
     """
@@ -47,7 +47,7 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
 
 @dataclass(frozen=True)
 class AskedModel:
-    """Return the model to be identified, with the forces that the system always has.
+    """Model to be identified, with the forces that the system always has.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ def asked_model(given: ModelOptions) -> AskedModel:
     moving = selection.load_system(given.system)
     contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:
-        raise UsageError("--omega0 and --reference-frequency each give alpha a meaning: choose one.")
+        raise UsageError("--omega0 and --reference-frequency both define alpha: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
     if given.forces is None:
         # An input that is named acts, as in `discover`.
@@ -104,7 +104,7 @@ def driving_of(given: RecordOptions) -> dict[str, str | int]:
 
 
 def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Constraints:
-    """Constraints as options write them: `lambda=0`; `zeta=0:1`, either side empty; `nu=-2.356*delta`."""
+    """Parse constraints: `lambda=0`; `zeta=0:1`, either side empty; `nu=-2.356*delta`."""
     form = "LOW:HIGH, of which one side may be empty"
     texts = app.texts_by_name(bound, "--bound", "of the form zeta=0:1")
     bounds = {name: app.parse_window(text, f"--bound {name}", form) for name, text in texts.items()}
@@ -162,7 +162,7 @@ def asked_search(
 
 
 def held_shapes(texts: list[str], library: ForceLibrary) -> dict[str, float]:
-    """Shape parameters of the forces asked for, such as `dahl.s=0.02`."""
+    """Parse shape parameters of the requested forces, such as `dahl.s=0.02`."""
     known = list(library.shape_values())
     form = f"SHAPE=VALUE; shapes of the forces asked for: {', '.join(known) or 'none'}"
     shapes = app.numbers_by_name(texts, "--set", form)
@@ -173,7 +173,7 @@ def held_shapes(texts: list[str], library: ForceLibrary) -> dict[str, float]:
 
 
 def parse_random_force(text: str) -> RandomForceOption:
-    """A word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
+    """Parse a word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
     word, density = text.strip(), float("nan")
     if word in OPTIONS:
         return word  # type: ignore[return-value]
@@ -188,10 +188,10 @@ def parse_random_force(text: str) -> RandomForceOption:
 
 
 def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
-    """The identification that stands for a saved result; refused where there is none."""
+    """Return the identification that represents a saved result; raise an error if there is none."""
     answer = main_result(tree)
     if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} compares samples and is no model of either; give a result of identify.")
+        raise UsageError(f"{result} is a comparison of samples, not a model; give a result of identify.")
     if answer is None:
-        raise UsageError(f"{result} holds no model that follows its record; give what identify wrote.")
+        raise UsageError(f"{result} contains no model that follows its record; give a result of identify.")
     return answer

@@ -32,7 +32,7 @@ OF_LAWS = ["speeds", "inertia", "mass", "load", "radius"]
 
 
 def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
-    """Do a task with each record, and write what varies between them on a page."""
+    """Run a task on each record, and write the variation between the records on a page."""
     check_extra()
     records = _records(given.records, given.conditions)
     if given.output is None:
@@ -52,7 +52,7 @@ def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
         memory=given.memory,
         tell=tell,
     )
-    tell("what varies between the records")
+    tell("variation between the records")
     compared = _compared(store, table, given.laboratories)
     tell("report")
     from sysid_trib.reporting.contents import campaign_contents
@@ -67,25 +67,25 @@ def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
         else:
             print_blocks(campaign_blocks(store, counts, compared), written=(given.output, page))
         if not counts["done"]:
-            raise RecordError(f"{given.output}: no record has a result; why each has none is in {page}.")
+            raise RecordError(f"{given.output}: no record has a result; {page} gives the reasons.")
 
     return say
 
 
 def decays_of(given: ModelOptions, path: str) -> Sequence[xr.Dataset]:
-    """The decays of a file, read as the options say; frequencies that cannot be theirs are refused."""
+    """Read the decays of a file as the options say; raise an error for a frequency that cannot be theirs."""
     return read_decays(given.but(records=[Path(path)]))[0]
 
 
 def _task(given: CampaignOptions) -> task.Task:
-    """The task that the options ask for; an option that it does not have is refused."""
+    """Return the task that the options ask for; raise an error for an option that it does not have."""
     name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
-    # How a file is read depends neither on which others there are, nor on where its row goes.
+    # The reading of a file depends neither on the other files, nor on the place of its row.
     of_reading = {option.name: getattr(given, option.name) for option in fields(ModelOptions)}
     read = partial(decays_of, ModelOptions(**of_reading | {"records": []}))
-    # What the task would pass over in silence.
+    # Options that the task would ignore silently.
     idle_options = {
         "discover": [*(option for option in GROUPS["model"] if option not in GROUPS["start"]), *OF_LAWS],
         "laws": [*GROUPS["search"], *(option for option in GROUPS["model"] if option not in GROUPS["laws"])],
@@ -101,7 +101,7 @@ def _task(given: CampaignOptions) -> task.Task:
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     asked = asked_model(given)
     methods = methods_asked(asked)
-    # The two that `identify` holds against each other.
+    # The two methods that `identify` cross-checks.
     wanted = ["averaging", "direct"] if name == "identify" else list(methods)
     if given.methods:
         wanted = [label.strip() for label in given.methods.split(",")]
@@ -123,7 +123,7 @@ def _task(given: CampaignOptions) -> task.Task:
 def _task_of_laws(given: CampaignOptions, read: task.Read) -> task.Task:
     """Return the task laws: friction at speeds."""
     if given.methods is not None:
-        raise UsageError("--methods are of identify and compare; laws has two of its own.")
+        raise UsageError("--methods is for identify and compare; laws uses its own two methods.")
     random_force = parse_random_force(given.random_force)
     return task.Task(
         "laws",
@@ -146,7 +146,9 @@ def _speeds(text: str | None) -> tuple[float, ...]:
     except ValueError:
         speeds = ()
     if not speeds or not all(speed > 0.0 for speed in speeds):
-        raise UsageError("--task laws wants --speeds, numbers above 0 between commas: --speeds 0.1,0.5,1.")
+        raise UsageError(
+            "--task laws needs --speeds, numbers above 0 separated by commas: --speeds 0.1,0.5,1."
+        )
     return tuple(dict.fromkeys(speeds))
 
 
@@ -156,7 +158,7 @@ def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
     for pattern in map(str, patterns):
         those = sorted(glob(pattern)) if has_magic(pattern) and not Path(pattern).exists() else [pattern]
         if not those:
-            raise UsageError(f"No file is named like {pattern}.")
+            raise UsageError(f"No file matches {pattern}.")
         files += those
     if folders := [file for file in files if Path(file).is_dir()]:
         raise UsageError(f"{folders[0]}: this is a folder; give its files: '{Path(folders[0]) / '*.csv'}'.")
@@ -166,7 +168,7 @@ def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
 
 
 def _conditions(given: CampaignOptions, names: list[str]) -> Any:
-    """The table of conditions, if there is one."""
+    """Return the table of conditions, if there is one."""
     if given.conditions is None:
         if given.laboratories is not None:
             raise UsageError("--laboratories is a column of --conditions: give both.")
@@ -188,9 +190,10 @@ def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dat
     rows = rows[[name for name in rows if len(set(rows[name])) > 1]]
     if laboratories is not None and laboratories not in rows:
         raise UsageError(
-            f"--laboratories '{laboratories}': all records that have a result are of one; leave it out."
+            f"--laboratories '{laboratories}': all records with a result are from one "
+            f"laboratory; leave it out."
         )
-    # The work is done: what is left of the conditions is looked at.
+    # The work is done: look at the remaining conditions.
     conditions, collinear = without_collinear(rows.drop(columns=laboratories or []))
     if laboratories is not None:
         conditions[laboratories] = rows[laboratories]

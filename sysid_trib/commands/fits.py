@@ -51,7 +51,7 @@ OR_FEWER = "give a longer record or fewer."
 
 
 def names_in(text: str | None) -> list[str]:
-    """Names between commas, each once."""
+    """Return names between commas, each once."""
     return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
 
 
@@ -61,7 +61,7 @@ def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Ca
 
 
 def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
-    """The sentence on each record, and what was cut of it."""
+    """Return the sentence on each record, and what was cut of it."""
     pairs = zip(sentences, record_groups(tree), strict=True)
     return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
 
@@ -82,7 +82,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         check_angle_unit(unit_of_signal(decays[0]))
     if given.warm_up is not None and not (given.warm_up >= 0.0 and (driven or given.test)):
         raise UsageError(
-            "--warm-up is a time from 0 s of a driven record, or of --test; cut decays by --window."
+            "--warm-up is 0 s or more of a driven record, or of --test; use --window to cut decays."
         )
     own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
     starts = checked_starts(given.starts, driven=driven or given.test is not None)
@@ -108,7 +108,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     if calibration[1]:
         tree = with_scale_error(tree, calibration[1] / calibration[0])
     if measured and (result := judged.kept_results(tree).get(judged.preferred_of(tree))) is not None:
-        # What has a covariance of forces is an identification.
+        # A dataset with a covariance of forces is an identification.
         converted = in_si_units(result, **measured).drop_dims("other_force")
         tree[SI] = xr.DataTree(converted.assign_attrs(of_method=judged.preferred_of(tree)))
     tree = with_consequences(tree)
@@ -126,13 +126,13 @@ def checked_starts(word: str, *, driven: bool) -> StartsOption:
     if word not in KINDS_OF_STARTS:
         raise UsageError(f"--starts '{word}' must be {' or '.join(KINDS_OF_STARTS)}.")
     if word != KINDS_OF_STARTS[0] and not driven:
-        raise UsageError("--starts is of driven records (--input); the start of a decay is fitted.")
+        raise UsageError("--starts is for driven records (--input); the start of a decay is fitted.")
     return word  # type: ignore[return-value]
 
 
 @contextmanager
 def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
-    """Name the force that a short record decides, where one is refused that cannot decide all of them."""
+    """Name in the error the force that a record too short for all forces determines."""
     try:
         yield
     except DecayError as error:
@@ -156,7 +156,7 @@ def measured_given(given: SIOptions) -> dict[str, tuple[float, float]]:
 def _add_sureness(
     tree: xr.DataTree, decays: list[xr.Dataset], varied: bool, profiled: Sequence[str], tell: Tell
 ) -> None:
-    """Add what is asked of how sure the answer is, as groups of the result."""
+    """Add the requested measures of uncertainty as groups of the result."""
     if not (varied or profiled):
         return
     answer = tree[judged.preferred_of(tree)].to_dataset()
@@ -179,7 +179,7 @@ def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
 
 
 def discover(tell: Tell, given: DiscoverOptions) -> Callable[[], None]:
-    """Search what a model lacks."""
+    """Search the effects that a model lacks."""
     driving = driving_of(given)
     is_example = not given.records and given.forces is None
     asked = given.but(forces=EXAMPLE_FORCES) if is_example else given
@@ -220,7 +220,7 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
 
 
 def methods_asked(asked: AskedModel) -> dict[str, Method]:
-    """Every method, by its label, with the frequency, shapes and random force of what is to be identified."""
+    """Return every method, by its label, with frequency, shapes and random force of the request."""
     methods = every_method(asked.reference_frequency, asked.shapes) | law_methods()
     return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
@@ -244,12 +244,12 @@ def compare(tell: Tell, given: CompareOptions) -> Callable[[], None]:
     return deliver(given, tell, says, tree, _texts(given, tree))
 
 
-# Stands between the records of the two samples.
+# Separates the records of the two samples.
 AND = Path(":")
 
 
 def difference(tell: Tell, given: DifferenceOptions) -> Callable[[], None]:
-    """Hold two samples against each other."""
+    """Compare two samples."""
     sides = _sides(given.records)
     asked = asked_model(given)
     tell("reading")
@@ -257,7 +257,7 @@ def difference(tell: Tell, given: DifferenceOptions) -> Callable[[], None]:
         read_decays(given.but(records=side), driven=True) for side in sides
     )
     if given.laws and is_driven([*first, *second]):
-        raise UsageError("--laws of a difference is of free decays; leave it out of driven records.")
+        raise UsageError("difference --laws is for free decays; leave it out for driven records.")
     sums, others = ({run.attrs.get("record_checksum") for run in side} for side in (first, second))
     if sums & others - {None}:
         raise UsageError("A record is given in both samples; their differences would share its noise.")
@@ -293,7 +293,7 @@ def laws_of_samples(
 
 
 def _sides(records: list[Path]) -> tuple[list[Path], list[Path]]:
-    """The records of each sample."""
+    """Return the records of each sample."""
     marks = [at for at, record in enumerate(records) if record == AND]
     if not marks and len(records) == 2:
         return records[:1], records[1:]

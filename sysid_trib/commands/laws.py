@@ -34,7 +34,7 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
     if random_force == "auto":
         raise UsageError("--random-force 'auto' is not for laws: give off, estimated, or a density.")
     if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
-        raise UsageError("--warm-up is a time from 0 s of the record of --test: give both.")
+        raise UsageError("--warm-up is 0 s or more of the record of --test: give both.")
     measured, calibration = measured_given(given), calibration_of(given)
     system = load_system(given.system)
     library = load_library(given.library) if given.changed(["library"]) else None
@@ -68,7 +68,7 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
 
 
 def _predicted(tree: xr.DataTree, given: LawsOptions, tell: Tell) -> list[xr.Dataset]:
-    """The records of --test as the preferred laws predict them."""
+    """Predict the records of --test by the preferred laws."""
     if given.test is None:
         return []
     tell("prediction")

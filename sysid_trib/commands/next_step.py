@@ -19,9 +19,9 @@ from sysid_trib.results.kinds import identifications_of, kind_of
 from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
 
-# Stands for a file that the user is to measure first: marked, so that nobody takes it for one that is there.
+# Placeholder for a file that the user is to measure first; its mark shows that the file does not exist.
 SECOND_RECORD = "<SECOND_RECORD.csv>"
-# More effects than were asked for, where candidates still stand out.
+# Number of effects beyond `--max-effects` if further candidates are significant.
 MORE_EFFECTS = 2
 
 
@@ -43,11 +43,11 @@ class NextStep(NamedTuple):
     options: Mapping[str, str | None]
 
 
-# The order of next steps: from each state of a result the command that follows, and what it is for. An empty
-# command is an end. A chain of these ends within four commands, and none of them comes twice.
+# The order of next steps: the command that follows from each state of a result, and its purpose. An empty
+# command is an end. A chain of commands ends within four, and none is repeated.
 NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     # After identify.
-    "explained": ("compare", "every method, and how it predicts a part that is held out"),
+    "explained": ("compare", "every method, and its prediction of a held-out part"),
     "explained, no coefficient is known by itself": ("identify", "the fewest forces that suffice"),
     "approximate": ("laws", "friction and restoring force as curves, without choosing a form"),
     "not explained": ("laws", "friction and restoring force as curves, without choosing a form"),
@@ -61,7 +61,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
         "friction and restoring force as curves, without choosing a form",
     ),
     # After identify or discover.
-    "undetermined": ("identify", "fewer forces, and all of the record"),
+    "undetermined": ("identify", "fewer forces, with the whole record"),
     "undetermined by the viscous force alone": ("", ""),
     # After laws.
     "laws explain": ("", ""),
@@ -69,19 +69,19 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     "laws do not explain": ("", ""),
     # After compare.
     "compared, explained": ("", ""),
-    "compared, not explained": ("discover", "names what is missing"),
+    "compared, not explained": ("discover", "finds and names the missing force"),
     # After discover.
-    "out of time": ("discover", "the same to its end"),
-    "named": ("identify", "two methods, held against each other"),
-    "nothing missing": ("plan", "which further run makes the errors smaller"),
-    "nothing missing of a driven record": ("identify", "two methods, held against each other"),
+    "out of time": ("discover", "the same search without a time limit"),
+    "named": ("identify", "two methods, cross-checked"),
+    "nothing missing": ("plan", "the next run that reduces the errors most"),
+    "nothing missing of a driven record": ("identify", "two methods, cross-checked"),
     "unknown effect": ("laws", "friction and restoring force as curves, without choosing a form"),
     "unknown effect of a driven record": ("", ""),
 }
 
 
 def next_step(tree: xr.DataTree) -> NextStep | None:
-    """The command that follows from a result; None at an end."""
+    """Return the command that follows from a result; None at an end."""
     after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
     state, options = after.get(kind_of(tree), _after_identification)(tree)
     command, reason = NEXT_COMMANDS[state]
@@ -132,7 +132,7 @@ def _after_comparison(tree: xr.DataTree) -> StateOfResult:
 
 
 def _largest_library(tree: xr.DataTree) -> ForceLibrary:
-    """The forces of an identification. Methods for two forces hold no others."""
+    """Return the largest set of forces in a result: methods for two forces have only these."""
     return library_of(max(identifications_of(tree).values(), key=lambda result: result.sizes["force"]))
 
 
@@ -143,7 +143,7 @@ def _search_options(library: ForceLibrary) -> dict[str, str]:
 
 
 def _effects_named(library: ForceLibrary) -> bool:
-    """True if a model has effects that only a search, or its user, can have named."""
+    """Return true if a model has effects that only a search, or its user, can have named."""
     of_systems = (symbol for system in load_systems().values() for symbol in system.symbols)
     usual = {*load_library().symbols, *of_systems}
     return bool(set(library.symbols) & set(load_library(EFFECTS).symbols) - usual)
@@ -169,11 +169,11 @@ def _after_discovery(tree: xr.DataTree) -> StateOfResult:
 
 
 def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
-    """Further commands that may follow, each after the words that say when: none of them is needed."""
+    """Return further commands that may follow, each with its condition; none of them is needed."""
     made = list[tuple[str, str, Mapping[str, str | None]]]()
     if kind_of(tree) == "discover":
         if tied := _tied(tree):
-            when = f"With the record that separates {' and '.join(tied[:2])}, see above"
+            when = f"With the record that separates {' and '.join(tied[:2])} (see above)"
             made.append((when, "discover", {"records": SECOND_RECORD}))
         outstanding = bool(tree["ranking"].significant.isel(selection_step=-1).any())
         most = tree.attrs["max_effects"]
@@ -191,7 +191,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
             when = "To see whether another record of the rig follows these laws"
             made.append((when, "laws", {"test": SECOND_RECORD}))
     elif scale := _scale_error(tree, given):
-        when = "If the scale of the film or encoder is off, as the frequency at large amplitudes says"
+        when = "If the scale of the film or encoder is wrong, as the frequency at large amplitudes suggests"
         made.append((when, "identify", {"scale": scale}))
     return [f"{when}: {command_after(command, options, given)}" for when, command, options in made]
 
@@ -207,7 +207,7 @@ def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
 
 
 def _tied(tree: xr.DataTree) -> list[str]:
-    """An effect and those that it cannot be separated from; nothing where every name is certain.
+    """Return an effect and its competing effects; nothing where every name is certain.
 
     Nothing for a record that is no file, beside which another could be given.
     """
@@ -234,7 +234,7 @@ KEPT = "result.nc"
 
 
 def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | None:
-    """The step after a driven identification, or the whole command; None where it is that of any other.
+    """Return the step after a driven identification, or the whole command; None if the general rule applies.
 
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
     searched for no further force.

@@ -26,7 +26,7 @@ class CommandOptions:
         return replace(self, **values)
 
     def changed(self, names: Iterable[str]) -> list[str]:
-        """Flags of the options among these that have another value than their default."""
+        """Return the flags of the options among these that have another value than their default."""
         rows, defaults = all_rows(), defaults_of(type(self))
         return [rows[name]["flag"] for name in names if getattr(self, name) != defaults[name]]
 
@@ -303,7 +303,7 @@ OPTIONS_OF: dict[str, type[CommandOptions]] = {
 
 
 def defaults_of(options: type[CommandOptions]) -> dict[str, Any]:
-    """Defaults of the options of a class by their names; `...` of one that must be given."""
+    """Return the defaults of the options of a class by their names; `...` of one that must be given."""
     defaults = dict[str, Any]()
     for option in fields(options):
         if option.default_factory is not MISSING:
@@ -338,16 +338,16 @@ GROUPS: dict[str, OptionRows] = {
 
 
 def rows_of(*groups: str) -> OptionRows:
-    """The rows of groups by the names of their options."""
+    """Return the rows of groups by the names of their options."""
     return {name: row for group in groups for name, row in GROUPS[group].items()}
 
 
 def rows_of_command(command: str) -> OptionRows:
-    """The rows of a command in the order of its help."""
+    """Return the rows of a command in the order of its help."""
     return rows_of(*COMMANDS[command]["options"])
 
 
 @cache
 def all_rows() -> OptionRows:
-    """One row of every option; an option has one flag in all commands."""
+    """Return one row of every option; an option has one flag in all commands."""
     return rows_of(*GROUPS)

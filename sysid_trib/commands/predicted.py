@@ -26,7 +26,7 @@ from sysid_trib.validation.identify import identify
 
 
 def plan(tell: Tell, given: PlanOptions) -> Callable[[], None]:
-    """Say which run tells most, of a result or of records."""
+    """Rank the next runs by their information, for a result or for records."""
     limits = {
         "amplitude": parse_window(given.amplitude, "--amplitude", "LOW:HIGH, such as 0.05:0.8"),
         "duration": parse_window(given.duration, "--duration"),
@@ -68,7 +68,9 @@ def _response_of_mode(tell: Tell, given: ResponseOptions, limits: tuple[float, f
     tell("reading")
     decays, sources = read_decays(RecordOptions(records=[given.result], **reading))
     if len(decays) > 1:
-        raise UsageError(f"{given.result} holds {len(decays)} decays of this mode; choose one by --window.")
+        raise UsageError(
+            f"{given.result} contains {len(decays)} decays of this mode; choose one by --window."
+        )
     tell("frequency and damping against amplitude")
     curves = backbone(decays[0])
     tell("response")

@@ -1,4 +1,4 @@
-"""The records of a command: files, or the embedded example, the decays in them, and what is no record."""
+"""The records of a command: files or the embedded example, their decays, and files of other kinds."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -40,7 +40,7 @@ PROGRAM = "sysid-trib"
 
 
 class RunsOfFile(NamedTuple):
-    """The runs in a file, and a sentence on what they are; `file` is None for the embedded example."""
+    """The runs in a file, and a sentence that describes them; `file` is None for the embedded example."""
 
     file: Path | None
     runs: list[xr.Dataset]
@@ -79,8 +79,8 @@ def what_else(path: Path) -> str:
 
 
 def _is_printed(path: Path) -> bool:
-    """True if a file is the JSON that a command printed."""
-    # Bytes; what a command prints with --json is far smaller.
+    """Return true if a file is the JSON that a command printed."""
+    # Bytes; the output of a command with --json is far smaller.
     if path.stat().st_size > 2**24:
         return False
     try:
@@ -106,9 +106,9 @@ READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "l
 OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
 # Hz and rad/s differ by more; a contact of 24 times the stiffness of the oscillator does not.
 MOST_RATIO = 5.0
-# What is left to do without the option.
+# Advice if the option is left out.
 INSTEAD = {
-    OMEGA0: "correct it, or leave it out: (w_inf / omega0)^2 - 1 gives alpha from the w_inf of the result",
+    OMEGA0: "correct it, or leave it out and compute alpha = (w_inf / omega0)^2 - 1 from w_inf of the result",
     REFERENCE: "correct it, or leave it out: w is then fitted",
 }
 
@@ -149,13 +149,15 @@ def read_decays(
         decays += chosen
         sentences += [sentence] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
-        raise UsageError("The records are in different units; runs of one experiment are in one (--units).")
+        raise UsageError(
+            "The records have different units; give runs of one experiment in one unit (--units)."
+        )
     _check_frequencies(decays, given)
     return decays, sentences
 
 
 def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFile]:
-    """The runs of each file as they are in it, uncut, and what they are."""
+    """Read the runs of each file uncut, and describe them."""
     if given.constant and not driven:
         raise UsageError(
             "--constant is for records of identify, laws, discover, compare and difference; leave it out of "
@@ -173,13 +175,13 @@ def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFi
 def decays_within(
     given: RecordOptions, source: RunsOfFile, *, as_it_is: bool = False
 ) -> tuple[list[xr.Dataset], str]:
-    """The decays of a file, or the one that is asked for, and what they are."""
+    """Return the decays of a file, or the requested one, and their description."""
     record, runs, sentence = source
     those = [decay for run in runs for decay in _decays(given, run, as_it_is=as_it_is)]
     count = "1 decay" if len(those) == 1 else f"{len(those)} decays"
     if given.decay is not None and given.decay > len(those):
         raise UsageError(
-            f"--decay {given.decay}: {record or 'the example'} holds {count}; give 1 to {len(those)}."
+            f"--decay {given.decay}: {record or 'the example'} contains {count}; give 1 to {len(those)}."
         )
     chosen = those if given.decay is None else [those[given.decay - 1]]
     taken = ", one of them taken" if len(chosen) == 1 else ""
@@ -209,7 +211,7 @@ def constants_of_records(given: RecordOptions) -> list[dict[str, str | float]]:
         values = _constants(name, text, records)
         if len(values) not in (1, len(records)):
             raise UsageError(
-                f"--constant '{name}={text}' holds {len(values)} values for {len(records)} records; give "
+                f"--constant '{name}={text}' contains {len(values)} values for {len(records)} records; give "
                 "one, or one a record."
             )
         for at, of in enumerate(of_each):
@@ -235,7 +237,7 @@ def _constants(name: str, text: str, records: Sequence[str]) -> list[str | float
 
 
 def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str | float]) -> RunsOfFile:
-    """The runs of a file, or the embedded example, and what they are."""
+    """Return the runs of a file or of the embedded example, and their description."""
     how = {name: getattr(given, name) for name in READING}
     factor = calibration_of(given)[0]
     if record is None:
@@ -291,7 +293,7 @@ def _mode_of(given: RecordOptions, record: Path) -> xr.Dataset:
 
 
 def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
-    """A record with its signal multiplied."""
+    """Return a record with its signal multiplied."""
     names = [name for name in ("angle", MEASURED) if name in record and factor != 1.0]
     return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
@@ -326,13 +328,13 @@ def _as_it_is(
         return ""
     viscous = next(iter(load_library().damping_factors))
     if isinstance(given, ForcesOptions):
-        return f", or name the forces that act, such as --forces {viscous}, to take it as it is"
+        return f", or name the forces that act, such as --forces {viscous}, to use it uncut"
     # This command has no such option: another one takes the record.
-    return f", or take it as it is by {command_after('identify', {'forces': viscous}, given)}"
+    return f", or use it uncut with {command_after('identify', {'forces': viscous}, given)}"
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> None:
-    """Refuse a frequency that is the record's own in Hz, or more than a factor of five off."""
+    """Raise an error for a frequency that is the record's own in Hz, or more than a factor of five off."""
     given_ones = dict[str, float]()
     if isinstance(given, ForcesOptions) and given.reference_frequency is not None:
         given_ones[REFERENCE] = given.reference_frequency

@@ -46,7 +46,7 @@ from sysid_trib.validation import drive
 
 
 def backbone(tell: Tell, given: BackboneOptions) -> Callable[[], None]:
-    """The curves of each decay."""
+    """Print the curves of each decay."""
     tell("reading")
     decays, sources = read_decays(given)
     names = group_names("backbone", len(decays))
@@ -74,7 +74,7 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
     except DecayError as error:
         if with_drive is not None:
             return _look_at_driven(tell, with_drive)
-        # What was understood helps to see why.
+        # The sentences on what was read help to find the cause.
         return partial(_refuse, [] if given.as_json else sentences, error)
     if with_drive is not None and _is_driven_within(with_drive, decays):
         return _look_at_driven(tell, with_drive)
@@ -97,7 +97,7 @@ def _listed_modes(given: LookOptions) -> xr.Dataset | None:
             return None
         return modes_of(sensors)
     except SysidTribError:
-        # The usual reading reports what is wrong with the file.
+        # The usual reading reports the fault of the file.
         return None
 
 
@@ -167,14 +167,14 @@ def _look_at_driven(tell: Tell, given: LookOptions) -> Callable[[], None]:
 
 
 def _refuse(sentences: list[str], error: DecayError) -> None:
-    """Print what was understood, each sentence once, before what it ended with."""
+    """Print the sentences on what was read, each once, and raise the error."""
     for sentence in dict.fromkeys(sentences):
         print(sentence)
     raise error
 
 
 def report(tell: Tell, given: ReportOptions) -> Callable[[], None]:
-    """The page of a result."""
+    """Write the page of a result."""
     from sysid_trib.reporting.page import page, write_page
 
     tell("reading")
@@ -189,7 +189,7 @@ def report(tell: Tell, given: ReportOptions) -> Callable[[], None]:
 
 
 def export(tell: Tell, given: ExportOptions) -> Callable[[], None]:
-    """The equation of a result as a program, or its parameters with their covariance."""
+    """Write the equation of a result as a program, or its parameters with their covariance."""
     result, language, output = given.result, given.language, given.output
     ending = {"simulink": ".m", "toml": ".toml", "json": ".json"}.get(language, ".py")
     check_output(output, ending, reads=[result])
@@ -205,7 +205,7 @@ def export(tell: Tell, given: ExportOptions) -> Callable[[], None]:
 
 
 def forces(tell: Tell, given: LibraryOptions) -> Callable[[], None]:
-    """The forces of a library."""
+    """Print the forces of a library."""
     offered = load_library(given.library)
     table = looked.force_table(offered)
     if given.latex is not None:
@@ -238,7 +238,7 @@ def simulate(tell: Tell, given: SimulateOptions) -> Callable[[], None]:
 def _settings(
     texts: list[str], library: ForceLibrary, *, papers: bool
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Coefficients and shape parameters from `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
+    """Parse coefficients and shape parameters, `lambda=1e-3`, `dahl.s=0.02`; the paper's if none is set."""
     values = numbers_by_name(texts, "--set", "SYMBOL=VALUE, such as lambda=1e-3")
     for name, value in values.items():
         if abs(value) > MOST:
@@ -247,7 +247,7 @@ def _settings(
     coefficients = {name: value for name, value in values.items() if "." not in name}
     check_shapes(shapes, library)
     if not coefficients and (texts or not papers):
-        raise UsageError("No force is given a coefficient: add one, such as --set zeta=0.01.")
+        raise UsageError("No force has a coefficient: add one, such as --set zeta=0.01.")
     return coefficients or PAPER_COEFFICIENTS, shapes
 
 

@@ -41,7 +41,7 @@ def print_blocks(
     ends: Iterable[str] = (),
     written: Iterable[Path | None] = (),
 ) -> None:
-    """Print the blocks of a layer as `write_blocks`; below them stand the files that were written."""
+    """Print the blocks of a layer (see `write_blocks`), then the files that were written."""
     from sysid_trib.printing.written import write_blocks
 
     write_blocks(blocks, layer, ends)
@@ -68,7 +68,7 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
         try:
             yield tell
         except DecayError as error:
-            # A method knows numbers alone. A colon stands between two samples.
+            # A method knows only numbers. A colon separates two samples.
             said, names = str(error), [record.name for record in records if record.name != ":"]
             if not names or any(name in said for name in names):
                 raise
@@ -116,7 +116,7 @@ def progress() -> Iterator[Tell]:
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """Linear algebra in one thread, and after it in as many as before.
+    """Run linear algebra in one thread, and restore the number of threads afterwards.
 
     Tables are tall and narrow: threads of BLAS wait for each other longer than they compute, a third of the
     time of a long record.
@@ -130,18 +130,18 @@ def one_thread() -> Iterator[None]:
 
 
 def command_line() -> str:
-    """The command that runs, as it can be given again."""
+    """Return the running command in the form in which it can be given again."""
     return readable(shlex.join(["sysid-trib", *sys.argv[1:]]))
 
 
 # mm.
 INCH = 25.4
-# Options that name what a command reads.
+# Options that name the inputs of a command.
 READ = ("result", "test", "library", "candidates", "system")
 
 
 def check_values(given: CommandOptions, rows: OptionRows) -> None:
-    """Refuse, before the work is done, a number out of its range, and places that cannot be written.
+    """Raise an error, before the work is done, for a number out of range or a place that cannot be written.
 
     Raises
     ------
@@ -168,7 +168,7 @@ def check_values(given: CommandOptions, rows: OptionRows) -> None:
 
 
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = (), flag: str = "-o") -> None:
-    """Refuse a file that cannot be written before the work is done, not after."""
+    """Raise an error, before the work is done, for a file that cannot be written."""
     if target is None:
         return
     if target.is_dir():
@@ -186,7 +186,7 @@ def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()
 
 
 def check_folder(folder: Path | None) -> None:
-    """Refuse a folder for figures that is a file, or lies in one."""
+    """Raise an error for a folder of figures that is a file, or lies in one."""
     if folder is None:
         return
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
@@ -256,7 +256,7 @@ def deliver(
 
 
 def print_json(data: Mapping[str, Any]) -> None:
-    """Print what a command gives with --json."""
+    """Print the JSON output of a command."""
     from sysid_trib.printing.layout import plain
 
     print(json.dumps(plain(data), indent=2, allow_nan=False))

@@ -1,1 +1,1 @@
-"""One cycle: describing functions, steady cycles, a decay by averaging, its backbone, what it points to."""
+"""One cycle: describing functions, steady cycles, a decay by averaging, its backbone and indicated forces."""

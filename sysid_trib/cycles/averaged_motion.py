@@ -78,7 +78,7 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
 
 
 def averaged_rates(model: Model) -> AveragedRates:
-    """The averaged equations of a model: da/dt (rad/s) and frequency (rad/s) at a > 0 (rad) and times (s)."""
+    """Return the averaged equations: da/dt (rad/s) and frequency (rad/s) at a > 0 (rad) and times (s)."""
     powers = [force for force in model.forces if force.degree is not None]
     others = [force for force in model.forces if force.degree is None]
     # Degrees of the homogeneous forces, and their weighted (sine, cosine) at a = 1.
@@ -100,7 +100,7 @@ def averaged_rates(model: Model) -> AveragedRates:
 def _decay(
     averaged: AveragedRates, time: Array, amplitude: float, *, steady: bool
 ) -> tuple[Array, Array, float]:
-    """Amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
+    """Return the amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
     end = max(float(time[-1]), 1e-9)
     # Below this part of the first amplitude the signatures are continued by a power of the amplitude.
     least = 1e-9 * amplitude
@@ -141,7 +141,7 @@ def _decay(
 
 
 def _tail(averaged: AveragedRates, a: float, time: float) -> float:
-    """Time from a very small amplitude to zero (s); NaN if it is never reached.
+    """Return the time from a very small amplitude to zero (s); NaN if it is infinite.
 
     da/dt falls with a power of a, and zero is reached only if this is smaller than one.
     """
@@ -153,7 +153,7 @@ def _tail(averaged: AveragedRates, a: float, time: float) -> float:
 
 
 def _remaining(averaged: AveragedRates, a: float, least: float) -> float:
-    """Time from amplitude `a` to the arrest (s), NaN if there is none or if it cannot be foreseen."""
+    """Return time from amplitude `a` to the arrest (s); NaN if there is none or it cannot be predicted."""
     tail = _tail(averaged, least, 0.0)
     if np.isnan(tail):
         return np.nan
@@ -169,10 +169,10 @@ def _remaining(averaged: AveragedRates, a: float, least: float) -> float:
     return float(quad(waiting, np.log(least), np.log(a), epsabs=0.0, epsrel=1e-10, limit=200)[0] + tail)
 
 
-# Amplitudes between which a balance is looked for; the least one is so small a part of what the drive would
-# do at rest.
+# Amplitudes between which a balance is searched; the least one is a small part of the static deflection.
 AMPLITUDES_TRIED, LEAST_TRIED = 400, 1e-3
-# A force whose dependence on the frequency is no power is averaged at so many, a polynomial between them.
+# A force whose dependence on the frequency is no power law is averaged at so many frequencies, with a
+# polynomial between them.
 NODES = 5
 # Part of an amplitude over which slopes are taken.
 SLOPE_PART = 1e-6
@@ -182,7 +182,7 @@ DescribedAt: TypeAlias = Callable[..., Array]
 
 
 def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Array) -> DescribedAt:
-    """Describing functions of forces at ratios W/w of frequencies, (frequency,), increasing."""
+    """Return the describing functions of forces at ratios W/w of frequencies, (frequency,), increasing."""
     # Forces that act at some of the ratios, and their weights at each, (frequency, node).
     parts: list[tuple[list[Force], Array]] = []
     for force in forces:
@@ -226,13 +226,13 @@ def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, driv
         if np.all(np.abs(sine) > drive) or np.all(np.hypot(along, sine) > 4.0 * drive):
             return np.geomspace(LEAST_TRIED * float(np.min(drive)), top, AMPLITUDES_TRIED)
         top *= 2.0
-    raise DecayError("No damping bounds this response; a model with a force that damps has one.")
+    raise DecayError("Without damping this response is unbounded; add a dissipative force to the model.")
 
 
 def balances(
     described: DescribedAt, coefficients: Array, ratio: Array, drive: Array, amplitude: Array
 ) -> tuple[Index, Array, Array, Mask, Array]:
-    """The steady motions, by coefficients (force,), a complex drive (frequency,) and a `balance_grid`.
+    """Return the steady motions, by coefficients (force,), a complex drive (frequency,) and a `balance_grid`.
 
     Returns
     -------

@@ -84,13 +84,13 @@ def period_rows(
 
 
 def _sliding(weights: Array, count: int, ends: int) -> sp.csr_matrix:
-    """Sums of neighbouring extrema with the given weights, (row, extremum), without so many at either end."""
+    """Return sums of neighbouring extrema with weights, (row, extremum), without `ends` rows at each end."""
     rows = count - len(weights) + 1 - 2 * ends
     return sum(w * sp.eye(rows, count, k=ends + at, format="csr") for at, w in enumerate(weights))
 
 
 def _errors(measured: xr.Dataset, name: str, scatter: str) -> Array:
-    """Standard errors by the white noise of the samples, not below rounding."""
+    """Return the standard errors by the white noise of the samples, not below rounding."""
     error = measured[f"{name}_standard_error"].values / measured.attrs.get(scatter, 1.0)
     b = measured.extremum.values
     size = b if name == "extremum" else 1.0 / measured.frequency.values.max()
@@ -102,12 +102,12 @@ CURVE_POINTS, FEWEST_HALF_PERIODS = 80, 5
 # Rounds after the first: with the bends and the slopes of the one before.
 ROUNDS = 2
 QUANTILES, FINE = 17, 801
-# Extrema of both sides together: leaves out what differs between them, and nothing of a parabola.
+# Extrema of both sides together: this removes the difference between the sides, and nothing of a parabola.
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 
 def backbone(decay: RecordLike) -> xr.Dataset:
-    """Frequency and damping ratio of a free decay against its amplitude, without a model.
+    """Return the frequency and damping ratio of a free decay against its amplitude, without a model.
 
     Parameters
     ----------
@@ -235,12 +235,12 @@ def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
 
 
 def half_width(backbone: xr.Dataset, name: str) -> Array:
-    """Half width of the simultaneous 95 % band of a curve, (amplitude,)."""
+    """Return the half width of the simultaneous 95 % band of a curve, (amplitude,)."""
     return np.asarray((backbone[f"{name}_high"] - backbone[name]).values)
 
 
 def _coordinate(u: Array) -> tuple[Array, Array]:
-    """Positions of log amplitudes from 0 to 1, and the log amplitudes of evenly spaced points.
+    """Return the positions of log amplitudes from 0 to 1, and the log amplitudes of evenly spaced points.
 
     Half by the log amplitude, half by the number of periods below it: fine where the record is.
     """
@@ -253,7 +253,7 @@ def _coordinate(u: Array) -> tuple[Array, Array]:
 
 
 def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: str) -> Variables:
-    """The curves with their bands, and the averaged forces."""
+    """Return the curves with their bands, and the averaged forces."""
     variables: Variables = {}
     values: dict[str, tuple[Array, Array, Array]] = {}
     for name, (long_name, units) in CURVES.items():
@@ -291,7 +291,7 @@ def _over_time(measured: xr.Dataset, noise: float, unit: str, integrated: _Integ
 def _banded(
     name: str, dim: str, value_error_half: tuple[Array, Array, Array], long_name: str, units: str
 ) -> Variables:
-    """A curve with its standard error, and both ends of its simultaneous band."""
+    """Return a curve with its standard error, and both ends of its simultaneous band."""
     value, error, half = value_error_half
     variables = with_error(name, dim, (value, error), long_name, units)
     for end, scaled in (("low", value - half), ("high", value + half)):

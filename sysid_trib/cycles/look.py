@@ -21,7 +21,7 @@ FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
 
 
 def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr.DataTree:
-    """Facts of records and of the decays in them, without a fit.
+    """Return the facts of records and of the decays in them, without a fit.
 
     Parameters
     ----------
@@ -81,10 +81,10 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "periods": variable((), (time[-1] - time[0]) / period, "periods", "1"),
         "first_amplitude": variable((), amplitude[0], "first amplitude", unit),
         "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
-        "first_damping_ratio": variable((), first, "rate of decay over w at the start", "1"),
-        "last_damping_ratio": variable((), last, "rate of decay over w at the end", "1"),
+        "first_damping_ratio": variable((), first, "damping ratio at the start", "1"),
+        "last_damping_ratio": variable((), last, "damping ratio at the end", "1"),
         "noise": variable((), noise, "standard deviation of the sensor's noise", unit),
-        "drift": variable((), _drift(curve), "how far the middle of the swing moves", unit),
+        "drift": variable((), _drift(curve), "movement of the middle of the swing", unit),
         "sensor_step": variable((), step, "step of the sensor", step_unit),
         "samples_per_period": variable((), period / float(np.median(np.diff(time))), "samples a period", "1"),
     }
@@ -146,7 +146,7 @@ def _without_drift(amplitude: Array) -> Array:
 
 
 def _drift(curve: xr.Dataset) -> float:
-    """Movement of the middle along a line, from the first half period to the last; 0 within its errors."""
+    """Return the movement of the middle along a line, from first to last half period; 0 within its errors."""
     signed, time = curve.sign.values * curve.extremum.values, curve.extremum_time.values
     if signed.size < FEWEST_FOR_DRIFT:
         return 0.0
@@ -166,7 +166,7 @@ FREQUENCY_PARTS = 100
 
 
 def _median_frequency(curve: xr.Dataset) -> float:
-    """Median of the frequency (rad/s) of some periods each."""
+    """Return the median of the frequency (rad/s) of some periods each."""
     time = curve.extremum_time.values
     halves = max(2, len(time) // FREQUENCY_PARTS)
     return float(np.median(halves * np.pi / (time[halves:] - time[:-halves])))
@@ -192,7 +192,7 @@ def _damping(time: Array, amplitude: Array, frequency: float) -> float:
 
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
-    """One-sided density, averaged to so many points on a logarithmic axis."""
+    """Return the one-sided density, averaged to so many points on a logarithmic axis."""
     sampling_rate = 1.0 / float(np.mean(np.diff(time)))
     line, power = (values[1:] for values in scipy.signal.periodogram(angle, sampling_rate, "hann"))
     if line.size > SPECTRUM_POINTS:

@@ -94,7 +94,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "first_amplitude": variable(("mode", "sensor"), [end[0] for end in ends], "first amplitude", units),
         "last_amplitude": variable(("mode", "sensor"), [end[1] for end in ends], "last amplitude", units),
         "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
-        "residual": variable("sensor", ringing.residual, "RMS of what all modes leave", units),
+        "residual": variable("sensor", ringing.residual, "RMS residual of all modes", units),
     }
     start = float(sensors.time.values[0] + ringing.start * ringing.interval)
     attrs = dict(sensors.attrs) | {
@@ -110,7 +110,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
 
 def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
     at = sensors.time.values[ringing.second_blow]
-    return f"the signals jump at {at:.4g} s, as by a second blow: what comes after it is left out"
+    return f"the signals jump at {at:.4g} s, as after a second blow: later samples are left out"
 
 
 def _listed(ringing: Ringing, kind: str) -> str:
@@ -120,7 +120,7 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 
 def _close_modes(ringing: Ringing) -> Iterator[str]:
-    """Warn of neighbouring modes that one sensor does not separate reliably."""
+    """Warn about neighbouring modes that one sensor does not separate reliably."""
     frequencies = [central_frequency(component, ringing.interval) for component in ringing.modes]
     for number, (low, high) in enumerate(pairwise(frequencies), 1):
         if are_close(low, high, ringing):
@@ -238,8 +238,8 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
     least, change, other = min(fits)
     if least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
         yield (
-            f"the frequency of mode {number} depends on the amplitude of mode {other}: by {change:+.2g} Hz "
-            "at the largest, beyond what it does by its own amplitude"
+            f"the frequency of mode {number} depends on the amplitude of mode {other}, in addition to its "
+            f"own: by {change:+.2g} Hz at the largest amplitude"
         )
 
 

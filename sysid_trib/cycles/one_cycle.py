@@ -39,7 +39,7 @@ NamesAt: TypeAlias = Callable[[Index, Array], dict[str, Any]]
 def cycle_averages(
     force: Force, a: Array, time: Array, shape_values: Mapping[str, float]
 ) -> tuple[Array, Array]:
-    """Averages over the steady cycle at each amplitude.
+    """Return averages over the steady cycle at each amplitude.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def cycle_averages(
 def _at_phases(
     a: Array, time: Array, shape_values: Mapping[str, float], row: Index, phi: Array
 ) -> dict[str, Any]:
-    """Variables of the formulas at the angles `phi` of half cycles (same shapes, or broadcast).
+    """Return the variables of the formulas at the angles `phi` of half cycles (same shapes, or broadcast).
 
     Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
     """
@@ -92,7 +92,7 @@ def _at_phases(
 
 
 def _pieces(force: Force, count: int, names: NamesAt) -> tuple[Index, Array, Array]:
-    """Half cycles of so many amplitudes, cut at their middle and at switching surfaces: (row, low, high)."""
+    """Return half cycles at amplitudes, cut at their middle and at switching surfaces: (row, low, high)."""
     halves = np.repeat((0.0, np.pi), count)
     # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
     phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
@@ -120,7 +120,7 @@ def _pieces(force: Force, count: int, names: NamesAt) -> tuple[Index, Array, Arr
 
 
 def _integrals(force: Force, a: Array, names: NamesAt) -> Array:
-    """Integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
+    """Return the integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
 
     Pieces are halved until they are exact.
     """
@@ -166,7 +166,7 @@ def _check_finite(force: Force, values: Array, amplitude: Array) -> None:
 
 @lru_cache(maxsize=1)
 def _nodes() -> tuple[Array, Array]:
-    """Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
+    """Return the Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
 
     The nodes crowd at both ends, where |v|^p, a sharp Stribeck peak or a logarithm is singular
     (Takahasi and Mori 1974).
@@ -180,7 +180,7 @@ def _nodes() -> tuple[Array, Array]:
 def cycles_at(
     force: Force, a: Array, time: Array, shapes: ShapeValues | None
 ) -> Iterator[tuple[Index, list[Force], Array]]:
-    """Steady cycles at amplitudes that are not zero, each with `t` held: their rows, and `steady_cycles`."""
+    """Yield steady cycles at nonzero amplitudes, each with `t` held: their rows, and `steady_cycles`."""
     moves = a > 0.0
     held = time if force.holds_time else np.zeros_like(a)
     for instant in np.unique(held[moves]).tolist():
@@ -191,7 +191,7 @@ def cycles_at(
 def history_over(
     force: Force, amplitude: float, points: int, shapes: ShapeValues | None
 ) -> tuple[Array, dict[str, Array]]:
-    """Phases of a cycle, and states and memory there, (point,), of a force that begins as on a steady one."""
+    """Return the phases of a steady cycle, (point,), and states and memory of a force there."""
     phase = FIRST_PHASE + PERIOD * np.arange(points) / points
     return phase, history_on_cycle(force, phase, amplitude, shapes)
 
@@ -242,9 +242,9 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
         step = _newton_step(ends.transition[:, of_history][:, :, of_history], shift)
         size = np.maximum(np.abs(ends.end[:, of_history]).max(axis=1), a)
         change, drift = (np.abs(part).max(axis=1) / size for part in (step, shift))
-        # What hardly forgets its start is known to rounding over what it forgets.
-        # A cycle repeats itself where its states and memory come back to this part of their size.
-        # A state that still moves by this part of its size after so many cycles drifts.
+        # The error of a state that hardly forgets its start is rounding over the part that it forgets. A
+        # cycle repeats itself if its states and memory come back to this part of their size. A state that
+        # still moves by this part of its size after so many cycles drifts.
         if np.all((np.maximum(change, drift) <= 1e-13) | ((change >= 0.5 * last) & (drift <= 1e-9))):
             scale = np.stack([a, a, np.ones_like(a)], axis=1)
             starts = [dict(zip(names, row, strict=True)) for row in begin[:, of_history].tolist()]
@@ -252,7 +252,9 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
         # Where Newton's step did no good the cycle itself goes on.
         begin[:, of_history] += np.where((change < last)[:, None], step, shift)
         last = change
-    raise LibraryError(f"Force '{force.symbol}' drifts at each cycle and has no steady one, no signature.")
+    raise LibraryError(
+        f"Force '{force.symbol}' drifts in each cycle, so it has no steady cycle and no signature."
+    )
 
 
 def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Steps:
@@ -275,7 +277,7 @@ def _newton_step(map_: Array, shift: Array) -> Array:
 
 
 def _product(force: Force, name: str | None = None, factor: float = 1.0) -> Formula:
-    """The force times x or v and a number, or squared."""
+    """Return the force times x or v and a number, or squared."""
     tree = force.formula.tree
     other = tree if name is None else ast.BinOp(ast.Constant(factor), ast.Mult(), ast.Name(name))
     return Formula(f"({force.formula.text}) times {name or 'itself'}", ast.BinOp(tree, ast.Mult(), other))

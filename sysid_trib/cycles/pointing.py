@@ -34,12 +34,12 @@ FOLDS = 5
 PRECISION = 0.02
 # More forces must predict better by this factor. Models within the errors of a curve predict it equally well.
 BETTER_BY, WITHIN_ERRORS = 1.1, 1.0
-# A system that holds its elastic force has no coefficient to fit: it may leave such a part of the change of
-# the frequency; or a larger one, if free coefficients leave little less.
+# A system with a held elastic force has no coefficient to fit: its residual may be this part of the change of
+# the frequency; or a larger one, if free coefficients hardly reduce it.
 HELD_REMAINS, HELD_REMAINS_MOST, HELD_OVER_FREE = 0.1, 0.25, 2.5
 # Relative error of the frequency shift due to third harmonics of a pendulum and an elastic string.
 OPEN_SHIFT = 0.1
-# A scale that counts: beyond its errors, and of which the pendulum then leaves so much less.
+# A scale counts if it exceeds its errors and reduces the residual of the pendulum by this factor.
 SCALE_LIMITS, SCALE_ERRORS, SCALE_REMAINS = (0.87, 1.15), 4.0, 0.5
 # Phases of a quarter of a swing, for its period.
 PHASES = (np.arange(400) + 0.5) * (0.5 * np.pi / 400)
@@ -79,14 +79,14 @@ class ElasticModel:
 
     @property
     def words(self) -> str:
-        """The forces in words."""
+        """Forces in words."""
         elastic = [_elastic_words(force) for force in self.free]
         return _listed([*(f"{force.name} alone" for force, _ in self.held), *elastic])
 
 
 @dataclass(frozen=True)
 class Scale:
-    """A factor on the signal, its error, and what then remains of the parts that were predicted."""
+    """A factor on the signal, its error, and the prediction residual with this factor."""
 
     factor: float
     error: float
@@ -123,7 +123,7 @@ class Pointed:
 
 
 def pointed_to(decay: xr.Dataset) -> Pointed:
-    """The forces and the system that the backbone of a record points to.
+    """Return the forces and the system that the backbone of a record indicates.
 
     Parameters
     ----------
@@ -185,14 +185,14 @@ def _listed(words: Sequence[str]) -> str:
 
 
 def _errors(a: Array, error: Array, size: Array | float) -> Array:
-    """Errors of a curve for a fit in which large amplitudes decide."""
+    """Return the errors of a curve for a fit in which large amplitudes decide."""
     return np.hypot(error, PRECISION * np.abs(size)) * (a[-1] / a)
 
 
 def _score(
     columns: Sequence[Array], curve: Array, error: Array, fit: Callable[[Array, Array], Array]
 ) -> float:
-    """RMS in errors of the parts of a curve that a fit to the other parts predicts."""
+    """Return the RMS in errors of the parts of a curve that a fit to the other parts predicts."""
     table = np.column_stack(columns) / error[:, None]
     target = curve / error
     squares = []
@@ -212,7 +212,7 @@ def _free(table: Array, target: Array) -> Array:
 
 
 def _fewest(scores: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
-    """The fewest forces that predict as well as any."""
+    """Return the fewest forces that predict as well as any."""
     best = max(min(scores.values()), WITHIN_ERRORS)
     good = [names for names, score in scores.items() if score <= BETTER_BY * best]
     return min(good, key=lambda names: (len(names), scores[names]))
@@ -223,7 +223,7 @@ NEIGHBOURING_EXTREMA, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
 
 
 def _scatter(decay: xr.Dataset, curves: xr.Dataset) -> Array:
-    """Scatter of a single extremum over its size, at the amplitudes of a backbone."""
+    """Return the scatter of a single extremum over its size, at the amplitudes of a backbone."""
     measured = half_sines.envelope(decay)
     size = measured.extremum.values
     order = np.argsort(size)
@@ -236,7 +236,7 @@ def _scatter(decay: xr.Dataset, curves: xr.Dataset) -> Array:
 
 
 def _friction(curves: xr.Dataset, library: ForceLibrary, part: Array) -> list[str]:
-    """Formulas of the friction that the damping ratio points to, none if it is known too little.
+    """Return the formulas of the friction that the damping ratio indicates, none if it is too uncertain.
 
     `part` : of both curves, by which the square of the noise may move them.
     """
@@ -265,7 +265,7 @@ def _friction(curves: xr.Dataset, library: ForceLibrary, part: Array) -> list[st
 
 
 def _elastic_models(systems: Iterable[System]) -> list[ElasticModel]:
-    """The elastic forces of systems that swing freely, and each part of those that are free."""
+    """Return the elastic forces of systems that swing freely, and each part of those that are free."""
     models: dict[tuple[str, ...], ElasticModel] = {}
     for system in systems:
         library = with_shipped(load_library(USUAL_LIBRARY), system.symbols)
@@ -286,7 +286,7 @@ def _elastic_models(systems: Iterable[System]) -> list[ElasticModel]:
 
 
 def free_swings(held: Iterable[tuple[Force, float]], peak: Array) -> tuple[Array, Array]:
-    """Frequency of free swings with elastic forces over that of small ones, and their first harmonic; exact.
+    """Return the exact frequency of free swings over that of small ones, and their first harmonic.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
 
 
 def _ranking(curves: xr.Dataset, part: Array, *, angle: bool) -> tuple[ElasticModel, ...]:
-    """Models of the frequency, the best prediction first; none if a constant stays within the band.
+    """Return models of the frequency, the best prediction first; none if a constant stays within the band.
 
     `part` : of the frequency, by which the square of the noise may move it.
     """
@@ -364,13 +364,13 @@ def _ranking(curves: xr.Dataset, part: Array, *, angle: bool) -> tuple[ElasticMo
 
 
 def _change(a: Array, frequency: Array) -> float:
-    """RMS change of the frequency with amplitude; large amplitudes decide."""
+    """Return the RMS change of the frequency with amplitude; large amplitudes decide."""
     middle = np.average(frequency, weights=a**2)
     return float(np.sqrt(np.average((frequency - middle) ** 2, weights=a**2)))
 
 
 def _deviation(columns: Sequence[Array], curve: Array, half: Array) -> float:
-    """Largest deviation of the best sum from a curve, in half widths of its band."""
+    """Return the largest deviation of the best sum from a curve, in half widths of its band."""
     table = np.column_stack(columns) / half[:, None]
     return float(np.max(np.abs(table @ _free(table, curve / half) - curve / half)))
 
@@ -380,7 +380,7 @@ def _elastic_words(force: Force) -> str:
 
 
 def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
-    """The model of the frequency to offer: a system that holds its force, or the fewest free forces."""
+    """Choose the model of the frequency: a system that contains its force, or the fewest free forces."""
     free = [model for model in ranking if not model.held]
     least = min((model.remains for model in free), default=np.inf)
     known = next((model for model in ranking if model.held and _fits(model, least)), None)

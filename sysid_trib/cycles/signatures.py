@@ -38,7 +38,7 @@ class OctavePart(NamedTuple):
 def signature(
     force: Force, amplitude: ArrayLike, shapes: ShapeValues | None = None, *, time: ArrayLike = 0.0
 ) -> xr.Dataset:
-    """Averages of a force over a cycle, by which it acts on envelope and frequency.
+    """Return the averages of a force over a cycle, by which it acts on envelope and frequency.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def signature(
 def averages(
     force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """`signature` on plain arrays: (sine, cosine), each as long as `amplitude` (rad)."""
+    """Compute `signature` on plain arrays: (sine, cosine), each as long as `amplitude` (rad)."""
     a = np.asarray(amplitude, dtype=float)
     if not (np.all(np.isfinite(a)) and np.all(a >= 0)):
         raise UsageError(f"Force '{force.symbol}': amplitudes must be finite angles >= 0 (rad).")
@@ -107,7 +107,7 @@ def averages(
 def tabulated_averages(
     force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """`averages` at many amplitudes above zero (rad): by series, made once, of a force that is no power."""
+    """Compute `averages` at many amplitudes above zero (rad); a force that is no power has a kept series."""
     if force.degree is not None or force.holds_time:
         return averages(force, amplitude, shapes, time)
     at, held = np.log2(amplitude), tuple(force.shape_values(shapes).items())
@@ -123,7 +123,7 @@ def tabulated_averages(
 def tabulated_averages_of(
     forces: Sequence[Force], amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """`tabulated_averages` of many forces: (sine, cosine), each (amplitude, force), rad.
+    """Compute `tabulated_averages` of many forces: (sine, cosine), each (amplitude, force), rad.
 
     Parts of a smooth curve, which differ in their scale alone, share one table.
     """
@@ -162,7 +162,7 @@ def _of_unit_scale(force: Force) -> Force:
 
 @lru_cache(maxsize=1024)
 def _octave(force: Force, held: tuple[tuple[str, float], ...], octave: float) -> list[OctavePart]:
-    """Parts of an octave of amplitudes, each with its series."""
+    """Return the parts of an octave of amplitudes, each with its series."""
     shapes = {f"{force.symbol}.{name}": value for name, value in held}
     return list(_panels(force, shapes, octave, octave + 1.0))
 
@@ -170,7 +170,7 @@ def _octave(force: Force, held: tuple[tuple[str, float], ...], octave: float) ->
 def _panels(
     force: Force, shapes: ShapeValues, low: float, high: float, before: float = np.inf
 ) -> Iterator[OctavePart]:
-    """Chebyshev series in log2 a for a part of an octave, halved until the last coefficients do not count.
+    """Yield Chebyshev series in log2 a for parts of an octave, halved until the last terms are negligible.
 
     `before` is their size in the part that was halved: rounding does not get smaller.
     """
@@ -178,7 +178,7 @@ def _panels(
     a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
     values = np.stack(averages(force, a, shapes), axis=1)
     series: Array = np.asarray(chebyshev.chebfit(nodes, values, CHEBYSHEV_NODES - 1), dtype=float)
-    # Compared with the spring's a, what a formula such as sin(x) - x loses to rounding is nothing.
+    # The rounding error of a formula such as sin(x) - x is negligible compared with the spring's a.
     size = max(np.abs(series).max(initial=1e-300), CANCELLATION / SERIES_TOLERANCE * 2.0**high)
     last = np.abs(series[-3:]).max() / size
     # Smallest part of an octave: a signature with a kink, as at the onset of slip, is halved no further.
@@ -192,7 +192,7 @@ def _panels(
 
 @lru_cache(maxsize=1024)
 def _unit_averages(force: Force) -> tuple[float, float]:
-    """Averages at a = 1, from which those of a homogeneous force follow by scaling."""
+    """Return averages at a = 1, from which those of a homogeneous force follow by scaling."""
     sine, cosine = cycle_averages(force, np.ones(1), np.zeros(1), {})
     return float(sine[0]), float(cosine[0])
 
@@ -206,7 +206,7 @@ LATEST_TIME = 20.0
 def indistinguishable(
     library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
 ) -> list[tuple[str, ...]]:
-    """Groups of forces whose signatures are linearly dependent: no averaging method can separate them.
+    """Return groups of forces whose signatures are linearly dependent: no averaging method can separate them.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def indistinguishable(
 
 
 def without_signature(library: ForceLibrary, amplitude: float, shapes: ShapeValues | None) -> tuple[str, ...]:
-    """Forces that averaging neglects up to an amplitude (rad), even ones for instance."""
+    """Return the forces that averaging neglects up to an amplitude (rad), such as even ones."""
     forces, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
     return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
 
@@ -242,7 +242,7 @@ def without_signature(library: ForceLibrary, amplitude: float, shapes: ShapeValu
 def averages_decide(
     library: ForceLibrary, amplitude: float, *, frequency_free: bool = True, shapes: ShapeValues | None = None
 ) -> bool:
-    """True if averages over a cycle, of up to an amplitude (rad), tell forces and frequency apart."""
+    """Return true if averages over cycles up to an amplitude (rad) separate the forces and the frequency."""
     _, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
     if frequency_free and library.role("x") is None:
         # To averages a frequency that is fitted is one more force, of formula x.
@@ -264,7 +264,7 @@ def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValu
 def exactly_dependent(
     library: ForceLibrary, amplitude: float, *, shapes: ShapeValues | None = None
 ) -> list[tuple[str, ...]]:
-    """Groups of forces that no method can separate: linearly dependent in whatever motion there is.
+    """Return groups of forces that are linearly dependent in every motion: no method can separate them.
 
     Parameters
     ----------
@@ -306,7 +306,7 @@ def exactly_dependent(
 def _signature_table(
     library: ForceLibrary, low: float, high: float, shapes: ShapeValues | None
 ) -> tuple[list[Force], Array]:
-    """Forces, and a matrix with their signatures (sine above cosine) as columns."""
+    """Return the forces, and a matrix with their signatures (sine above cosine) as columns."""
     if not 0.0 <= low < high < np.inf:
         raise UsageError(f"Amplitudes from {low:g} to {high:g} rad are no range; give 0 <= low < high.")
     amplitude = np.linspace(low, high, AMPLITUDES)

@@ -18,7 +18,7 @@ from scipy.linalg.lapack import dtbtrs
 from sysid_trib.arrays import Array
 
 CURVE_SPLINES, CURVE_DEGREE = 40, 3
-# What is tried: variances of the bends in units of the noise, and of the walk in units of the sensor's.
+# Grid of the fit: variances of the bends in units of the noise, and of the walk in units of the sensor's.
 BENDS = np.logspace(-5, 9, 15)
 WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 # A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
@@ -84,7 +84,7 @@ class _WhitePeriods:
     factor: Array
 
     def deviances(self, bends: Array, count: int) -> tuple[Array, Array]:
-        """Minus twice the log restricted likelihood, and the variance, of each size of the bends.
+        """Return minus twice the log restricted likelihood, and the variance, of each size of the bends.
 
         The prior is flat in the standard deviation of the bends.
         """
@@ -95,7 +95,7 @@ class _WhitePeriods:
         return count * np.log(variance) + squares / variance + determinant, variance
 
     def curve(self, at: Array, bend: float) -> tuple[Array, Array]:
-        """The curve at points with bends of a size: a root of its covariance at unit noise, and its gain.
+        """Return curve at points with bends of a size: a root of its covariance at unit noise, and its gain.
 
         Both (point, direction); the gain takes `across` to the curve.
         """
@@ -105,7 +105,7 @@ class _WhitePeriods:
         return np.hstack([along * np.sqrt(shrunk), line]), np.hstack([along * shrunk, line])
 
     def expected_bends(self, bend: float, variance: float) -> Array:
-        """Expected squares of the bends, given the rows."""
+        """Return the expected squares of the bends, given the rows."""
         shrunk = bend / (1.0 + bend * self.information)
         return (self.axes @ (shrunk * self.score)) ** 2 + variance * (self.axes**2 @ shrunk)
 
@@ -149,14 +149,14 @@ def smooth_curve(
     weight /= weight.sum()
     k, b = np.unravel_index(int(np.argmax(weight)), weight.shape)
     expected = white[k].expected_bends(float(BENDS[b] * unit), float(tried[k][1][b]))
-    # The bends of the curve over the likeliest: a curve that at a kink, too, is off by less than its noise
-    # (Hall 1992).
+    # Bends of the curve over the most likely ones: even at a kink the error of the curve is less than its
+    # noise (Hall 1992).
     likely = [(white[k], tried[k][1][b], 10.0 * BENDS[b] * unit) for k, b in np.argwhere(weight)]
     return _averaged(weight[weight > 0.0], likely, at, count, _smoothed(expected * relative))
 
 
 def _line_and_bends(position: Array) -> Array:
-    """A constant, a line, and bends of unit variance each, (position, column)."""
+    """Return a constant, a line, and bends of unit variance each, (position, column)."""
     inner = np.linspace(0.0, 1.0, CURVE_SPLINES - CURVE_DEGREE + 1)
     knots = np.concatenate([[0.0] * CURVE_DEGREE, inner, [1.0] * CURVE_DEGREE])
     splines = BSpline.design_matrix(np.clip(position, 0.0, 1.0), knots, CURVE_DEGREE)
@@ -167,7 +167,7 @@ def _line_and_bends(position: Array) -> Array:
 
 
 def _bands(*roots: sp.csr_matrix) -> list[Array]:
-    """Covariances of the rows, lower bands of equal number as scipy.linalg stores them."""
+    """Return the covariances of the rows, lower bands of equal number as scipy.linalg stores them."""
     covariances = [root @ root.T for root in roots]
     width = 1 + max(int(np.max(np.subtract(*c.nonzero()), initial=0)) for c in covariances)
     return [np.stack([np.pad(c.diagonal(-k), (0, k)) for k in range(width)]) for c in covariances]
@@ -200,7 +200,7 @@ def _whitened(band: Array, columns: Array, target: Array) -> _WhitePeriods:
 
 
 def _smoothed(bends: Array) -> Array:
-    """Relative variances: the mean over neighbours, their own mean one, none far below it."""
+    """Return the relative variances: the mean over neighbours, their own mean one, none far below it."""
     kernel = np.ones(NEAREST)
     local = np.convolve(bends, kernel, "same") / np.convolve(np.ones_like(bends), kernel, "same")
     return LEAST_BEND + (1.0 - LEAST_BEND) * local / local.mean()

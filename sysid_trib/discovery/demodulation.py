@@ -68,7 +68,7 @@ def _fitted_trend(columns: Array, value: Array, error: Array) -> tuple[Array, fl
     return values, float(np.sum(((value - columns @ values) / error) ** 2))
 
 
-# Terms of the residual: the harmonic of the motion whose noise they take, and their part.
+# Terms of the residual: the harmonic of the motion whose noise applies to them, and their part.
 DEMODULATED = {
     "offset": (0, "offset"),
     "amplitude_error": (1, "amplitude"),
@@ -82,7 +82,7 @@ SLIP = list(DEMODULATED).index("phase_error")
 
 
 def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The residual of a model, demodulated against the phase of its own motion while it moves.
+    """Return the residual of a model, demodulated against the phase of its own motion while it moves.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
 
 
 def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]:
-    """Spans of a run; and the terms of the residual in each, with their errors: (span, 2, term)."""
+    """Return spans of a run; and the terms of the residual in each, with their errors: (span, 2, term)."""
     # After its stop a motion has no phase.
     moving, residual, noise = run.moving, run.residual, run.noise
     x, v = run.motion.x[:moving], run.motion.v[:moving]
@@ -152,7 +152,7 @@ def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]
 
 
 def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tuple[Array, Array]:
-    """The terms of a span and their errors, (term,) each; `noise` at the harmonic of each."""
+    """Return the terms of a span and their errors, (term,) each; `noise` at the harmonic of each."""
     waves = [wave(m * phase) for m in (2, 3) for wave in (np.cos, np.sin)]
     first = [amplitude * np.cos(phase), -amplitude * np.sin(phase)]
     columns = np.stack([np.ones_like(phase), *first, *waves], axis=1)

@@ -57,7 +57,7 @@ def discover(
     settings: Settings = DEFAULTS,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Find, name and add what a model lacks to explain a decay, or runs of one experiment.
+    """Find, name and add the forces that a model lacks to explain a decay, or runs of one experiment.
 
     Parameters
     ----------
@@ -165,7 +165,7 @@ def _of_start_model(
     return dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
 
 
-# Part of the residual of the search's own start model below which that of the plain one stands for it.
+# The plain start model replaces that of the search if its residual is below this part of the other.
 NEARER = 0.95
 
 
@@ -206,7 +206,9 @@ def _discovery(
     model, free, held = start_forces(model_forces, reference_frequency, Constraints(constraints))
     offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
     if not len(offered):
-        raise UsageError("No candidate is left beside the forces of the model; offer another library.")
+        raise UsageError(
+            "The library has no candidate except the forces of the model; offer another library."
+        )
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     taken = replace(model, forces=(*model, *offered))
     if any(inputs_for(run, taken) for run in (*whole, *unseen)):
@@ -217,14 +219,14 @@ def _discovery(
     tell("fit of the start model")
     pasts = [(part.origin, part.before) for part in learnt]
     start = start_model.fit_start_model(seen, free, reference_frequency, settings, held, pasts)
-    # Each with the noise of what was seen of its run.
+    # Each held-out part has the noise of the last fitted part of its run.
     noises = [max(at for at, part in enumerate(learnt) if part.run == unseen.run) for unseen in later]
     predict = partial(predicted, parts=later, runs=noises, frequency=start.rows[0].path.frequency)
     nearer = partial(_nearer_start, library=model, constraints=constraints, frequency=reference_frequency)
     fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
     fits.plain = None if fits.is_complete(start) else nearer(start, seen)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
-    # Start forces outside of the penalty, what laws are identified from and what they predict.
+    # Start forces outside of the penalty, the parts for the laws, and the parts that they predict.
     rival = partial(held_out_by_laws, model_forces, constraints, learnt, later)
     done, laws_rms, refused = _unless_laws_predict_better(done, later, rival, tell)
     closing = parts.closing_effect(done)
@@ -232,7 +234,7 @@ def _discovery(
         tell("fit to the whole runs")
         done = replace(done, models=[_refitted(model, runs, learnt) for model in done.models])
         seen = runs
-    tell("where model and record differ")
+    tell("difference of model and record")
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
@@ -303,7 +305,7 @@ def _unless_laws_predict_better(
     explains = named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
-    tell("laws as the rival of the names")
+    tell("laws as an alternative model")
     laws_rms = rival()
     if not CLEARLY_BETTER * laws_rms < named_rms:
         return done, laws_rms, ()
@@ -312,7 +314,7 @@ def _unless_laws_predict_better(
 
 
 def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
-    """The groups of a result; each record says between which times (s) its run was kept."""
+    """Return the groups of a result; each record says between which times (s) its run was kept."""
     for name, run in zip(variables.group_names("record", len(runs)), runs, strict=True):
         groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
     return groups
@@ -372,7 +374,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     start, last, outside = fits.start, done.models[-1], fits.start.settings.outside_of_set
 
     def with_colour(model: FittedModel) -> float:
-        """Minus twice the logarithm of the evidence of a model and of the colour of its noise."""
+        """Return minus twice the logarithm of the evidence of a model and of the colour of its noise."""
         return evidence(model) + start_model.colour_penalty(model)
 
     # Otherwise the residual is not noise yet.
@@ -395,7 +397,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
 
 
 def _refitted(model: FittedModel, runs: Sequence[xr.Dataset], learnt: Sequence[RecordPart]) -> FittedModel:
-    """A model fitted to the whole runs."""
+    """Return a model fitted to the whole runs."""
     nears = {part.run: rows.path for part, rows in zip(learnt, model.rows, strict=True)}
     places = ((run, nears[at]) for at, run in enumerate(runs))
     paths = [start_model.path_like(near, run, near.frequency, near.origin) for run, near in places]

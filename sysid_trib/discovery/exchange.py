@@ -117,7 +117,7 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
 def move_of(
     current: Screening, fits: Fits, gone: Sequence[str], at: Sequence[int], aim: float
 ) -> FittedModel | None:
-    """The model with trials in the place of effects; None where it is not fitted.
+    """Return the model with trials in the place of effects; None where it is not fitted.
 
     A fit whose evidence cannot come below `aim` is given up.
     """
@@ -128,7 +128,7 @@ def move_of(
 
 
 def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
-    """The most likely model without an effect or two, or with as many others or fewer in their place.
+    """Return the most likely model without an effect or two, or with as many others or fewer in their place.
 
     None if no such model is more likely than the present one.
     """
@@ -157,8 +157,8 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
     limit, gain_of_column, off = evidence(model) - settings.outside_of_set, 0.0, 0.0
     models = list[FittedModel]()
-    # As many again as are fitted, since those that gain most may be what no sample can be; and those of
-    # which a column says little.
+    # Twice as many as are fitted, since the trials of largest gain may be unphysical; and all those whose
+    # column is not informative.
     few = 2 * settings.fitted
     for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.tolerance(at, ()) >= 1.0)):
         force, of_column = current.trials[at].force, float(current.gains[at])

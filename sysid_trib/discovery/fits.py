@@ -20,7 +20,7 @@ from sysid_trib.forces.force import Force
 
 
 def evidence(model: FittedModel) -> float:
-    """Minus twice the logarithm of the evidence of a model, for the effects that were added.
+    """Return minus twice the logarithm of the evidence of a model, for the effects that were added.
 
     Notes
     -----
@@ -86,7 +86,7 @@ def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
 
 
 def probabilities(costs: Sequence[float]) -> Array:
-    """Probability of each model, (model,), if one of them is the truth and all were as likely before.
+    """Return the probability of each model, (model,), if one of them is true and all have equal priors.
 
     `costs` : (model,) minus twice the logarithm of the evidence of each, up to a common constant.
     """
@@ -153,7 +153,7 @@ class Fits:
     _p_values: dict[bytes, float] = field(default_factory=dict)
 
     def screened(self, model: FittedModel) -> Screening:
-        """The candidates that are not in a model, held against one of the same effects, once."""
+        """Return the screening of the candidates that are not in a model, once for each set of effects."""
         key = frozenset(model.effects)
         if key not in self.screenings:
             rest = [force for force in self.candidates if force.symbol not in key]
@@ -173,7 +173,7 @@ class Fits:
     def of(
         self, near: FittedModel, drop: Sequence[str], add: Sequence[TrialEffect], worst: float = np.inf
     ) -> FittedModel | None:
-        """A model near another one, with forces dropped and added; None if there is no fit.
+        """Fit a model near another one, with forces dropped and added; return None if there is no fit.
 
         One that does not reach the deviance `worst` may be given up, and is tried from other starts; where
         forces are dropped alone from the shapes of the near model too: its optimum may be a better one.
@@ -196,7 +196,7 @@ class Fits:
     def _settled(
         self, near: FittedModel, stay: Sequence[TrialEffect], added: Sequence[TrialEffect], worst: float
     ) -> FittedModel | None:
-        """A fit from these shapes, once; None if it does not settle."""
+        """Fit from these shapes, once; return None if the fit does not converge."""
         trials, paths = [*stay, *added], [rows.path for rows in near.rows]
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
         if self.ended or self.tried.get(place, -np.inf) >= worst:
@@ -212,7 +212,7 @@ class Fits:
         first = np.array([*(known.get(t.force.symbol, 0.0) for t in trials), near.stiffness])
 
         def fit(part: float) -> FittedModel | None:
-            """A fit from the coefficients and paths of the near model; None without a finite likelihood."""
+            """Fit from the coefficients and paths of the near model; None without a finite likelihood."""
             try:
                 fitted = model_fit.fit_model(paths, trials, first, worst=worst, possible=possible, part=part)
             except model_fit.NOT_FITTED:
@@ -224,7 +224,7 @@ class Fits:
             # Whole steps may lead there, where the first ones are far.
             model = fit(0.5)
             model = None if self._is_local_optimum(model) else model
-        # A fit that leaves what is physical has not failed: the effect does not explain the record.
+        # A fit outside of the physical range has not failed: the effect does not explain the record.
         physical = model is None or possible(model)
         settled = model is not None and model.settled and physical
         given_up = model is not None and not model.settled and model.deviance > worst
@@ -234,7 +234,7 @@ class Fits:
         return model.without_caches() if model is not None and settled else None
 
     def _is_local_optimum(self, model: FittedModel | None) -> bool:
-        """True if a fit has settled where it is less likely than a model that it contains."""
+        """Return true if a fit has converged where it is less likely than a model that it contains."""
         if model is None or not model.settled:
             return False
         effects, kept = {*model.effects}, self.kept.items()
@@ -255,7 +255,7 @@ class Fits:
         if symbols not in self._known:
             referred = start_model.refitted(model)
             _, rms = self.foretold(referred)
-            # It predicts better than another one, or leaves nothing that another could explain.
+            # It predicts better than another one, or its residual is noise.
             better = self.best is None or bool(rms < self._least_rms) or self.is_complete(referred)
             self._refused = 0 if better else self._refused + 1
             # A right effect may predict worse while another is missing: one does not end a search.
@@ -265,23 +265,23 @@ class Fits:
         return self._known[symbols]
 
     def beats_plain_start(self, model: FittedModel) -> bool:
-        """True if a model's motion is no farther from the records than that of the plain start model."""
+        """Return true if a model's motion is no farther from the records than the plain start model's."""
         return self.plain is None or residual_of_motions(free_motions(model)) <= self.plain.residual
 
     def noise_p_value(self, model: FittedModel) -> float:
-        """`noise_p_value` of a model, once."""
+        """Return `noise_p_value` of a model, computed once."""
         key = model.coefficients.tobytes()
         if key not in self._p_values:
             self._p_values[key] = unseen.noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
         return self._p_values[key]
 
     def is_complete(self, model: FittedModel) -> bool:
-        """True if a model leaves nothing of any run but noise."""
+        """Return true if the residual of a model is noise in every run."""
         return self.noise_p_value(model) >= model.settings.level
 
 
 def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:
-    """The trials, then with each of the other starts of one of them."""
+    """Yield the trials, then with each of the other starts of one of them."""
     yield list(trials)
     for at, trial in enumerate(trials):
         for start in trial.starts:

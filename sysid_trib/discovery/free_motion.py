@@ -62,7 +62,7 @@ class FreeMotion:
 
 
 def model_of_fit(model: FittedModel) -> Model:
-    """Forces, errors of the sensor, shapes and frequency of a fit whose paths have its frequency."""
+    """Return forces, errors of the sensor, shapes and frequency of a fit whose paths have its frequency."""
     held = model.rows[0].path.held
     trials = [*model.trials, *(trial for trial, _ in held)]
     library = ForceLibrary("model", tuple(trial.force for trial in trials))
@@ -73,13 +73,13 @@ def model_of_fit(model: FittedModel) -> Model:
 
 
 def free_motions(model: FittedModel) -> list[FreeMotion]:
-    """The free motion of a model in each of its runs."""
+    """Return the free motion of a model in each of its runs."""
     fit = model_of_fit(model)
     return [free_motion(fit, rows.path, model.sensor(at)) for at, rows in enumerate(model.rows)]
 
 
 def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion:
-    """The free motion of a model next to a record, its states and memory those that came before."""
+    """Compute the free motion of a model near a record; states and memory continue those before it."""
     if (before := path.before) is not None:
         past = before.form.tau, *before.at_samples
         begun = (begun_after(force, *past, model.shapes, before.elapsed) for force in model.library)
@@ -99,14 +99,14 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         # Do not wait for a model that is too stiff.
         motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)
     except SimulationError:
-        # A model without a motion of its own has that which the record leaves it.
+        # A model without a motion of its own has the motion of the smoothed record.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
     error, *_ = sensor_error(model, path.elapsed, motion.x, motion.v, ())
     return FreeMotion(path.time, motion, path.angle - motion.offset - error - motion.x, noise, model)
 
 
 def random_forces(model: FittedModel) -> list[RandomForce]:
-    """The random force of a model in each of its runs."""
+    """Return the random force of a model in each of its runs."""
     of_fit, frequency = model.likelihood, model.rows[0].path.frequency
     densities = [RandomForce.density_of(q, frequency) for q in (of_fit.ratios * of_fit.variances).tolist()]
     estimates = zip(densities, of_fit.ratio_errors, of_fit.gains, strict=True)
@@ -114,7 +114,7 @@ def random_forces(model: FittedModel) -> list[RandomForce]:
 
 
 def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:
-    """Covariance of the coefficients and the frequency, by the noise, widened, and by the model."""
+    """Return covariance of the coefficients and the frequency, by the noise, widened, and by the model."""
     covariance = widening**2 * model.covariance_with_frequency()
     return covariance if model_error is None else covariance + np.diag(model_error**2)
 
@@ -126,7 +126,7 @@ def model_identification(
     widening: float = 1.0,
     model_error: Array | None = None,
 ) -> xr.Dataset:
-    """A model as an identification: with the random force of each run, which its errors allow for.
+    """Return a model as an identification whose errors include the random force of each run.
 
     `widening` : factor of its errors; `model_error` : (trial + 1,) what they have besides, of the
     coefficients and the frequency (rad/s).

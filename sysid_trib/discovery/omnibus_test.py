@@ -31,7 +31,7 @@ ROWS_OF_NOISE = 60
 
 
 def independent_tests(correlation: Array, seed: int = 0) -> float:
-    """Number of independent tests whose largest score is as large as that of these correlated ones.
+    """Return number of independent tests whose largest score is as large as that of these correlated ones.
 
     The quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
 
@@ -57,18 +57,18 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
 
 
 def corrected(p_value: float) -> float:
-    """The p-value of the smallest of the omnibus tests, with that of the candidates (Bonferroni)."""
+    """Return the p-value of the smallest of the omnibus tests, with that of the candidates (Bonferroni)."""
     return min(1.0, FAMILIES * OMNIBUS_TESTS * p_value)
 
 
 def trial_names() -> list[str]:
-    """Names of the 36 trial forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4."""
+    """Return the names of the 36 trial forces r^k (1, cos m phi, sin m phi), k = 0..3, m = 1..4."""
     waves = ["", *(f" {wave} {m} phi" for m in TRIAL_HARMONICS for wave in ("cos", "sin"))]
     return [f"r^{k}{wave}" for k in TRIAL_POWERS for wave in waves]
 
 
 def trial_columns(path: RecordPath) -> Array:
-    """Rows of the trial forces along a path, (row, trial_force)."""
+    """Return the rows of the trial forces along a path, (row, trial_force)."""
     _, x, v, _ = path.points
     amplitude, phase = np.hypot(x, v), np.arctan2(-v, x)
     r = amplitude / np.max(amplitude)
@@ -155,7 +155,7 @@ def _of_possible_size(
 
 
 def _strongest_line(residuals: Sequence[Array]) -> float:
-    """P-value of the strongest line in the spectrum: no force of the motion makes one of its own.
+    """Return the p-value of the strongest line in the spectrum; forces of the motion cause no such line.
 
     A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
     """
@@ -165,7 +165,7 @@ def _strongest_line(residuals: Sequence[Array]) -> float:
 
 
 def _largest_part(residuals: Sequence[Array]) -> float:
-    """P-value of the largest squares of parts of one period, two, four, ...
+    """Return the p-value of the largest squares of parts of one period, two, four, ...
 
     A force that comes late or ends early, while a random force is blamed, leaves more there than elsewhere.
     """
@@ -187,7 +187,7 @@ def _p_value_by_simulation(
     tested: Sequence[Array],
     products: Sequence[RunProducts],
 ) -> float:
-    """Probability that columns without effect gain as much.
+    """Return the probability that columns without effect gain as much.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def _of_noise(
     deviation: float,
     random: np.random.Generator,
 ) -> list[RunProducts]:
-    """Products of a run with noise alone as the target, for each draw."""
+    """Return the products of a run with noise alone as the target, for each draw."""
     lower = rows.factor(ratio)
     factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(len(table), len(table)))
     noise = deviation * (factor @ random.standard_normal((len(table), ROWS_OF_NOISE)))

@@ -60,7 +60,7 @@ def _differing(model: FittedModel) -> tuple[float, int, str]:
 
 
 def _explained(tables: Sequence[Array], columns: Sequence[int]) -> tuple[float, int]:
-    """Squares explained by columns that act in each run but the first on their own, and how many they are."""
+    """Return the squares explained by separate columns in each run but the first, and their number."""
     whole = np.concatenate(tables)
     target, common = whole[:, 0], whole[:, 1:]
     # Each run's own columns side by side, those of the first left out.
@@ -71,7 +71,7 @@ def _explained(tables: Sequence[Array], columns: Sequence[int]) -> tuple[float, 
 
 
 def squares_left(design: Array, target: Array, least: float = 1e-5) -> tuple[float, int]:
-    """Squares that least squares leave, and the rank of the design.
+    """Return the residual sum of squares of least squares, and the rank of the design.
 
     Directions so much shorter than the longest are none: by default what a run alone cannot tell.
     """
@@ -101,14 +101,14 @@ def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
 
 
 def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float]) -> Array:
-    """Probability of each rival, (rival,): the mean over the whole record, by `whole`, and its parts."""
+    """Return the probability of each rival, (rival,): mean over the record, by `whole`, and its parts."""
     missing = np.full(len(PARTS_OF_RECORD), np.inf)
     table = [np.append(costs.get(name, missing), of_whole) for name, of_whole in whole.items()]
     return np.asarray(np.mean([probabilities(of_part) for of_part in np.transpose(table)], axis=0))
 
 
 def error_of_model(model: FittedModel) -> Array:
-    """Part of the errors of coefficients and frequency (rad/s) that no noise explains, (trial + 1,).
+    """Return the part of the errors of coefficients and frequency (rad/s) not due to noise, (trial + 1,).
 
     By how much they move between parts of the record beyond what less data does; shapes are held.
     """
@@ -130,7 +130,7 @@ def _in_part(of_runs: Sequence[Array], low: float, high: float) -> Array:
 
 
 def _deviances(model: FittedModel) -> Array:
-    """Deviance of a model on the rows of each part, (part,), in the noises of the whole."""
+    """Return the deviance of a model on the rows of each part, (part,), in the noises of the whole."""
     tables, of_fit = model.white_tables(), model.likelihood
     runs = zip(model.rows, of_fit.ratios.tolist(), of_fit.variances, strict=True)
     logarithms = [2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance) for rows, ratio, variance in runs]
@@ -143,7 +143,7 @@ def _deviances(model: FittedModel) -> Array:
 
 
 def _solved(whole: Array) -> tuple[Array, Array]:
-    """Coefficients by least squares of white rows, the target first, and their variances."""
+    """Return the coefficients by least squares of white rows, the target first, and their variances."""
     size = np.maximum(np.linalg.norm(whole[:, 1:], axis=0), 1e-300)
     design = whole[:, 1:] / size
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-10, hermitian=True)
@@ -151,7 +151,7 @@ def _solved(whole: Array) -> tuple[Array, Array]:
 
 
 def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
-    """Detectable coefficient of each candidate, and which are alike, from what the model cannot explain.
+    """Return the detectable coefficient of each candidate given the residual, and candidates that look alike.
 
     Parameters
     ----------
@@ -215,12 +215,13 @@ def not_improving(done: Search) -> str:
 
 
 def verdict_of(done: Search, closing: str = "") -> str:
-    """`explained`, `unknown effect` or `nothing missing`.
+    """Return `explained`, `unknown effect` or `nothing missing`.
 
     `closing` : the effect that is missing because no more were asked for, and nothing besides.
     """
-    # Names that nearly cancel each other, or that do not predict, may imitate one that is not in the library;
-    # a model that does not move as the record does explains nothing; what was not compared is not known.
+    # Names that nearly cancel each other, or that do not predict, may imitate an effect that is not in the
+    # library. A model whose motion does not follow the record explains nothing. A model that was not compared
+    # is unknown.
     last, settings = done.screenings[-1], done.models[0].settings
     refuted = np.any(improvements(done.predictions) < -settings.refuted)
     unphysical = bool(done.effects) and not done.followed

@@ -42,7 +42,7 @@ class PlainStart:
 
 
 def residual_of_motions(motions: Sequence[FreeMotion]) -> float:
-    """RMS of records minus motions, rad; infinite where one is no number."""
+    """Return the RMS of records minus motions, rad; infinite where one is no number."""
     rms = root_mean_square(np.concatenate([motion.residual for motion in motions]))
     return rms if np.isfinite(rms) else float("inf")
 

@@ -21,7 +21,7 @@ from sysid_trib.forces.shape_parameters import has_frequency_parameter
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 NOT_FINITE = "it is not finite on this motion"
-TOO_FINE = "not testable on this record: it acts more finely than the motion is known beside a random force"
+TOO_FINE = "not testable on this record: with a random force, the motion is not known finely enough"
 
 
 @dataclass(frozen=True)
@@ -88,12 +88,12 @@ class Screening:
 
     @property
     def z(self) -> Array:
-        """Root of what each trial gains, with the sign of its coefficient, (trial,)."""
+        """Root of the gain of each trial, with the sign of its coefficient, (trial,)."""
         return np.sqrt(self.gains) * np.sign(self.coefficients)
 
     @cached_property
     def p_values(self) -> Array:
-        """P-value of each trial: of a larger gain by chance of any of them, (trial,)."""
+        """P-value of each trial: the probability that by chance any trial gains more, (trial,)."""
         gained = zip(self.gains, self.trials, self.effective_rows, strict=True)
         return np.array([self.p_value_of(gain, trial.force, rows) for gain, trial, rows in gained])
 
@@ -109,7 +109,7 @@ class Screening:
         return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
 
     def best(self, *, testable: bool = True) -> list[int]:
-        """The trial of each candidate that gains most, the best first; of those that are testable, or all."""
+        """Return the trial of largest gain of each candidate, best first; of the testable ones, or all."""
         best: dict[str, int] = {}
         for at in np.argsort(-self.gains, kind="stable").tolist():
             if not (testable and self.reasons[at]):
@@ -152,12 +152,12 @@ class Screening:
         return settings.family_tolerance if near else settings.tolerance
 
     def allows(self, at: int, coefficient: ArrayLike) -> Mask:
-        """True if physics allows a trial this coefficient, or these."""
+        """Return true if physics allows this coefficient, or these coefficients, of a trial."""
         strongest = self.model.settings.strongest
         return single.is_physical(self.trials[at].force, coefficient, self.relative_force[at], strongest)
 
     def p_value_of(self, gain: float, force: Force, effective_rows: float) -> float:
-        """Probability of such a gain by chance in any of the tests.
+        """Return the probability of such a gain by chance in any of the tests.
 
         A frequency that is fitted has so many more as the largest of a spectrum between its lines has
         (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : that tell the error of its coefficient.
@@ -235,7 +235,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
 
 
 def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialEffect], list[Array]]:
-    """Candidates at grids of their shapes, refined, and where several are climbed; columns in each run."""
+    """Return candidates at refined grids of their shapes, several of them optimised; columns in each run."""
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns, scores = refined(model, trials)
     drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
@@ -253,7 +253,7 @@ def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialE
 
 
 def _lines(model: FittedModel) -> list[float]:
-    """Frequencies (rad/s) of the strongest lines in what the model leaves of the rows, and of its own.
+    """Return the frequencies (rad/s) of the strongest lines in the residual of the rows, and of the model.
 
     A force at the frequency of a model force leaves no line, but may replace it.
     """

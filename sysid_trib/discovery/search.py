@@ -116,7 +116,7 @@ def search(
     rivals: Rivals = {}
     converged = False
     for _ in range(start.settings.most_fits):
-        tell(f"candidates beside {', '.join(model.effects) or 'the start model'}")
+        tell(f"candidates in addition to {', '.join(model.effects) or 'the start model'}")
         current = fits.screened(model)
         step = exchange.likelier_exchange(current, fits)
         if step is None and len(current.effects) < most and may_gain(current):
@@ -128,7 +128,7 @@ def search(
         if step is None:
             step = exchange.not_beyond_chance(current, fits)
         if step is None:
-            tell("rivals of each effect")
+            tell("competitors of each effect")
             rivals = {symbol: exchange.rivals_of(current, fits, symbol) for symbol in current.effects}
             step = exchange.better_rival(current, fits, rivals)
             step = step or exchange.chance_in_set(current.effects, rivals, fits)
@@ -170,13 +170,13 @@ def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> S
 def with_steps(search: Search, tell: Tell = silent) -> Search:
     """Return the search with models of none, one, two, ... of its effects, and the candidates with each."""
     models = nested_models(search.models[-1], search.effects)
-    tell("candidates beside each model")
+    tell("candidates with each model")
     before = [search.fits.screened(model) for model in models[:-1]]
     return replace(search, screenings=[*before, search.screenings[-1]], models=models)
 
 
 def _by_weight(last: Screening) -> tuple[str, ...]:
-    """The effects in the order in which each lowers the deviance most with those before it."""
+    """Order the effects such that each lowers the deviance most, given those before it."""
     ordered, rest = list[str](), list(last.effects)
     while rest:
         ordered.append(min(rest, key=lambda symbol: last.gain_of([s for s in rest if s != symbol])))
@@ -193,12 +193,12 @@ def _outstanding(last: Screening, further: Sequence[FittedModel], fits: Fits) ->
 
 
 def may_gain(current: Screening) -> bool:
-    """True if the column of any candidate gains more than chance."""
+    """Return true if the column of any candidate gains more than chance."""
     return any(current.p_values[at] < current.model.settings.level for at in current.best())
 
 
 def _decisive_p_value(current: Screening, symbol: str, fits: Fits) -> float:
-    """P-value of an effect with the others, by the deviance without it: that which keeps it in the model.
+    """Return the p-value of an effect given the others, which decides whether it stays in the model.
 
     Along the model's path; where chance would do as well along that, by the fit without the effect, if any.
     """
@@ -209,7 +209,7 @@ def _decisive_p_value(current: Screening, symbol: str, fits: Fits) -> float:
 
 
 def _collinear(last: Screening) -> list[str]:
-    """Effects of a model that are collinear with others and not well enough determined to be named.
+    """Return effects of a model that are collinear with others and not well enough determined to be named.
 
     Several flexible forces fit nearly anything: that they do is no evidence for any of them.
     """
@@ -276,7 +276,7 @@ def _is_followed(model: FittedModel) -> bool:
 
 
 def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedModel]:
-    """The models with none, one, ... all of the effects, in this order."""
+    """Return the models with none, one, ... all of the effects, in this order."""
     models = [final]
     for symbol in reversed(effects):
         last = models[0]

@@ -18,7 +18,7 @@ from sysid_trib.forces.shape_parameters import has_frequency_parameter, is_frequ
 def refined(
     model: FittedModel, trials: Sequence[TrialEffect]
 ) -> tuple[list[TrialEffect], list[Array], Array]:
-    """Trials with values of their shapes between those whose columns are not alike, and columns of each run.
+    """Return trials refined between shape values whose columns are not alike, and columns of each run.
 
     And the root of what these gain in the model's own noises, with the sign of its coefficient, (trial,).
 
@@ -33,7 +33,7 @@ def refined(
     base = single.base_of(model)
     tables = [np.empty((rows.path.form.rows, 0)) for rows in model.rows]
     outside, part = np.empty((len(base), 0)), np.empty(0)
-    # The grid, whose cells are halved so often at most.
+    # The grid; its cells are halved at most so often.
     for _ in range(1 + 4):
         columns = [rows.coarse_columns(new) for rows in model.rows]
         tables = [np.column_stack(pair) for pair in zip(tables, columns, strict=True)]
@@ -58,7 +58,7 @@ def refined(
 
 
 def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialEffect]]:
-    """Trials next to each other in one shape parameter, by their places, and the one halfway between."""
+    """Yield neighbouring trials in one shape parameter, by their places, and the one halfway between."""
     lines: dict[tuple[str, str, tuple[tuple[str, float], ...]], list[tuple[float, int]]] = {}
     for at, trial in enumerate(trials):
         force = trial.force
@@ -81,7 +81,7 @@ STARTS = 3
 
 
 def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect]:
-    """Candidates of several shapes, each at the combination where its column gains most.
+    """Return the candidates of several shapes, each at the combination where its column gains most.
 
     A candidate of the family of some of the model's effects stands in the place of these.
 

@@ -18,7 +18,7 @@ from sysid_trib.forces.force import Force
 
 
 def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:
-    """True if a force may have these coefficients: one that only takes energy is not negative.
+    """Return true if a force may have these coefficients: that of a dissipative one is not negative.
 
     `relative_force` : of the force of coefficient 1, over the restoring force; `strongest` one may be.
     """
@@ -30,26 +30,26 @@ def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, str
 def are_physical(
     model: FittedModel, trials: Sequence[TrialEffect], coefficients: Array, columns: Sequence[Array]
 ) -> Mask:
-    """True where a trial may have its coefficient beside a model, (trial,); by its column in each run."""
+    """Return true where a trial may have its coefficient given a model, (trial,); by each run's column."""
     forces = zip(trials, coefficients, strengths(model, columns), strict=True)
     most = model.settings.strongest
     return np.array([is_physical(trial.force, c, size, most) for trial, c, size in forces], dtype=bool)
 
 
 def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
-    """RMS of each trial's column over that of the restoring force, (trial,)."""
+    """Return the RMS of each trial's column over that of the restoring force, (trial,)."""
     squares = np.sum([np.sum(column**2, axis=0) for column in columns], axis=0)
     return np.sqrt(squares / np.sum([np.sum(rows.path.stiffness_column**2) for rows in model.rows]))
 
 
 def where_finite(columns: Sequence[Array]) -> tuple[Mask, list[Array]]:
-    """Truth of columns of which every run can make products; and the columns, zero where one cannot."""
+    """Return which columns are finite in every run, and the columns with zeros in place of the others."""
     good = np.all([has_products(column) for column in columns], axis=0)
     return good, [np.where(good, column, 0.0) for column in columns]
 
 
 def products_with(model: FittedModel, *further: Sequence[Array]) -> list[RunProducts]:
-    """Products of each run's target, the model's columns, and further ones of each run."""
+    """Return the products of each run's target, the model's columns, and further ones of each run."""
     tables = zip(model.rows, model.tables, *further, strict=True)
     return [rows.products(np.column_stack(parts)) for rows, *parts in tables]
 
@@ -57,7 +57,7 @@ def products_with(model: FittedModel, *further: Sequence[Array]) -> list[RunProd
 def each_column(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
 ) -> Array:
-    """Maximum likelihood of a model with one column more, for each of many.
+    """Return the maximum likelihood of a model with one column more, for each of many.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def _each_in_noise(
 
 
 def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: int) -> tuple[Array, Array]:
-    """Information on columns without effect, and the variance of its logarithm, (column,) each.
+    """Return the information on columns without effect, and the variance of its logarithm, (column,) each.
 
     `log_square` : of the squares of their errors, (ratio, column).
     """
@@ -137,7 +137,7 @@ def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: 
 
 
 def _solved(products: Array, squares: Array) -> tuple[Array, Array, Array, float]:
-    """Coefficients of the base with each further column, (base, column), its own, and its information.
+    """Return coefficients of the base with each further column, (base, column), its own, and its information.
 
     And the squares that the base alone leaves. `products` : of the target and the base with all columns,
     (1 + base, 1 + base + column); `squares` : of all columns.
@@ -158,7 +158,7 @@ def _solved(products: Array, squares: Array) -> tuple[Array, Array, Array, float
 
 
 def _left_by(products: Array, of_columns: Array, b: Array, beta: Array) -> Array:
-    """Squares that the base and each further column leave of the target, (column,)."""
+    """Return the residual squares of the target on the base and each further column, (column,)."""
     count = len(products)
     target, further = products[0], products[1:, count:]
     squares = of_columns[0] - 2.0 * (target[1:count] @ b + beta * target[count:])
@@ -193,7 +193,7 @@ def projected(
 def _in_noise_of(
     runs: Sequence[RunProducts], model: Likelihood, at: Array, count: int
 ) -> tuple[Array, Array]:
-    """Products of the first columns, so many, with all, and squares, of all runs, in a model's noise."""
+    """Return products of the first `count` columns with all, and squares, of all runs in a model's noise."""
     products, squares = np.zeros((count, len(at))), np.zeros(len(at))
     for run, ratio, variance in zip(runs, model.ratios.tolist(), model.variances, strict=True):
         products += run.block(ratio, at[:count], at) / variance
@@ -202,7 +202,7 @@ def _in_noise_of(
 
 
 def correlation_of(products: Array) -> Array:
-    """Products over the lengths of their columns; 0 of a column of which nothing is left."""
+    """Return products divided by the lengths of their columns; 0 for a column of zero length."""
     size = np.sqrt(np.maximum(np.diag(products), 0.0))
     lengths = np.outer(size, size)
     return np.divide(products, lengths, out=np.zeros_like(products), where=lengths > 0.0)
@@ -222,14 +222,14 @@ def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
 
 
 def _at_place(values: Array, place: Array) -> Array:
-    """Values (ratio, column) between two ratios, (column,)."""
+    """Return values (ratio, column) between two ratios, (column,)."""
     lower = np.minimum(place.astype(int), len(values) - 2)
     part, column = place - lower, np.arange(values.shape[1])
     return np.asarray((1.0 - part) * values[lower, column] + part * values[lower + 1, column])
 
 
 def base_of(model: FittedModel, without: Sequence[str] = ()) -> Array:
-    """Orthonormal base of the model's columns, those of some forces left out, (row, column)."""
+    """Return the orthonormal base of the model's columns, those of some forces left out, (row, column)."""
     kept = model.columns_without(without)
     return np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
 

@@ -35,8 +35,9 @@ def groups_of(
     motions = [free_motion.free_motions(model) for model in search.models]
     if plain is not None:
         motions[0] = plain.motions
-    # Where the final model leaves more than noise, sets and errors allow for how names and coefficients move
-    # between parts of the record. Nor is it known whether a search that ran out of time leaves but noise.
+    # If the residual of the final model is more than noise, sets and errors include the change of names and
+    # coefficients between parts of the record. After a search that ran out of time it is also unknown whether
+    # the residual is noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
     names, records = variables.group_names("record", len(seen)), _records(seen, motions)
@@ -71,18 +72,18 @@ def _group(
     coords: Mapping[str, Any] | None = None,
     attrs: Mapping[str, Any] | None = None,
 ) -> xr.Dataset:
-    """A group, its variables as `variables.toml` has them."""
+    """Return a group whose variables are described as in `variables.toml`."""
     return xr.Dataset(variables.described(TABLES[name], values), coords, attrs)
 
 
 def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, Any]:
-    """Texts of forces by the names that results give them."""
+    """Return the texts of forces by the names that results give them."""
     paths = {"unit": "units", "formula": "formula.text"}
     return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
 
 
 def _labels(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[str, list[str]]]:
-    """Texts of candidates as coordinates."""
+    """Return the texts of candidates as coordinates."""
     return {name: ("candidate", texts) for name, texts in texts_of(forces, names).items()}
 
 
@@ -99,7 +100,7 @@ def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
 
 
 def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
-    """Score, p-value, coefficient and shapes of every candidate before each effect and at the end."""
+    """Return score, p-value, coefficient and shapes of every candidate before each effect and at the end."""
     symbols, level = list(offered.symbols), search.models[0].settings.level
     names = [f"{force.symbol}.{name}" for force in offered for name in force.shape]
     z, p_value, coefficient = np.full((3, len(search.screenings), len(symbols)), np.nan)
@@ -127,7 +128,7 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
 
 
 def _steps(search: Search, motions: Motions, error: Array | None, offered: ForceLibrary) -> xr.Dataset:
-    """The effects added, in order, with their final coefficients and what each explains."""
+    """Return the effects added, in order, with their final coefficients and what each explains."""
     if not search.effects:
         # netCDF has no empty axis: without a step there is but the count.
         return xr.Dataset(attrs={"count": 0})
@@ -176,7 +177,7 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
 
 
 def _whitened(search: Search) -> list[float]:
-    """RMS residual of each model about the final path, in the noise of the final model: it never rises."""
+    """Return each model's RMS residual about the final path, in the final model's noise: it never rises."""
     final = search.screenings[-1].model
     tables = np.concatenate(final.white_tables())
     kept = [final.columns_without(search.effects[count:]) for count in range(len(search.effects) + 1)]
@@ -224,7 +225,7 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
 
 
 def _pairs(search: Search) -> dict[str, Any]:
-    """Pairs of candidates that may be the truth in the place of each effect."""
+    """Return the pairs of candidates that may be the truth in the place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
     texts = [effects.PAIRS.join(effects.PAIR.join(names) for names in of_effect) for of_effect in pairs]
@@ -232,7 +233,7 @@ def _pairs(search: Search) -> dict[str, Any]:
 
 
 def _competing_shapes(search: Search) -> dict[str, Array]:
-    """Shape parameters (step,) of the candidates that were fitted in the place of each effect."""
+    """Return the shape parameters (step,) of the candidates that were fitted in the place of each effect."""
     competing: dict[str, Array] = {}
     for at, symbol in enumerate(search.effects):
         for name in search.rivals[symbol]:

@@ -51,7 +51,9 @@ def start_forces(
     model = forces_to_identify(asked, reference_frequency)
     fix = constraints.fixed
     if other := [name for name in constraints.names if name not in fix]:
-        raise UsageError(f"discover holds coefficients alone; leave out what bounds or ties {other[0]}.")
+        raise UsageError(
+            f"discover supports fixed coefficients only; leave out the bound or tie of {other[0]}."
+        )
     able = [force.symbol for force in model if force.kind == "force"]
     for symbol in fix:
         if symbol not in able:
@@ -117,7 +119,7 @@ def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
 
 
 def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
-    """The part of a run, or of one that is driven and long the beginning, the middle and the end of it."""
+    """Yield the part of a run, or the beginning, middle and end of it if the run is driven and long."""
     part = run.isel(time=within)
     if not inputs_of(run):
         yield part
@@ -133,7 +135,8 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         return
     time = part.time.values
     if time[-1] - time[0] > 4.0 * duration:
-        # Where a record begins it is not known what forces remember: a few periods tell.
+        # At the beginning of a record the states of forces with memory are unknown: a few periods determine
+        # them.
         part = part.sel(time=slice(time[0] + 0.1 * duration, None))
     time = part.time.values
     whole = time[-1] - time[0]
@@ -184,7 +187,7 @@ def predicted(
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
-    """Mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
+    """Return mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
     ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
     # Rounds of the path of a part that is predicted.
     for _ in range(3):
@@ -211,7 +214,7 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
 
 
 def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> Array:
-    """Mean logarithm of the density of white rows in each period, with parameters that are not quite known.
+    """Return the mean log density of white rows in each period, with uncertain parameters.
 
     Parameters
     ----------
@@ -233,7 +236,7 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
         if not np.all(np.isfinite(of_parameters)):
             scores.append(-np.inf)
             continue
-        # The unit matrix and what parameters add: no variance is below one, but for rounding.
+        # The unit matrix plus the covariance due to parameters: no variance is below one, except by rounding.
         variances, turned = np.linalg.eigh(np.eye(KNOTS_PER_PERIOD) + of_parameters)
         variances = np.maximum(variances, 1.0)
         solved = turned @ (turned.T @ np.column_stack([surprise, along]) / variances[:, None])

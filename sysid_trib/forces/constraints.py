@@ -18,7 +18,7 @@ from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula
 from sysid_trib.forces.notation import parse
 
 Bounds: TypeAlias = tuple[float | None, float | None]
-# A number holds a parameter, a pair bounds it, a formula ties it to others.
+# A number fixes a parameter, a pair bounds it, a formula ties it to others.
 Constraint: TypeAlias = float | Bounds | str
 ConstraintTable: TypeAlias = Mapping[str, Constraint]
 NO_CONSTRAINTS: ConstraintTable = MappingProxyType({})
@@ -48,7 +48,7 @@ class Constraints:
                 raise UsageError(f"Parameter {name} cannot be fixed at {value}; give a finite number.")
         for name, (low, high) in self.bounds.items():
             if not low < high:
-                raise UsageError(f"The bounds {low:g}:{high:g} of {name} must rise from the low to the high.")
+                raise UsageError(f"The bounds {low:g}:{high:g} of {name} must increase from low to high.")
         for name, given in self.table.items():
             if name not in self.names:
                 wrong = f"{name} cannot be constrained by {given!r}"
@@ -118,7 +118,7 @@ class Constraints:
         return (*self.fixed, *self.bounds, *self.ties)
 
     def marked(self, result: Any, at_bound: Iterable[str] = ()) -> Any:
-        """A result with how each coefficient is constrained, `constraint(force)`, where any is.
+        """Add `constraint(force)` to a result in which any coefficient is constrained.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Constraints:
         return result.assign_coords(constraint=("force", kinds))
 
     def check(self, library: ForceLibrary) -> None:
-        """Refuse what does not fit to the parameters of a library.
+        """Raise an error for a constraint that does not fit the parameters of a library.
 
         Raises
         ------
@@ -150,11 +150,13 @@ class Constraints:
         known = parameters_of(library)
         for name in self.names:
             if name not in known:
-                raise UsageError(f"No parameter '{name}' can be constrained; there are {', '.join(known)}.")
+                raise UsageError(
+                    f"There is no parameter '{name}' to constrain; there are {', '.join(known)}."
+                )
         self.formulas(library)
 
     def formulas(self, library: ForceLibrary) -> dict[str, Formula]:
-        """The ties, each after those that its formula needs.
+        """Return the ties in an order in which each follows those that its formula needs.
 
         Raises
         ------
@@ -168,12 +170,12 @@ class Constraints:
             return {name: ties[name] for name in TopologicalSorter(needs).static_order()}
         except CycleError as error:
             circle = " and ".join(error.args[1][1:])
-            raise UsageError(f"The ties of {circle} go in a circle; leave one parameter free.") from None
+            raise UsageError(f"The ties of {circle} are circular; leave one parameter free.") from None
 
     def linear_map(
         self, library: ForceLibrary, shapes: ShapeValues | None = None
     ) -> tuple[tuple[str, ...], Array, Array]:
-        """Coefficients as a linear map of the free ones; all shape parameters are held.
+        """Return coefficients as a linear map of the free ones; all shape parameters are held.
 
         Parameters
         ----------
@@ -204,12 +206,12 @@ class Constraints:
         held |= {name: value for name, value in self.fixed.items() if name in held}
         for name, tie in self.formulas(library).items():
             if name in held:
-                raise UsageError(f"Shape parameter {name} is tied, which only a trajectory fit can do.")
+                raise UsageError(f"Shape parameter {name} is tied; only a trajectory fit supports this.")
             affine = _affine(tie, held)
             if affine is None:
                 raise UsageError(
-                    f"The tie '{name}={tie.text}' is not linear in the coefficients, which only a trajectory "
-                    "fit can do."
+                    f"The tie '{name}={tie.text}' is not linear in the coefficients; only a trajectory "
+                    "fit supports this."
                 )
             constant, slopes = affine
             rows[name] = sum((a * rows[s] for s, a in slopes.items()), np.zeros(len(free) + 1))
@@ -219,7 +221,7 @@ class Constraints:
 
 
 def parameters_of(library: ForceLibrary) -> tuple[str, ...]:
-    """Names of the coefficients of a library, then of its shape parameters."""
+    """Return the names of the coefficients of a library, then of its shape parameters."""
     return (*library.symbols, *library.shape_values())
 
 
@@ -246,11 +248,11 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
     names = [word for word in words if word in known]
     strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
     if strangers:
-        wrong = f"The tie '{name}={text}' holds '{strangers[0]}', which is no parameter"
+        wrong = f"The tie '{name}={text}' contains '{strangers[0]}', which is no parameter"
         raise UsageError(f"{wrong}; there are {', '.join(known)}.")
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")
-    # `lambda` and `dahl.s` are no words that can be parsed: until then others stand for them.
+    # `lambda` and `dahl.s` are not parsed as names: placeholders replace them.
     stand_ins = {word: f"p{i}" for i, word in enumerate(names)}
     replaced = WORD.sub(lambda word: stand_ins.get(word[0], word[0]), text)
     shapes = frozenset(p for word, p in stand_ins.items() if "." in word)
@@ -276,7 +278,7 @@ def tied_value(tie: Formula, values: Mapping[str, float]) -> float:
 
 
 def tied_slopes(tie: Formula, values: Mapping[str, float]) -> dict[str, float]:
-    """Derivative of a tied parameter by each parameter that its formula holds."""
+    """Return the derivative of a tied parameter by each parameter that its formula holds."""
     # NumPy's numbers: a division by zero gives one that is not finite, not an exception.
     held = {name: np.float64(values[name]) for name in sorted(tie.names)}
     with np.errstate(all="ignore"):
@@ -284,7 +286,7 @@ def tied_slopes(tie: Formula, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _affine(tie: Formula, known: Mapping[str, float]) -> tuple[float, dict[str, float]] | None:
-    """Constant and factor of each parameter that is not known, if a tie is linear in these; else None."""
+    """Return constant and factor of each unknown parameter, if a tie is linear in these; else None."""
     free = sorted(tie.names - known.keys())
 
     def value(numbers: Array) -> float:
@@ -295,6 +297,6 @@ def _affine(tie: Formula, known: Mapping[str, float]) -> tuple[float, dict[str, 
     random = np.random.default_rng(20190417)
     shape = (16, len(free))
     points = random.choice((-1.0, 1.0), shape) * random.uniform(1e-3, 30.0, shape)
-    # Known by what it does: a formula of any form may be linear.
+    # Tested by its values: a formula of any form may be linear.
     same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
     return (constant, dict(zip(free, slopes.tolist(), strict=True))) if same.all() else None

@@ -127,7 +127,7 @@ class Force:
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
-        """Value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default."""
+        """Return the value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default."""
         given = shapes or {}
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
@@ -168,7 +168,7 @@ class Force:
         return self.with_instead("t", f"t + {seconds!r}")
 
     def start_values(self, names: Mapping[str, Any]) -> dict[str, Any]:
-        """First value of each state and memory, from x, v, t and the shape parameters in `names`."""
+        """Return first value of each state and memory, from x, v, t and the shape parameters in `names`."""
         values = dict.fromkeys((*self.state, *self.memory), 0.0)
         return values | {k: formula.evaluate(names) for k, formula in self.start.items()}
 
@@ -181,7 +181,7 @@ class Force:
         shapes: ShapeValues | None = None,
         hidden: Mapping[str, ArrayLike] | None = None,
     ) -> NDArray[np.float64]:
-        """Value of h at the given points.
+        """Return the value of h at the given points.
 
         Parameters
         ----------
@@ -308,7 +308,7 @@ class ForceLibrary:
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
-        """Value of each shape parameter by name, `dahl.s`: from `shapes`, else the default."""
+        """Return the value of each shape parameter by name, `dahl.s`: from `shapes`, else the default."""
         return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "ForceLibrary":
@@ -323,7 +323,7 @@ class ForceLibrary:
         return tuple(dict.fromkeys(symbol for force in self for symbol in force.uses))
 
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
-        """The library of these forces alone, in the order given; UsageError for an unknown one."""
+        """Return library of these forces alone, in the order given; raise a UsageError for an unknown one."""
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
 
     @property
@@ -338,15 +338,15 @@ class ForceLibrary:
         return {curve: np.flatnonzero([name == curve for name in names]) for curve in curves}
 
     def counted_from(self, seconds: float) -> "ForceLibrary":
-        """The forces with `t` of their formulas moved (see `Force.counted_from`)."""
+        """Return the forces with `t` of their formulas moved (see `Force.counted_from`)."""
         return replace(self, forces=tuple(force.counted_from(seconds) for force in self))
 
     def in_run(self, run: int) -> "ForceLibrary":
-        """The forces that act in a run, by its number from 1."""
+        """Return the forces that act in a run, by its number from 1."""
         return replace(self, forces=tuple(force for force in self if force.run in (None, run)))
 
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
-        """The library with a force of its own for each run in the place of each of these: `lambda_1`, ..."""
+        """Return the library with one force for each run in place of each of these: `lambda_1`, ..."""
         own = {self[symbol].symbol for symbol in symbols}
         if both := own & {*self.used}:
             symbol = min(both)
@@ -363,7 +363,7 @@ class ForceLibrary:
         return replace(self, forces=tuple(itertools.chain.from_iterable(copies)))
 
     def role(self, formula: str) -> Force | None:
-        """The force of this formula if the library has one."""
+        """Return the force of this formula if the library has one."""
         return next((force for force in self.forces if force.matches(formula)), None)
 
     @property
@@ -378,7 +378,7 @@ class ForceLibrary:
         return {force.symbol: factors[f] for f in factors if (force := self.role(f)) is not None}
 
     def to_toml(self) -> str:
-        """The library as text in the format it is read from."""
+        """Return the library as text in the format it is read from."""
         blocks = "".join(f"\n[[force]]\n{notation.toml(force)}" for force in self.forces)
         kinds = {channel.input: channel.kind for channel in self.channels}
         inputs = f"inputs = {notation.toml_value(kinds)}\n" if kinds else ""
@@ -387,7 +387,7 @@ class ForceLibrary:
 
 # A formula, or a force as a table of the library format: formula, name, state, shape and so on.
 ForceTable: TypeAlias = str | Force | Mapping[str, Any]
-# What may stand for a library: itself, its name or file, a force, formulas by symbol, or several of these.
+# Forms of a library: itself, its name or file, a force, formulas by symbol, or several of these.
 LibraryLike: TypeAlias = (
     ForceLibrary | str | Path | Force | Mapping[str, ForceTable] | Sequence[str | Force | ForceLibrary]
 )

@@ -101,7 +101,7 @@ class Formula:
         return tuple(dict.fromkeys(n.surface for n in _bottom_up(self.tree) if hasattr(n, "surface")))
 
     def order_in(self, name: str) -> float:
-        """Order of the polynomial in a variable that the formula is, as it is written; infinite if none."""
+        """Return the order of a formula that is a polynomial in a variable as written; else infinite."""
         return _order_in(self.tree, name)
 
     def degree_in(self, powers: Mapping[str, float], points: Names, factors: Sequence[float]) -> float | None:
@@ -142,7 +142,7 @@ class Formula:
         return degree
 
     def evaluate(self, names: Names, functions: Functions = NUMPY, signs: Names | None = None) -> Any:
-        """Value of the formula.
+        """Return the value of the formula.
 
         Parameters
         ----------
@@ -166,11 +166,11 @@ class Formula:
         return _program_of(self.tree)
 
     def derivative(self, names: Names, name: str) -> Any:
-        """Derivative of the formula by one variable, on the branch of its value; see `with_derivative`."""
+        """Return formula's derivative by one variable, on the branch of its value; see `with_derivative`."""
         return self.with_derivative(names, name)[1]
 
     def with_derivative(self, names: Names, name: str) -> tuple[Any, Any]:
-        """Value of the formula and its derivative by one variable, on the branch of its value.
+        """Return the value of the formula and its derivative by one variable, on the branch of its value.
 
         Parameters
         ----------
@@ -212,7 +212,7 @@ def _order_in(tree: ast.AST, name: str) -> float:
 
 
 def _program_of(tree: ast.AST) -> Program:
-    """A checked tree as nested functions (see `Formula.evaluate`): it is not walked at each value."""
+    """Compile a checked tree into nested functions (see `Formula.evaluate`), for repeated evaluation."""
     match tree:
         case ast.Constant(value=value):
             return lambda names, functions, signs: value
@@ -235,7 +235,7 @@ def _program_of(tree: ast.AST) -> Program:
 
 
 def _call(name: str, args: list[Program], surface: Formula | None) -> Program:
-    """A function of arguments, on the branch by the sign of its switching surface where that is given."""
+    """Return a function of arguments, on the branch of its switching surface's sign if this is given."""
 
     def value(names: Names, functions: Functions, signs: Names | None) -> Any:
         values = [arg(names, functions, signs) for arg in args]

@@ -47,7 +47,7 @@ def library(
     taken = [_part(part, channels) for part in parts]
     made = [*itertools.chain.from_iterable(taken), *_forces(formulas, channels)]
     if not made:
-        raise UsageError('A library holds at least one force, such as st.library(zeta="2*v").')
+        raise UsageError('A library contains at least one force, such as st.library(zeta="2*v").')
     whole = ForceLibrary("", (), "")
     sources = list(dict.fromkeys(part.source for part in taken if part.source))
     if formulas or not sources:
@@ -99,7 +99,7 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
 
 
 def _kind(given: object) -> str:
-    """Name what was given in place of a library, in a few words."""
+    """Name the kind of object given in place of a library, in a few words."""
     return (
         f"the class {given.__name__}"
         if isinstance(given, type)

@@ -53,14 +53,14 @@ FORCE_KEYS: Checks = {
     "run": (lambda v: is_number(v) and isinstance(v, int) and v > 0, "the number of a run, from 1"),
     "uses": (
         lambda v: isinstance(v, list) and all(isinstance(k, str) and SHORT_WORD.fullmatch(k) for k in v),
-        "a list of symbols of forces whose coefficients the formula holds",
+        "a list of symbols of forces whose coefficients are in the formula",
     ),
     **dict.fromkeys(TABLE_KEYS, (lambda v: isinstance(v, dict), "a table such as { z = ... }")),
 }
 
 
 def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) -> None:
-    """Refuse a table of a TOML file with other keys, or other values of them.
+    """Raise an error for a table of a TOML file with an unknown key or a wrong value.
 
     Raises
     ------
@@ -91,7 +91,7 @@ MOST_INCLUDED = 8
 
 
 def library_folder() -> Path:
-    """Folder of the libraries that come with the package (wheel, or source tree)."""
+    """Return the folder of the libraries that come with the package (wheel, or source tree)."""
     package = Path(__file__).resolve().parents[1]
     return next(p for p in (package / "libraries", package.parent / "libraries") if p.is_dir())
 
@@ -172,7 +172,7 @@ def _of_package(entry: EntryPoint) -> ForceLibrary:
 
 @lru_cache(maxsize=32)
 def library_of_text(text: str, source: str) -> ForceLibrary:
-    """The library of a TOML text, as a result keeps it, parsed once (see `load_library`)."""
+    """Return the library of a TOML text, as a result keeps it, parsed once (see `load_library`)."""
     return parse_library(tomllib.loads(text), source)
 
 
@@ -250,7 +250,7 @@ def _expressions(table: object, source: str) -> dict[str, str]:
                 raise LibraryError(f"{where}: '{name}' is longer than {MAX_LENGTH} characters as a whole.")
     except CycleError as error:
         circle = " and ".join(error.args[1][1:])
-        raise LibraryError(f"{where}: {circle} go in a circle; write one without the other.") from None
+        raise LibraryError(f"{where}: {circle} are circular; write one without the other.") from None
     return whole
 
 
@@ -316,7 +316,7 @@ def _force(
     def formulas(table: Mapping[str, object], names: frozenset[str]) -> dict[str, Formula]:
         return {k: parse(text, frozenset("xvt") | names, exponents, where) for k, text in table.items()}
 
-    # Coefficients that the formula holds: of forces of the library, or of those that it names.
+    # Coefficients in the formula: of forces of the library, or of those that it names.
     own = internal | frozenset(channels) | RESERVED_NAMES | {str(symbol)}
     usable = frozenset([*symbols, *entry.get("uses", [])]) - own
     if entry.get("kind") == "sensor":
@@ -364,7 +364,7 @@ def _shape(table: Any, where: str) -> Shape:
 
 
 def _check_finite(force: Force, where: str) -> None:
-    """Refuse formulas that overflow or leave the real numbers where a pendulum swings (below 1.2 rad)."""
+    """Raise an error for formulas that overflow or are not real for a swing of a pendulum (below 1.2 rad)."""
     for formula in (*force.formulas, *force.start.values()):
         with np.errstate(all="ignore"):
             values = np.asarray(formula.evaluate(force.test_points))

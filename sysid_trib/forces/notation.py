@@ -66,7 +66,7 @@ def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], wher
 def _checked(
     node: ast.AST, allowed: frozenset[str], exponents: frozenset[str], where: str, depth: int
 ) -> ast.expr:
-    """Copy the tree node by node; what is not copied here does not exist for the rest of the code."""
+    """Copy the permitted nodes of a tree; raise an error for any other node."""
     if depth > MAX_DEPTH:
         raise LibraryError(f"{where} is nested deeper than {MAX_DEPTH} levels; simplify it.")
 
@@ -78,13 +78,13 @@ def _checked(
             pass
         case ast.Constant(value=int() | float() as value):
             if value > LARGEST_CONSTANT:
-                raise LibraryError(f"{where} holds a number above 1e100; rescale the formula.")
+                raise LibraryError(f"{where} contains a number above 1e100; rescale the formula.")
             return ast.Constant(float(value))
         case ast.Name(id=name):
             if name in allowed or name == "pi":
                 return ast.Name(name)
             known = ", ".join(sorted(allowed))
-            raise LibraryError(f"{where} holds the unknown name '{short(name)}'; known are {known}, pi.")
+            raise LibraryError(f"{where} contains the unknown name '{short(name)}'; known are {known}, pi.")
         case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
             return ast.UnaryOp(op, inner(operand))
         case ast.BinOp(op=ast.Pow(), right=right) if not _is_exponent(right, exponents):
@@ -112,7 +112,7 @@ def _checked(
     match node:
         case ast.BinOp(op=ast.BitXor()) | ast.Call(func=ast.Name(id="sgn")):
             advice = " (write ** for a power, sign for sgn)"
-    wrong = f"{where} holds something other than numbers, names, + - * / ** and functions"
+    wrong = f"{where} contains something other than numbers, names, + - * / ** and functions"
     raise LibraryError(f"{wrong} {' '.join((*SWITCHING, *SMOOTH))}{advice}.")
 
 
@@ -128,26 +128,26 @@ def _is_exponent(node: ast.AST, exponents: frozenset[str]) -> bool:
 
 
 def _switch(name: str, args: list[ast.expr], surface: ast.expr) -> ast.Call:
-    """A call that changes branch where `surface` is zero; the surface is kept with it, found once."""
+    """Return a call that changes branch where `surface` is zero; the surface is kept with it, found once."""
     call = ast.Call(ast.Name(name), args, [])
     call.surface = Formula(ast.unparse(surface), surface)  # type: ignore[attr-defined]
     return call
 
 
 def short(text: str) -> str:
-    """A text on a line, of 60 letters at most."""
+    """Shorten a text to one line of at most 60 letters."""
     text = " ".join(text.split())
     return text if len(text) <= 60 else text[:57] + "..."
 
 
 def with_instead(formula: Formula, name: str, text: str, over: float = 1.0) -> Formula:
-    """A formula with an expression in the place of a name, divided by a number."""
+    """Replace a name in a formula by an expression divided by a number."""
     names, whole = formula.names | {name}, re.sub(rf"\b{name}\b", f"({text})", formula.text)
     return parse(whole if over == 1.0 else f"({whole})/{over!r}", names, names, formula.text)
 
 
 def toml(force: "Force") -> str:
-    """The lines of a force in a library's file."""
+    """Return the lines of a force in a library's file."""
     words = {k: getattr(force, k) for k in ("symbol", "name", "family", "meaning", "source", "curve")}
     words |= {"formula": force.formula.text, "kind": force.kind if force.kind != "force" else ""}
     tables: dict[str, Any] = {
@@ -160,7 +160,7 @@ def toml(force: "Force") -> str:
 
 
 def toml_value(value: Any) -> str:
-    """A text, number, truth value or table of these in TOML."""
+    """Return a text, number, truth value or table of these in TOML."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
     # Texts, numbers and truth values of JSON are those of TOML; a number reads back as the same number.
@@ -169,7 +169,7 @@ def toml_value(value: Any) -> str:
 
 
 def symbol_latex(symbol: str) -> str:
-    """A symbol in LaTeX: letters, Greek too, with their index; a word stands upright, without one."""
+    """Return a symbol in LaTeX: letters, Greek too, with their index; a word stands upright, without one."""
     import sympy
 
     written = str(sympy.latex(sympy.Symbol(symbol)))
@@ -181,7 +181,7 @@ def symbol_latex(symbol: str) -> str:
 
 
 def formula_latex(force: "Force") -> str:
-    """The formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
+    """Return the formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
     import sympy
 
     names = {k: sympy.Symbol(k, real=True) for f in force.formulas for k in f.names}
@@ -210,7 +210,7 @@ Powers: TypeAlias = dict[str, float]
 
 @lru_cache(maxsize=1024)
 def signal_powers(force: "Force") -> Powers | None:
-    """Powers of the signal's unit in a coefficient and its shape parameters; None if it has none.
+    """Return the powers of the signal's unit in a coefficient and its shape parameters; None if it has none.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ def signal_powers(force: "Force") -> Powers | None:
 
 @lru_cache(maxsize=1024)
 def reference_powers(force: "Force") -> Powers | None:
-    """Powers of the reference frequency w of a coefficient and its shape parameters; None if it has none.
+    """Return powers of the reference frequency w of a coefficient and its shapes; None if it has none.
 
     Parameters
     ----------
@@ -246,7 +246,7 @@ def _powers(
     of_rates: float,
     whole: float,
 ) -> Powers | None:
-    """Powers with which coefficient times force keeps the power `whole` as x and v scale with given ones."""
+    """Return powers of coefficient and shapes that keep the power `whole` if x and v scale as given."""
     hidden = (*force.state, *force.memory)
     for shape_powers in itertools.product(of_shapes, repeat=len(force.shape)):
         shapes = dict(zip(force.shape, shape_powers, strict=True))
@@ -268,7 +268,7 @@ def _points(force: "Force", shapes: dict[str, float]) -> list[dict[str, Any]]:
 def _degree(
     force: "Force", powers: dict[str, float], points: dict[str, Any], of_rates: float
 ) -> float | None:
-    """Degree of the force if states and memory keep their powers, else None."""
+    """Return the degree of the force if states and memory keep their powers, else None."""
     rates = [(formula, powers[name] + of_rates) for name, formula in force.state.items()]
     values = [(f, powers[name]) for name, f in (*force.memory.items(), *force.start.items())]
     if any(f.degree_in(powers, points, FACTORS) not in (power, np.inf) for f, power in rates + values):

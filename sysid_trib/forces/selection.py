@@ -43,7 +43,7 @@ SYSTEM_KEYS: Checks = {
 def forces_to_identify(
     library: ForceLibrary, reference_frequency: float | None, *, sensors: bool = False
 ) -> ForceLibrary:
-    """The forces to identify: without a given frequency the one of formula `x` is the frequency itself.
+    """Return forces to identify: without a given frequency the one of formula `x` is the frequency itself.
 
     Parameters
     ----------
@@ -69,7 +69,9 @@ def forces_to_identify(
     if reference_frequency is None and stiffness is not None:
         library = library.select(s for s in library.symbols if s != stiffness.symbol)
     if all(force.kind == "sensor" for force in library):
-        raise DecayError("No force is left to identify beside the frequency; offer at least one (--forces).")
+        raise DecayError(
+            "No force is left to identify, only the frequency; offer at least one force (--forces)."
+        )
     return library
 
 
@@ -97,7 +99,7 @@ def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
 
 
 def refuse_sensors(library: ForceLibrary) -> None:
-    """Refuse terms of the sensor, for a method that does not know them.
+    """Raise an error for sensor terms in a method that does not support them.
 
     Raises
     ------
@@ -111,7 +113,7 @@ def refuse_sensors(library: ForceLibrary) -> None:
 
 
 def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
-    """The library's forces of these formulas, for a method by its label.
+    """Return the library's forces of these formulas, for a method by its label.
 
     Raises
     ------
@@ -126,7 +128,7 @@ def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -
 
 
 def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
-    """The model that a search starts from: viscous friction alone, and the first force of each input.
+    """Return the model that a search starts from: viscous friction alone, and the first force of each input.
 
     Raises
     ------
@@ -136,7 +138,9 @@ def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceL
     viscous = [library[symbol] for symbol in library.damping_factors]
     if not viscous:
         wrong = f"Library '{library.title}' has no viscous friction to start from"
-        raise UsageError(f"{wrong}; name the start's forces (--forces {','.join(library.symbols[:2])}).")
+        raise UsageError(
+            f"{wrong}; name the forces of the start model (--forces {','.join(library.symbols[:2])})."
+        )
     return replace(library, forces=(*first_of_inputs(inputs), viscous[0]))
 
 
@@ -169,7 +173,7 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
 def offered_forces(
     model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
 ) -> tuple[ForceLibrary, list[str]]:
-    """The candidates that the model does not have, of these inputs, and the symbols of the others."""
+    """Return the candidates that the model does not have, of these inputs, and the symbols of the others."""
     kept, left_out = list[Force](), list[str]()
     for force in candidates:
         same = any(_same(force, other) for other in model) or not set(force.inputs) <= set(inputs)
@@ -237,7 +241,7 @@ class System:
 
     @property
     def swings_under_gravity(self) -> bool:
-        """Return true if it is a pendulum, which gravity restores, or if nothing is said of it."""
+        """True if gravity is the restoring force, or if the system does not state it."""
         shipped = [force for name in SHIPPED_LIBRARIES for force in load_library(name)]
         held = [force for force in shipped if force.symbol in self.held]
         return not self.name or any(force.matches("sin(x) - x") for force in held)
@@ -247,7 +251,7 @@ class System:
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
     def with_held(self, forces: str | None) -> str | None:
-        """Forces by their symbols, `lambda,zeta`, and those that are always there; else its usual ones."""
+        """Return forces by symbols, `lambda,zeta`, and those that are always there; else the usual ones."""
         if forces is None:
             return ",".join(self.symbols) or None
         named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
@@ -255,16 +259,16 @@ class System:
 
 
 def _first_words(names: Iterable[str]) -> list[str]:
-    """First words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
+    """Return the first words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
     return [next(iter(NAME_WORDS.findall(name.lower())), "") for name in names]
 
 
-# An oscillator of which nothing is known.
+# An oscillator without known properties.
 ANY_SYSTEM = System("", signal="")
 
 
 def load_system(name_or_path: str | None) -> System:
-    """A system by its name, or the first of a TOML file.
+    """Return a system by its name, or the first of a TOML file.
 
     Parameters
     ----------
@@ -298,7 +302,7 @@ def load_system(name_or_path: str | None) -> System:
 
 
 class SystemModel(NamedTuple):
-    """The forces of a system, and what is known of their coefficients: `library, constraints = system(...)`.
+    """The forces of a system and their known coefficients: `library, constraints = system(...)`.
 
     Attributes
     ----------
@@ -320,7 +324,7 @@ class SystemModel(NamedTuple):
 def system(
     name_or_path: str | Path, forces: Iterable[str] | None = None, library: ForceLibrary | None = None
 ) -> SystemModel:
-    """Give the forces of a system with what is known of them, as `--system` does.
+    """Return the forces of a system and their known coefficients, as `--system` takes them.
 
     Parameters
     ----------
@@ -368,7 +372,7 @@ def known_coefficients(library: ForceLibrary) -> dict[str, float]:
 
 
 def load_systems() -> dict[str, System]:
-    """The systems that come with the package, by their names."""
+    """Return the systems that come with the package, by their names."""
     return _systems(library_folder() / SYSTEMS_FILE)
 
 

@@ -13,7 +13,7 @@ TURN = 2.0 * np.pi
 
 @lru_cache(maxsize=1024)
 def is_frequency(force: Force, name: str) -> bool:
-    """True if a shape parameter is the angular frequency of a force periodic in time (by its formula)."""
+    """Return true if a shape parameter is the angular frequency of a force periodic in time."""
     if not force.memoryless or "t" not in force.formula.names:
         return False
     shape, t = force.shape[name], np.linspace(0.0, 3.0, 41)
@@ -31,7 +31,7 @@ def is_frequency(force: Force, name: str) -> bool:
 
 @lru_cache(maxsize=1024)
 def is_resonance(force: Force, name: str) -> bool:
-    """True if a shape parameter is the natural frequency of a force's states (by their equations)."""
+    """Return true if a shape parameter is the natural frequency of a force's states (by their equations)."""
     states = tuple(force.state)
     for factor in (1.0, 1.7):
         value = factor * force.shape[name].default
@@ -48,12 +48,12 @@ def is_resonance(force: Force, name: str) -> bool:
 
 
 def is_frequency_parameter(force: Force, name: str) -> bool:
-    """True if a shape parameter is a frequency of either kind, which is found among those of the record."""
+    """Return true if a shape parameter is a frequency of either kind; the record's spectrum then gives it."""
     return is_frequency(force, name) or is_resonance(force, name)
 
 
 def has_frequency_parameter(force: Force) -> bool:
-    """True if a force has such a frequency."""
+    """Return true if a force has such a frequency."""
     return any(is_frequency_parameter(force, name) for name in force.shape)
 
 

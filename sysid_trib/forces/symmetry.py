@@ -62,10 +62,9 @@ class Shape:
         return float(np.log(value)) if self.is_logarithmic else value
 
 
-# What an input may be, other than any quantity of its own, and the power of 1/w with which formulas then
-# see it, as they see theta' over w.
+# Kinds of an input, other than a quantity of its own, and the power of 1/w in formulas, as in theta' over w.
 INPUT_KINDS = {"": 0, "displacement": 0, "rate": 1, "acceleration": 2}
-# Derivatives of an input that formulas may hold: `u` and `du`.
+# Derivatives of an input in formulas: `u` and `du`.
 ORDERS = (0, 1)
 
 
@@ -98,7 +97,7 @@ class Channel(NamedTuple):
 
 
 def matches(force: "Force", formula: str) -> bool:
-    """True if this is the force of the given formula, without history or shape parameters.
+    """Return true if this is the force of the given formula, without history or shape parameters.
 
     Parameters
     ----------
@@ -112,7 +111,7 @@ def matches(force: "Force", formula: str) -> bool:
 
 
 def parity(force: "Force") -> str:
-    """`odd`, `even` or `mixed` under (x, v) -> (-x, -v), states and memory following."""
+    """Return `odd`, `even` or `mixed` under (x, v) -> (-x, -v), states and memory included."""
     hidden, points = (*force.state, *force.memory), force.test_points
     rates = (*force.state.values(), *force.memory.values())
     for signs in itertools.product((-1.0, 1.0), repeat=len(hidden)):
@@ -130,7 +129,7 @@ def parity(force: "Force") -> str:
 
 
 def character(force: "Force") -> str:
-    """`dissipative` or `conservative` type by time reversal (v -> -v), else `mixed`.
+    """Return `dissipative` or `conservative` type by time reversal (v -> -v), else `mixed`.
 
     A force with states or memory depends on history, which has no time reversal: `mixed`.
     """
@@ -142,13 +141,13 @@ def character(force: "Force") -> str:
 
 
 def degree(force: "Force") -> float | None:
-    """Degree q of homogeneity in (x, v) together; None without one, of history, time and inputs."""
+    """Return degree q of homogeneity in (x, v) together; None without one, of history, time and inputs."""
     other = force.shape or force.holds_time or force.channels or force.uses
     return None if not force.memoryless or other else _degree_in(force, {"x": 1.0, "v": 1.0})
 
 
 def speed_degree(force: "Force") -> float | None:
-    """Degree of homogeneity in v alone (0 without v), None if there is none or if it has states.
+    """Return the degree of homogeneity in v alone (0 without v), None if there is none or if it has states.
 
     A degree that depends on a shape parameter, as that of abs(v)**p, is none. Inputs that are seen over w
     count as v, over w^2 as its square.
@@ -160,13 +159,13 @@ def speed_degree(force: "Force") -> float | None:
 
 
 def units(force: "Force") -> str:
-    """Unit of the coefficient: `1` (dimensionless, angles in rad), or a power of s where t enters."""
+    """Return unit of the coefficient: `1` (dimensionless, angles in rad), or a power of s where t enters."""
     power = _degree_in(force, {"t": 1.0}) if force.memoryless else None
     return "1" if not power else "s-1" if power == 1 else f"s{-power:g}"
 
 
 def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
-    """Unit of the coefficient with inputs in units of their own, by their names: `1/V`.
+    """Return the unit of the coefficient with inputs in units of their own, by their names: `1/V`.
 
     For an input without a unit its name is used: `1/u`.
     """
@@ -185,7 +184,7 @@ def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
 
 
 def test_points(force: "Force") -> dict[str, Any]:
-    """Points at which formulas are compared; deterministic, off the axes.
+    """Return points at which formulas are compared; deterministic, off the axes.
 
     Some are near zero: tanh(v/s) with a small s is sign(v) everywhere else.
     """

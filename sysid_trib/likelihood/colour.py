@@ -20,9 +20,9 @@ MAX_COLOUR = 3
 NOISE_HARMONICS = 6
 # Lines of a spectrum that tell a colour at all.
 FEWEST_LINES = 50
-# Half of the width of what is left out about each harmonic, in units of the frequency of the motion; where a
-# random force is fitted too, in lines. Of the motion itself it is what its start and frequency take: beyond,
-# a random force is most of what is there.
+# Half of the width that is left out about each harmonic, in units of the frequency of the motion; in lines if
+# a random force is fitted too. About the motion itself this covers the effect of start and frequency: farther
+# away, a random force dominates.
 ABOUT_HARMONIC = 0.25
 LINES_ABOUT_HARMONIC = 3.0
 LINES_ABOUT_MOTION = 1.5
@@ -65,11 +65,11 @@ class Lines:
 
     @property
     def independent(self) -> float:
-        """Number of samples of noise that they are as good as."""
+        """Equivalent number of independent samples of noise."""
         return 2.0 * INDEPENDENT_PART * float(np.sum(self.count))
 
     def noise(self, filter_: Array) -> NoiseModel:
-        """The noise of a given colour, its level as the lines have it."""
+        """Return the noise of a given colour, with the level of the lines."""
         variance = np.sum(self.count * self.power * self._gain(filter_)) / max(1.0, np.sum(self.count))
         return NoiseModel(float(np.sqrt(variance)), filter_)
 
@@ -84,7 +84,7 @@ class Lines:
         return self.independent, squares, -2.0 * INDEPENDENT_PART * logarithms
 
     def colour(self, order: int) -> Array:
-        """Whitening filter of the most likely autoregression of an order, by the lines alone."""
+        """Return the whitening filter of the most likely autoregression of an order, by the lines alone."""
         return _whittle(self, np.zeros_like(self.line), order)[1].filter_
 
     def _gain(self, filter_: Array) -> Array:
@@ -110,7 +110,7 @@ def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
 def most_likely_colour(
     deviance: Callable[[Array], float], starts: Sequence[Array], *, samples: float, least: float = np.inf
 ) -> tuple[Array, float]:
-    """Whitening filter of least deviance, and that.
+    """Return the whitening filter of least deviance, and that.
 
     Parameters
     ----------
@@ -153,7 +153,7 @@ def _colour_tolerance(gain: float) -> float:
 
 
 def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseModel:
-    """Level and colour of the sensor's noise in a deviation that a random force may move as well.
+    """Return level and colour of the sensor's noise in a deviation that a random force may contain as well.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
 
 
 def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
-    """Level and colour of noise by the lines of its spectrum above a frequency alone.
+    """Return the level and colour of noise by the lines of its spectrum above a frequency alone.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
 
 
 def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, Array, Array]:
-    """Lines of a spectrum in cycles a sample, their power, and their frequency in units of the motion's."""
+    """Return spectral lines in cycles a sample, their power, and their frequency in units of the motion's."""
     length = len(deviation) // segments
     line, power = scipy.signal.welch(deviation, nperseg=length, detrend="linear")
     # One-sided, which takes half of the time: each line but the first is there twice.
@@ -236,7 +236,7 @@ def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, A
 
 
 def _averaged(line: Array, power: Array, count_of_each: float = 1.0) -> Lines:
-    """Neighbouring lines averaged until they are few; each stands for so many of the whole record."""
+    """Return neighbouring lines averaged until they are few; each stands for so many of the whole record."""
     width = max(1, -(-len(line) // MOST_LINES))
     first = np.arange(0, len(line), width)
     number = np.diff(np.append(first, len(line))).astype(float)
@@ -247,7 +247,7 @@ def _averaged(line: Array, power: Array, count_of_each: float = 1.0) -> Lines:
 
 
 def _whittle(lines: Lines, response: Array, order: int) -> tuple[float, NoiseModel]:
-    """Criterion and noise of the best autoregression of an order."""
+    """Return the criterion and noise of the best autoregression of an order."""
     line, power, count = lines.line, lines.power, lines.count
     turns = np.exp(-2j * np.pi * np.multiply.outer(line, np.arange(order + 1)))
     level = float(np.sum(count * power) / np.sum(count))
@@ -255,7 +255,7 @@ def _whittle(lines: Lines, response: Array, order: int) -> tuple[float, NoiseMod
     weight = INDEPENDENT_PART * count
 
     def deviance(parameters: Array) -> tuple[float, Array]:
-        """And its gradient."""
+        """Return the deviance and its gradient."""
         partial = np.tanh(parameters[2:])
         filter_ = filter_of(partial)
         slopes = filter_slopes(partial) * (1.0 - partial**2)

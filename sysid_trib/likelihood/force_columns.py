@@ -13,7 +13,7 @@ from sysid_trib.simulation.internal_states import states_along
 
 # Points of each sample's cell at which forces that jump are averaged.
 POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
-# What the formulas of a force hold of inputs at times (s), by name.
+# Values of the inputs in the formulas of a force at times (s), by name.
 InputsAt = Callable[[Force, Array], Mapping[str, Array]]
 
 
@@ -25,7 +25,7 @@ def value_along(
     given: InputsAt,
     known: Mapping[str, Array] | None = None,
 ) -> Array:
-    """One force along a motion, (sample,), rad.
+    """Return one force along a motion, (sample,), rad.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def cell_averages(
     given: InputsAt,
     rate_error: float = 0.0,
 ) -> Array:
-    """Forces without states, averaged over each sample's cell: sign(v) turns where v does, not at a sample.
+    """Average forces without states over each sample's cell: sign(v) switches where v does, not at a sample.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def derivatives_along(
     given: Mapping[str, Array] | None = None,
     kind: str = "force",
 ) -> tuple[Array, Array]:
-    """Derivatives sum c dh/dx and sum c dh/dv along a motion, (sample,) each.
+    """Return derivatives sum c dh/dx and sum c dh/dv along a motion, (sample,) each.
 
     Parameters
     ----------

@@ -47,21 +47,21 @@ class ConstraintMap:
         return self.matrix.any(axis=1) | (self.constant != 0.0)
 
     def impose(self, coefficients: Array) -> Array:
-        """The coefficients (force,) with the free ones within their bounds and the others by them."""
+        """Clip the free coefficients to their bounds, and compute the others from them, (force,)."""
         return self.matrix @ np.clip(coefficients[self.free], self.low, self.high) + self.constant
 
     def hold(self, held: Mask, values: Array) -> "ConstraintMap":
-        """The map with some free coefficients (mask over `free`) held at values, (held,)."""
+        """Return the map with some free coefficients (mask over `free`) held at values, (held,)."""
         kept, constant = ~held, self.constant + self.matrix[:, held] @ values
         return ConstraintMap(self.free[kept], self.matrix[:, kept], constant, self.low[kept], self.high[kept])
 
     def keep(self, active: Mask) -> "ConstraintMap":
-        """The map in which the free coefficients that are not active (force,) are zero."""
+        """Return the map in which the free coefficients that are not active (force,) are zero."""
         dropped = ~active[self.free]
         return self.hold(dropped, np.zeros(int(np.sum(dropped))))
 
     def active(self, kept: Mask) -> Mask:
-        """Coefficients (force,) that are in the model if some free ones (mask over `free`) are kept."""
+        """Return coefficients (force,) in the model if some free ones (mask over `free`) are kept."""
         constrained = np.ones(len(self.constant), bool)
         constrained[self.free] = False
         fixed = constrained & ~self.matrix.any(axis=1)
@@ -71,7 +71,7 @@ class ConstraintMap:
 def constraint_map(
     constraints: Constraints, library: ForceLibrary, shapes: Mapping[str, float]
 ) -> ConstraintMap:
-    """The map of a regression, in which all shape parameters are held.
+    """Return the map of a regression, in which all shape parameters are held.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def constraint_map(
     constraints.check(library)
     for name in constraints.bounds:
         if name not in library.symbols:
-            raise UsageError(f"Shape parameter {name} is bounded, which only a trajectory fit can do.")
+            raise UsageError(f"Shape parameter {name} is bounded; only a trajectory fit supports this.")
     names, matrix, constant = constraints.linear_map(library, shapes)
     if not names:
         raise UsageError("Every coefficient is fixed or tied; leave at least one free.")
@@ -159,7 +159,7 @@ def white_least_squares(
 
 
 def _correlated(residual: Array) -> bool:
-    """True if the residuals of neighbouring rows are correlated (Ljung and Box 1978)."""
+    """Return true if the residuals of neighbouring rows are correlated (Ljung and Box 1978)."""
     most = min(CORRELATION_TEST_LAGS, len(residual) // 2 - 1)
     if most < 1 or not residual.any():
         return False
@@ -167,12 +167,12 @@ def _correlated(residual: Array) -> bool:
 
 
 def whitened(factor: Array | None, table: Array) -> Array:
-    """Rows by the Cholesky factor of their noise's covariance; as they are where that is None."""
+    """Whiten rows by the Cholesky factor of their noise's covariance; return them unchanged if it is None."""
     return table if factor is None else whiten(factor, table)
 
 
 def significant(columns: Array, target: Array, level: float, removed_columns: int) -> Mask:
-    """The columns that white rows demand, (column,), by a family-wise level of significance.
+    """Select the significant columns of white rows, (column,), at a family-wise level of significance.
 
     Parameters
     ----------

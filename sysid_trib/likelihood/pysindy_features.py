@@ -18,7 +18,7 @@ from sysid_trib.likelihood.force_columns import value_along
 from sysid_trib.likelihood.least_squares import white_least_squares, whitened
 from sysid_trib.records.inputs import KnownInput, values_of_inputs
 
-# What pysindy calls its inputs when nobody has named them.
+# Names that pysindy gives to unnamed inputs.
 UNNAMED = ["x0", "x1"]
 
 
@@ -90,12 +90,12 @@ class ForceFeatures(BaseFeatureLibrary):
 
     @x_sequence_or_item
     def transform(self, x_full: Sequence[Any]) -> list[AxesArray]:
-        """Value of every force along each trajectory, (sample, force)."""
+        """Return the value of every force along each trajectory, (sample, force)."""
         check_is_fitted(self)
         return [self._columns(x) for x in x_full]
 
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
-        """Formulas in readable form, in theta and theta' unless the inputs have names of their own."""
+        """Return formulas in readable form, in theta and theta' unless the inputs have names of their own."""
         given = UNNAMED if input_features is None else list(input_features)[:2]
         angle, rate = ("theta", "theta'") if given == UNNAMED else given
         return [readable(force, angle, rate, self.shapes) for force in self._forces]
@@ -118,7 +118,7 @@ class ForceFeatures(BaseFeatureLibrary):
     def evaluate(
         self, time: Array, angle: Array, rate: Array, inputs: Mapping[str, KnownInput] | None = None
     ) -> Array:
-        """Value of every force along a motion at times of its own.
+        """Return the value of every force along a motion at times of its own.
 
         Parameters
         ----------
@@ -157,7 +157,7 @@ class ForceFeatures(BaseFeatureLibrary):
 def readable(
     force: Force, angle: str = "theta", rate: str = "theta'", shapes: ShapeValues | None = None
 ) -> str:
-    """Formula of a force for people, e.g. `theta' |theta'|`; a sum in brackets, states with the symbol."""
+    """Return a readable formula, e.g. `theta' |theta'|`; sums in brackets, states with the symbol."""
     names = {"x": angle, "v": rate} | {k: f"{force.symbol}.{k}" for k in (*force.state, *force.memory)}
     names |= {k: f"{value:g}" for k, value in force.shape_values(shapes).items()}
     tree = _spoken(force.formula.tree, names | {"sign": "sgn"})
@@ -169,7 +169,7 @@ def readable(
 
 
 def _spoken(tree: ast.AST, names: Mapping[str, str]) -> Any:
-    """A tree of a formula with what its names, numbers and functions are called, as names."""
+    """Return a tree of a formula with what its names, numbers and functions are called, as names."""
     match tree:
         case ast.Name(id=name):
             return ast.Name(names.get(name, name))

@@ -1,4 +1,4 @@
-"""A random force in the motion: its size in every unit, and a regression over the sizes left open."""
+"""Random force in the motion: its size in every unit, and averages over its plausible sizes."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,15 +15,14 @@ from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
 from sysid_trib.results.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.results.variables import Variables, described
 
-# What a method is asked to do: estimate the random force, leave it out, or take this one-sided density.
-# `auto` leaves it to `identify` and the commands, which decide by what the record tells; the method alone
-# takes none then.
+# Options of a method: estimate the random force, leave it out, or take this one-sided density. `auto` leaves
+# the choice to `identify` and the commands, which decide by the record; a method by itself then takes none.
 RandomForceOption: TypeAlias = Literal["auto", "estimated", "off"] | float
 OPTIONS = ("auto", "estimated", "off")
 
 
 def check_random_force(option: RandomForceOption) -> None:
-    """Refuse what is neither a word of `OPTIONS`, nor a density.
+    """Raise an error for an option that is neither a word of `OPTIONS` nor a density.
 
     Raises
     ------
@@ -38,12 +37,12 @@ def check_random_force(option: RandomForceOption) -> None:
 
 
 def is_fitted(option: RandomForceOption) -> bool:
-    """True if a method itself has a random force besides the sensor's noise."""
+    """Return true if a method itself has a random force besides the sensor's noise."""
     return option not in ("auto", "off")
 
 
 def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: RandomForceOption) -> RandomForce:
-    """The random force in SI units, tau = `frequency` t; as it was given where `option` is a density."""
+    """Return random force in SI units, tau = `frequency` t; as it was given where `option` is a density."""
     if not isinstance(option, str):
         return RandomForce(float(option))
     density = RandomForce.density_of(ratio.ratio * ratio.variance, frequency)
@@ -54,7 +53,7 @@ def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: Random
 
 
 def random_force_variables(forces: Sequence[RandomForce], filters: Sequence[Array] = ()) -> Variables:
-    """The random force of each run as variables of a result: their mean, and each where there are several.
+    """Return random force of each run as variables of a result: their mean, and each where there are several.
 
     `filters` : that whiten the sensor's noise beside it in each run (see `colour_variables`).
     """

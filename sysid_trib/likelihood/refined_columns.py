@@ -20,7 +20,7 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 
 MAX_REFINEMENTS = 25
-# Of smooth curves, whose motions take long: what they still change then is far within their bands.
+# Of smooth curves, whose simulation is slow: their remaining change is then far within their bands.
 MAX_REFINEMENTS_OF_CURVES = 8
 # A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
 SLIPPED = 0.3
@@ -123,7 +123,7 @@ def _refined(
 
 
 def has_slipped(run: RunRegression) -> bool:
-    """True if the motion of a run's model is out of phase with the record."""
+    """Return true if the motion of a run's model is out of phase with the record."""
     return _missed(run) > SLIPPED
 
 
@@ -157,7 +157,7 @@ def _extrapolation(step: Array, last: Array | None) -> float:
 
 
 def simulated(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
-    """A run with the motion of its present model as path, the start fitted to the record."""
+    """Return a run with the motion of its present model as path, the start fitted to the record."""
     values = dict(zip(run.library.symbols, run.coefficients.tolist(), strict=True))
     # Where nothing pulls a body back, an error of its start grows.
     motion = motion_of_run(run, constraints, near=not is_free_to_move(run.library, values))
@@ -168,7 +168,7 @@ def simulated(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
 
 
 def motion_of_run(run: RunRegression, constraints: ConstraintMap, *, near: bool = False) -> FittedMotion:
-    """Motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
+    """Return motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
     pairs = zip(run.library.symbols, run.coefficients.tolist(), constraints.in_model & run.acts, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
     # The record comes without the terms of the sensor; formulas may hold their coefficients.

@@ -138,7 +138,7 @@ class RunRegression:
 
     @cached_property
     def gain(self) -> Array:
-        """Derivative 1 + sum s dh/dx of what the sensor shows by the angle, (sample,), along the path."""
+        """Derivative 1 + sum s dh/dx of the reading of the sensor by the angle, (sample,), along the path."""
         own = [force.run in (None, self.run) for force in self.library]
         pairs = zip(self.library, np.where(own, self.coefficients, 0.0).tolist(), strict=True)
         terms = ((force, c, self.shapes) for force, c in pairs)
@@ -170,7 +170,7 @@ class RunRegression:
     def columns_along(
         self, x: Array, v: Array, rate_error: float = 0.0, known: Mapping[str, Array] | None = None
     ) -> Array:
-        """Forces, averaged over each sample's cell, and terms of the sensor along a path, (sample, force).
+        """Return cell averages of forces, and terms of the sensor, along a path, (sample, force).
 
         Parameters
         ----------
@@ -201,7 +201,7 @@ class RunRegression:
         return columns
 
     def along_own_path(self) -> "RunRegression":
-        """The run with the columns of its path at its present frequency."""
+        """Return the run with the columns of its path at its present frequency."""
         columns = self.columns_along(self.x, self.v)
         return replace(self, columns=columns, exact=False, near=None, sensitivity=None)
 
@@ -217,7 +217,7 @@ def begin(
     reference_frequency: float | None,
     shapes: Mapping[str, float],
 ) -> Runs:
-    """Weak forms of the runs, with the smoothed records as first paths.
+    """Return the weak forms of the runs, with the smoothed records as first paths.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def begin(
     # A scale of time: near the motion's frequency, and the same for all runs.
     free = reference_frequency is None
     nominal = reference_frequency or nominal_frequency(first_frequency(decays))
-    # What is held acts from the first estimate on: a stiffness is no part of the frequency then.
+    # Held forces act from the first estimate on: a stiffness is then no part of the frequency.
     held = constraints.impose(np.zeros(len(library)))
     runs = []
     for number, decay in enumerate(decays, 1):
@@ -260,7 +260,7 @@ def begin(
     names = [library.symbols[constraints.free[at]] for at in outside]
     count = sum(not force.curve for force in library)
     if rows < count + 3 + len(runs):
-        raise DecayError(f"{rows} rows cannot decide {count} forces; give a longer record.")
+        raise DecayError(f"{rows} rows cannot determine {count} forces; give a longer record.")
     columns = np.concatenate([_as_forces(run) for run in runs]) @ constraints.matrix[:, outside]
     if free:
         columns = np.column_stack([columns, np.concatenate([run.x for run in runs])])
@@ -281,16 +281,16 @@ def _as_forces(run: RunRegression) -> Array:
 
 
 def with_common_values(runs: Sequence[RunRegression], coefficients: Array, frequency: float) -> Runs:
-    """The runs with these coefficients (force,) and this reference frequency (rad/s)."""
+    """Return the runs with these coefficients (force,) and this reference frequency (rad/s)."""
     return tuple(replace(run, coefficients=coefficients, frequency=frequency) for run in runs)
 
 
 def common_values(runs: Runs) -> Array:
-    """Coefficients and reference frequency."""
+    """Return coefficients and reference frequency."""
     return np.append(runs[0].coefficients, runs[0].frequency)
 
 
 def shifted(runs: Runs, by: Array, constraints: ConstraintMap) -> Runs:
-    """The runs with other coefficients and another reference frequency, by (force + 1,)."""
+    """Return the runs with other coefficients and another reference frequency, by (force + 1,)."""
     common = common_values(runs) + by
     return with_common_values(runs, constraints.impose(common[:-1]), float(common[-1]))

@@ -50,7 +50,7 @@ class Rows:
 
 
 def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None = None) -> Rows:
-    """Weak rows of the regression about a run's path.
+    """Return the weak rows of the regression about a run's path.
 
     Parameters
     ----------
@@ -84,7 +84,7 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
 
 
 def strong_rows(runs: Runs) -> Rows:
-    """Rows theta'' + theta of the smoothed records, one a sample.
+    """Return rows theta'' + theta of the smoothed records, one a sample.
 
     For comparison: the noise of second derivatives makes them far less precise than the weak form, and
     smoothing biases them.
@@ -100,7 +100,7 @@ def strong_rows(runs: Runs) -> Rows:
 
 
 def weak_rows(runs: Runs, near: Runs | None = None) -> Rows:
-    """The weak rows of all runs about their paths, with what whitens them in white noise of the samples.
+    """Return weak rows of all runs about their paths, with their whitening for white noise of the samples.
 
     Linearised there, or about the paths of other ones `near`.
     """
@@ -109,7 +109,7 @@ def weak_rows(runs: Runs, near: Runs | None = None) -> Rows:
 
 
 def stacked(rows: Sequence[Rows]) -> Rows:
-    """Rows of several runs, each weighted by its noise relative to their RMS, as one regression.
+    """Return the rows of several runs, each weighted by its noise relative to their RMS, as one regression.
 
     It has common coefficients and a common stiffness, and a zero of the sensor for each run.
     """
@@ -198,7 +198,7 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
         low[:count], high[:count] = constraints.low, constraints.high
         side = lsq_linear(columns, white_target, (low, high), method="bvls").active_mask[:count]
         if not np.any(side):
-            # Without the penalty of curves no bound is passed: hold those that are passed with it.
+            # Without the penalty of curves no bound would be exceeded: hold those that are exceeded with it.
             side = np.sign(free - np.clip(free, constraints.low, constraints.high))
         limits = np.where(side < 0, constraints.low, constraints.high)[side != 0]
         return solve(rows, constraints.hold(side != 0, limits))
@@ -222,7 +222,7 @@ def _rescaling(run: RunRegression, coefficients: Array) -> Array:
 
 
 def _updated(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
-    """The runs with the next estimate, the columns of their motions those before.
+    """Return the runs with the next estimate and with the columns of the motions of the last one.
 
     A fitted stiffness, the last of the steps, is turned into the reference frequency.
     """
@@ -242,7 +242,7 @@ def _updated(runs: Runs, coefficients: Array, steps: Array, constraints: Constra
 
 
 def with_errors_of_dropped(solution: Solution, active: Mask, constraints: ConstraintMap) -> Solution:
-    """The solution with the variances that forces which are not active would have if they were added."""
+    """Return solution with the variances that forces which are not active would have if they were added."""
     covariance = solution.covariance.copy()
     for j in constraints.free[~active[constraints.free]]:
         added = active.copy()
@@ -252,7 +252,7 @@ def with_errors_of_dropped(solution: Solution, active: Mask, constraints: Constr
 
 
 def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> Solution:
-    """The solution with the covariance of the fit in which the coefficients at their bounds are free.
+    """Return the solution with the covariance of the fit in which the coefficients at their bounds are free.
 
     A coefficient at its bound is not known: the errors of the others allow for what it may be.
 
@@ -267,7 +267,7 @@ def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> So
         return solution
     unbounded = np.full(len(constraints.free), np.inf)
     free = solve(solution.rows, replace(constraints, low=-unbounded, high=unbounded))
-    # What the bounds leave in the residual is in the errors of the bounded fit.
+    # The errors of the bounded fit include the residual due to the bounds.
     widening = max(1.0, solution.noise / free.noise) if free.noise > 0.0 else 1.0
     return replace(solution, covariance=widening**2 * free.covariance)
 

@@ -12,14 +12,14 @@ from sysid_trib.arrays import Array
 from sysid_trib.results.variables import Variables, noise_of_run, variable
 
 MAX_ORDER = 20
-# Part of itself that is left of what coloured noise has forgotten.
+# Correlation below which coloured noise is independent.
 FORGOTTEN = 1e-3
 # Entries of each row beyond which dense products of blocks of rows are faster than the sparse one.
 LONG_ROWS = 400
 
 
 def autoregression(residual: Array) -> Array:
-    """Filter that whitens a residual.
+    """Return the filter that whitens a residual.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def autoregression(residual: Array) -> Array:
 
 
 def _autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
-    """Whitening filter, (order + 1,), and variance of the innovations, by the autocovariance of n samples.
+    """Return whitening filter, (order + 1,), and innovation variance, by the autocovariance of n samples.
 
     Yule and Walker's equations; the order minimises n log(variance) + order log(n).
     """
@@ -57,7 +57,7 @@ def _autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
 
 
 def filter_of(partial: Array) -> Array:
-    """Whitening filter of partial autocorrelations (Levinson and Durbin): stable for all within (-1, 1)."""
+    """Return the whitening filter of partial autocorrelations (Levinson, Durbin): stable within (-1, 1)."""
     filter_ = np.ones(1)
     for value in partial:
         longer = np.append(filter_, 0.0)
@@ -66,7 +66,7 @@ def filter_of(partial: Array) -> Array:
 
 
 def partial_autocorrelations(filter_: Array) -> Array:
-    """Partial autocorrelations of a whitening filter, (order,): the inverse of `filter_of`."""
+    """Return the partial autocorrelations of a whitening filter, (order,): the inverse of `filter_of`."""
     partial = []
     while len(filter_) > 1:
         last = filter_[-1]
@@ -76,7 +76,7 @@ def partial_autocorrelations(filter_: Array) -> Array:
 
 
 def of_order(filter_: Array, order: int) -> Array:
-    """Whitening filter of an order that is nearest to one of another order, (order + 1,).
+    """Return the whitening filter of an order that is nearest to one of another order, (order + 1,).
 
     The leading taps of a longer one need not be stable; its leading partial autocorrelations are.
     """
@@ -87,7 +87,7 @@ def of_order(filter_: Array, order: int) -> Array:
 
 
 def filter_slopes(partial: Array) -> Array:
-    """Derivative of the filter by each partial autocorrelation, (tap, order): it is linear in each."""
+    """Return derivative of the filter by each partial autocorrelation, (tap, order): it is linear in each."""
     order = len(partial)
     slopes = np.empty((order + 1, order))
     for at in range(order):
@@ -110,7 +110,7 @@ def memory_samples(whitening_filter: Array) -> int:
 
 
 def whitened(values: Array, whitening_filter: Array) -> Array:
-    """Values along the first axis after the whitening filter, without the first that have no past."""
+    """Return values along the first axis after the whitening filter, without the first that have no past."""
     start = NoiseModel(1.0, whitening_filter).warm_up
     return np.asarray(scipy.signal.lfilter(whitening_filter, [1.0], values, axis=0))[start:]
 
@@ -148,7 +148,7 @@ class NoiseModel:
         return self.innovation * float(np.sqrt(np.mean(1.0 / power)))
 
     def of_every(self, step: int, samples: int) -> "NoiseModel":
-        """The noise of every `step`-th sample, of so many that are kept: again taken as an autoregression."""
+        """Return the noise of every `step`-th sample, for a number of kept samples, as an autoregression."""
         if step == 1 or len(self.filter_) == 1:
             return self
         lags = step * MAX_ORDER + 1
@@ -162,7 +162,7 @@ class NoiseModel:
         return NoiseModel(self.innovation * float(np.sqrt(variance)), filter_)
 
     def draws(self, samples: int, count: int) -> Array:
-        """Realisations of such noise, (count, samples), rad, of mean zero; always the same."""
+        """Return the realisations of such noise, (count, samples), rad, of mean zero; always the same."""
         lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
         response = np.fft.rfft(self.filter_, samples)
         # A walk has no mean to come back to.
@@ -191,7 +191,7 @@ def colour_variables(filters: Sequence[Array]) -> Variables:
 
 
 def sensor_noise_of(result: xr.Dataset, run: int = 0) -> NoiseModel:
-    """The sensor's noise in one run of an identification; white where it says nothing of a colour."""
+    """Return the sensor's noise in one run of an identification; white where it says nothing of a colour."""
     level = noise_of_run(result, run)
     if FILTER not in result:
         return NoiseModel(level, np.ones(1))
@@ -207,27 +207,27 @@ WHITE_LEVEL = 1e-3
 
 
 def autocorrelation(values: Array, most: int) -> Array:
-    """Autocorrelation at the lags from 1 to `most`, of values whose mean is left in: residuals have none."""
+    """Return the autocorrelation at the lags from 1 to `most`, without subtraction of the mean."""
     whole = float(values @ values)
     products = [values[lag:] @ values[:-lag] for lag in range(1, most + 1)]
     return np.array(products) / (whole if whole > 0.0 else 1.0)
 
 
 def ljung_box_p_value(correlation: Array, count: int) -> float:
-    """P-value that so many values are white, by their autocorrelation at the first lags, (lag,)."""
+    """Return p-value that so many values are white, by their autocorrelation at the first lags, (lag,)."""
     lags = np.arange(1, len(correlation) + 1)
     statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
     return float(scipy.stats.chi2.sf(statistic, len(lags)))
 
 
 def white_p_value(residual: Array) -> float:
-    """P-value that a residual, (sample,), is white; 1 of one too short to tell."""
+    """Return the p-value that a residual, (sample,), is white; 1 if it is too short for the test."""
     most = min(MOST_LAGS, len(residual) // 4)
     return ljung_box_p_value(autocorrelation(residual, most), len(residual)) if most else 1.0
 
 
 def covariance_band(operator: sp.csr_matrix, other: sp.csr_matrix | None = None) -> Array:
-    """Diagonals of a covariance `operator @ operator.T`, (band, row), lower as scipy.linalg stores them.
+    """Return diagonals of a covariance `operator @ operator.T`, (band, row), lower as scipy.linalg does.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def covariance_band(operator: sp.csr_matrix, other: sp.csr_matrix | None = None)
 
 
 def _band_by_blocks(operator: sp.csr_matrix) -> Array:
-    """`covariance_band` of rows on many samples each, by dense products of as many as overlap."""
+    """Return `covariance_band` of rows on many samples each, by dense products of as many as overlap."""
     first = np.minimum.accumulate(operator.indices[operator.indptr[:-1]][::-1])[::-1]
     end = np.maximum.accumulate(operator.indices[operator.indptr[1:] - 1] + 1)
     rows = len(first)

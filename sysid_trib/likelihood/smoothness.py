@@ -118,7 +118,7 @@ class _NormalEquations:
         return cls(columns.T @ columns, columns.T @ target, float(target @ target), len(target), curves)
 
     def fit(self, ratios: Array) -> _Point:
-        """Fit at given logarithms of the variance of each curve's coefficients over that of the noise."""
+        """Fit with given logarithms of the variance ratio of each curve's coefficients to the noise."""
         penalty = np.zeros(len(self.gram))
         for curve, ratio in zip(self.curves, ratios, strict=True):
             penalty[curve] = np.exp(-ratio)

@@ -68,8 +68,8 @@ def regress_stochastic(
             _about_free_motion(run, constraints) if may_follow else run.along_own_path()
             for run, may_follow in zip(runs, tried, strict=True)
         )
-        # With a density that is given, as in records that are simulated, the sensor's noise is white.
-        # What a driven model lacks is no noise of the sensor, whatever its colour.
+        # With a given density, as in simulated records, the sensor's noise is white. The discrepancy of a
+        # driven model is not sensor noise, whatever its colour.
         driven = any(run.inputs for run in runs)
         colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
         weighed = [with_noises(run, constraints, option, colour=colour) for run in runs]
@@ -120,7 +120,8 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
     """
     runs, nothing = solution.runs, np.zeros(len(solution.covariance))
     library, coefficients = runs[0].library, runs[0].coefficients
-    # What a noisy input puts into a force that holds the motion too is smaller, and changes with the motion.
+    # The effect of a noisy input on a force that also contains the motion is smaller, and changes with the
+    # motion.
     of_input = [bool(force.inputs) and not {"x", "v"} & force.formula.names for force in library]
     size = np.where(of_input, np.abs(coefficients) * solution.rows.rms_forces, 0.0)
     at = int(np.argmax(size))
@@ -136,7 +137,7 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
 
 
 def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
-    """A run whose path is about a free motion of its present model, where that follows the record."""
+    """Return a run whose path is about a free motion of its present model, where that follows the record."""
     try:
         free = motion_of_run(run, constraints, near=True)
     except SimulationError:
@@ -149,7 +150,7 @@ def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunReg
     if has_slipped(nearby):
         return run.along_own_path()
     if run.ratio is not None:
-        # Friction holds a body that rests with what it takes, no more.
+        # Friction on a body at rest equals the other forces.
         near = free.x, np.where(free.v == 0.0, run.forcing, force)
         error = _smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
         expected = run.columns_along(run.x, run.v, error)
@@ -159,7 +160,7 @@ def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunReg
 
 
 def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution, at: int) -> RunRegression:
-    """A run along the next smoothed motion: the record, without the most likely noise of the sensor.
+    """Return a run along the next smoothed motion: the record, without the most likely noise of the sensor.
 
     `at` : number of the run, from 0.
     """
@@ -201,7 +202,7 @@ def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap
 
 
 def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
-    """Standard error of v = theta'/w of the smoothed motion, inside of a record.
+    """Return the standard error of v = theta'/w of the smoothed motion, inside of a record.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ from sysid_trib.likelihood.weak_form import cholesky_factor, coloured
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.results.random_force import RandomForce
 
-# Lines of the spectrum above the swing say what the sensor's noise is, within the swing's band it may differ:
+# Lines of the spectrum above the swing show the sensor's noise; within the swing's band it may differ, so
 # they count as so many samples.
 DEGREES_OF_PRIOR = 5
 
@@ -86,17 +86,17 @@ class WeighedRun:
         return covariance_band(self.acting)
 
     def factor(self, ratio: float) -> Array:
-        """Cholesky factor of the rows' covariance in the run's noises, with this ratio of their variances."""
+        """Return the Cholesky factor of the rows' covariance with this ratio of the run's noise variances."""
         return cholesky_factor(self._band, self.run.form.gram, ratio)
 
     def with_ratio(self, ratio: VarianceRatio | None) -> "WeighedRun":
-        """The run and its rows with a ratio of the two variances."""
+        """Return the run and its rows with a ratio of the two variances."""
         assert ratio is not None
         run, factor = replace(self.run, ratio=ratio), self.factor(ratio.ratio)
         return replace(self, run=run, rows=replace(self.rows, runs=(run,), factor=factor))
 
     def by_ratio(self, sensor: NoiseModel) -> Callable[[float], WhiteRows]:
-        """The white rows of a ratio of the two variances, with a sensor's noise of one colour."""
+        """Return the white rows of a ratio of the two variances, with a sensor's noise of one colour."""
         degrees = float(DEGREES_OF_PRIOR)
         further = degrees, degrees * sensor.innovation**2, 0.0
         if self.shared_level:
@@ -106,21 +106,21 @@ class WeighedRun:
         return rows_by_ratio(band, self.run.form.gram, self.table, further)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
-        """Ratio of most likelihood with a sensor's noise; near `start` if that is given."""
+        """Return the ratio of most likelihood with a sensor's noise; near `start` if that is given."""
         tau = self.run.form.tau
         return variance_ratio(
             self.by_ratio(sensor), float(np.ptp(tau)), float(np.median(np.diff(tau))), start
         )
 
     def without_force(self, sensor: NoiseModel) -> VarianceRatio:
-        """The sensor's noise alone."""
+        """Return the sensor's noise alone."""
         return held_ratio(self.by_ratio(sensor), 0.0, None)
 
 
 def with_noises(
     run: RunRegression, constraints: ConstraintMap, option: RandomForceOption, *, colour: bool
 ) -> WeighedRun:
-    """A run with its two noises.
+    """Return a run with its two noises.
 
     Parameters
     ----------
@@ -175,14 +175,14 @@ def _estimated(weighed: WeighedRun, colour: bool) -> WeighedRun:
 
 
 def _colours(weighed: WeighedRun) -> tuple[NoiseModel, NoiseModel, float | None]:
-    """Most likely noises of the sensor with a random force and without, and a ratio near that of the first.
+    """Return the most likely sensor noises with and without a random force, and a ratio near the first's.
 
     The orders are those that the spectrum asks for with a random force, and without one; of the two that of
     the lower Bayesian information criterion. A random force is tested beside colours of one order: a higher
     one could resonate as the motion does.
     """
     if weighed.run.near is None:
-        # Of a record that no free motion follows, by what the spline leaves.
+        # For a record that no free motion follows, by the residual of the spline.
         angle, tau = weighed.run.angle, weighed.run.form.tau
         white = NoiseModel(float(np.std(angle - smooth(tau, angle)[0])), np.ones(1))
         return white, white, None

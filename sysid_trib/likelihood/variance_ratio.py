@@ -67,8 +67,8 @@ class WhiteRows:
         return max(1.0, len(self.target) + self.further - float(np.sum(self._size > 0.0)))
 
     def restricted_deviance(self) -> tuple[float, float]:
-        """Minus twice the logarithm of the restricted likelihood, its variance profiled; and the variance."""
-        # The triangular factor of the design and the target holds all that is needed.
+        """Return minus twice the log restricted likelihood with its variance profiled, and the variance."""
+        # The triangular factor of the design and the target is sufficient.
         acting = self._size > 0.0
         size = self._size[acting]
         # Columns that lie in one piece, as LAPACK needs them, take a third of the time.
@@ -77,7 +77,8 @@ class WhiteRows:
         count = len(size)
         if len(factor) <= count:
             raise DecayError(
-                f"{len(self.target)} equations do not tell a random force beside {count} parameters; "
+                f"{len(self.target)} equations cannot determine a random force in "
+                f"addition to {count} parameters; "
                 "leave it out (--random-force off), or give a longer record."
             )
         degrees_of_freedom = self.degrees_of_freedom
@@ -90,7 +91,7 @@ class WhiteRows:
         return deviance + degrees_of_freedom * float(part - 1.0 - np.log(part)), self.least_variance
 
     def solution(self) -> tuple[Array, Array]:
-        """Least squares of the rows: coefficients, and their covariance in units of the variance."""
+        """Return least squares of the rows: coefficients, and their covariance in units of the variance."""
         size = np.where(self._size > 0.0, self._size, 1.0)
         q, r = np.linalg.qr(self.design / size)
         # Columns that nothing tells apart have the least solution.
@@ -133,7 +134,7 @@ class VarianceRatio:
 
 
 def p_value_of_gain(gain: float) -> float:
-    """P-value of a ratio of zero, where another lowers the deviance so much (Chernoff 1954)."""
+    """Return p-value of a ratio of zero, given the decrease of the deviance at another (Chernoff 1954)."""
     return 0.5 * float(scipy.stats.chi2.sf(gain, 1)) if gain > 0.0 else 1.0
 
 
@@ -144,7 +145,7 @@ def rows_by_ratio(
     further: tuple[float, float, float] | None = None,
     least_variance: float = 0.0,
 ) -> Callable[[float], WhiteRows]:
-    """The white rows of a ratio of two variances.
+    """Return the white rows of a ratio of two variances.
 
     Parameters
     ----------
@@ -176,7 +177,7 @@ def rows_by_ratio(
 def variance_ratio(
     rows: Callable[[float], WhiteRows], duration: float, step: float, start: float | None = None
 ) -> VarianceRatio:
-    """Ratio of most restricted likelihood.
+    """Find the ratio of largest restricted likelihood.
 
     Parameters
     ----------
@@ -248,7 +249,7 @@ def ratio_span(duration: float, step: float) -> tuple[float, float]:
 
 
 def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: float | None) -> VarianceRatio:
-    """The ratio where the size of the random force is given, `per_tau` in the unit of the variance.
+    """Return the ratio where the size of the random force is given, `per_tau` in the unit of the variance.
 
     `variance` is where the sensor's was last; None where nothing is known of it.
     """
@@ -269,7 +270,7 @@ def _relative_error(
     best: float,
     degrees_of_freedom: float,
 ) -> float:
-    """Standard error of log(ratio * variance), from the curvature in both logarithms."""
+    """Return the standard error of log(ratio * variance), from the curvature in both logarithms."""
     step = CURVATURE_STEP
     low, here, high = (deviance(best + side * step) for side in (-1.0, 0.0, 1.0))
     profile = max((low + high - 2.0 * here) / step**2, 1e-12)

@@ -83,7 +83,7 @@ class WeakForm:
 
 
 def build_weak_form(tau: Array, intervals: int | None = None) -> WeakForm:
-    """Weak form on the samples `tau` = w t (increasing, not necessarily uniform); the last few are kept.
+    """Build the weak form on the samples `tau` = w t (increasing, also uneven); the last few are kept.
 
     `intervals` : between the knots of the test functions; by default `knot_intervals` of tau, of at least
     `SAMPLES_PER_ROW` samples.
@@ -106,7 +106,7 @@ def _built(tau: Array, intervals: int) -> WeakForm:
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
-    """Integrals against a derivative of the test functions from values at the samples, (row, sample)."""
+    """Return integrals against a derivative of the test functions from values at samples, (row, sample)."""
     # The first and last rows of a short record are the same ones.
     if intervals + 1 < 2 * END_ROWS:
         return _integrals(tau, tau, intervals, order)
@@ -123,7 +123,7 @@ def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
 
 
 def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
-    """The first rows, (row, sample), from samples that are interpolated; None next to a gap."""
+    """Return the first rows, (row, sample), from samples that are interpolated; None next to a gap."""
     end = knot_sequence(tau, intervals)[END_ROWS + 2 + SPLINE_DEGREE]
     used = max(END_DEGREE + 1, int(np.searchsorted(tau, end)) + 1)
     steps = np.diff(tau[:used])
@@ -136,7 +136,7 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
 
 
 def points_between(tau: Array, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
-    """Points between the samples of a weak form, for integrands that turn quickly; the last few are kept.
+    """Return points between the samples of a weak form, for integrands that turn quickly; a few are kept.
 
     Parameters
     ----------
@@ -167,12 +167,12 @@ def _kept_between(tau: bytes, intervals: int, parts: int) -> tuple[SplinesAt, sp
 
 
 def _between_samples(tau: Array, parts: int) -> Array:
-    """Each step of tau in equal parts, (point,)."""
+    """Return each step of tau in equal parts, (point,)."""
     return np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, np.arange(len(tau)), tau)
 
 
 def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int = 0) -> sp.csr_matrix:
-    """Integrals against a derivative of the test functions on `tau`, but so many of each end, by points."""
+    """Return integrals against a derivative of the test functions on `tau`, without `ends` at each end."""
     knots = knot_sequence(tau, intervals)
     weights = np.gradient(points) * _end_weights(len(points))
     # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
@@ -185,7 +185,7 @@ def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int 
 
 
 def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
-    """Rows as they act on the noise: of the equation linearised along the trajectory.
+    """Return rows as they act on the noise: of the equation linearised along the trajectory.
 
     Parameters
     ----------
@@ -208,7 +208,7 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
 
 
 def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
-    """An operator on samples as it acts on the innovations of coloured noise.
+    """Return an operator on samples as it acts on the innovations of coloured noise.
 
     Parameters
     ----------
@@ -247,7 +247,7 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
 
 
 def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) -> Array:
-    """Banded Cholesky factor of a covariance, to which that of a random force (band, row) is added."""
+    """Return banded Cholesky factor of a covariance, to which that of a random force (band, row) is added."""
     if gram is not None and ratio:
         whole = np.zeros((max(len(band), len(gram)), band.shape[1]))
         whole[: len(band)] = band
@@ -260,13 +260,13 @@ def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) 
 
 
 def log_determinant(factor: Array) -> float:
-    """Logarithm of the determinant of a covariance, by its banded Cholesky factor."""
+    """Return the logarithm of the determinant of a covariance, by its banded Cholesky factor."""
     return 2.0 * float(np.sum(np.log(factor[0])))
 
 
 def whiten(factor: Array, columns: Array) -> Array:
     """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
-    # LAPACK of scipy 1.17 writes beyond an array that holds nothing.
+    # LAPACK of scipy 1.17 writes beyond an empty array.
     if not columns.size:
         return columns.copy()
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))
@@ -275,7 +275,7 @@ def whiten(factor: Array, columns: Array) -> Array:
 
 
 def _end_weights(samples: int) -> Array:
-    """Gregory's end weights: the trapezoid rule made exact to sixth order at the ends of a smooth integrand.
+    """Return Gregory's end weights: the trapezoid rule to sixth order at the ends of a smooth integrand.
 
     Inside, the rule has no error to speak of: test functions end smoothly there.
     """

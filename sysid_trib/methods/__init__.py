@@ -102,7 +102,7 @@ def _of_package(entry: EntryPoint) -> type[Any]:
 
 
 def method_of(result: xr.Dataset) -> Any:
-    """The method of an identification, with the options it was made with.
+    """Return the method of an identification, with the options it was made with.
 
     Parameters
     ----------

@@ -28,12 +28,12 @@ Groups: TypeAlias = Mapping[str, half_periods.EquationSolution]
 
 
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Equations of a steady frequency: every half period lasts as long; the parameter is that time (s)."""
+    """Return equations of a steady frequency: all half periods are equal; the parameter is their time (s)."""
     return np.ones((len(time) - 1, 1)), np.diff(time)
 
 
 def energy_balance(library: ForceLibrary) -> half_periods.Equations:
-    """Equations of the decrement for powers of the speed."""
+    """Return the equations of the decrement for powers of the speed."""
     unit = [(-np.pi * averages(force, np.ones(1))[0].item(), force.degree or 0.0) for force in library]
 
     def decrements(extremum: Array, time: Array) -> tuple[Array, Array]:
@@ -44,7 +44,7 @@ def energy_balance(library: ForceLibrary) -> half_periods.Equations:
 
 
 def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_periods.Equations:
-    """Rate of the amplitude and frequency of each instant, against w c of each force, and w.
+    """Return the rate of the amplitude and frequency of each instant, against w c of each force, and w.
 
     The columns are L = <h sin phi> and M = <h cos phi>/a.
     """
@@ -100,12 +100,12 @@ class AuxiliaryModel:
     means: Callable[[Array], Array] | None = None
 
     def measure(self, decay: xr.Dataset) -> xr.Dataset:
-        """Envelope of a decay (see `envelope`), with what gave it and `first_time` (s) in its attrs."""
+        """Measure the envelope of a decay (see `envelope`); attrs state the method and `first_time` (s)."""
         attrs = {"first_time": float(decay.time.values[0]), "curve": self.curve}
         return envelope(decay, self.curve).assign_attrs(attrs)
 
     def fit(self, measured: Sequence[xr.Dataset]) -> Groups:
-        """Least squares of each group on the envelopes of all runs."""
+        """Fit each group by least squares to the envelopes of all runs."""
         if self.curves:
             return {
                 name: half_periods.solve_curves(of_group, measured, self.names, self.curves)
@@ -140,11 +140,11 @@ class AuxiliaryModel:
         return fits
 
     def values(self, groups: Groups) -> Array:
-        """Coefficients and, last, the frequency (rad/s)."""
+        """Return coefficients and, last, the frequency (rad/s)."""
         return self.values_of(np.concatenate([group.parameters for group in groups.values()]))
 
     def covariance(self, groups: Groups, ratios: Mapping[str, float]) -> Array:
-        """Covariance of the values, each group's errors raised by its Birge ratio."""
+        """Return the covariance of the values, each group's errors raised by its Birge ratio."""
         parameters = np.concatenate([group.parameters for group in groups.values()])
         # Groups share the errors of half periods.
         influence = np.concatenate(
@@ -181,13 +181,13 @@ class AuxiliaryModel:
         return by_sample
 
     def model(self, values: Array) -> Model:
-        """The model of coefficients and, last, the frequency (rad/s)."""
+        """Return the model of coefficients and, last, the frequency (rad/s)."""
         coefficients = dict(zip(self.library.symbols, values[:-1].tolist(), strict=True))
         return Model(self.library, coefficients, float(values[-1]), self.shapes)
 
 
 def birge_ratios(groups: Groups) -> dict[str, float]:
-    """Root of the reduced chi-square of each group, and of all by an empty name."""
+    """Return the root of the reduced chi-square of each group, and of all by an empty name."""
     every = list(groups.values())
     whole = birge_ratio(sum(g.chi_square for g in every), sum(g.degrees_of_freedom for g in every))
     of_groups = {name: birge_ratio(g.chi_square, g.degrees_of_freedom) for name, g in groups.items()}
@@ -195,7 +195,7 @@ def birge_ratios(groups: Groups) -> dict[str, float]:
 
 
 def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Dataset:
-    """An envelope whose errors are those of white noise of the sensor, and of a random force if there is any.
+    """Return an envelope with the errors of white sensor noise and of a random force, if there is any.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Datase
 
 
 def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
-    """An envelope whose errors are those of the sensor's noise and of a random force.
+    """Return an envelope whose errors are those of the sensor's noise and of a random force.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
 
 
 def swing_frequency(measured: xr.Dataset) -> float:
-    """Median of the frequency of an envelope, rad/s: what the unit of the ratio refers to."""
+    """Return the median frequency of an envelope, rad/s: the reference of the unit of the ratio."""
     return float(np.median(measured.frequency.values))
 
 
@@ -258,7 +258,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
     """
     w = swing_frequency(measured)
     table, noise, gram = _table_of(groups, measured)
-    # A motion that ends early leaves the last instants without equations.
+    # A motion that ends early has no equations at the last instants.
     amplitude = measured.amplitude.values[: len(table) // 2]
     if len(amplitude) < TESTED_INSTANTS:
         return 1.0
@@ -284,7 +284,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
 
 
 def _unexplained(target: Array, design: Array) -> float:
-    """Sum of the squared residuals of a target on columns."""
+    """Return the sum of the squared residuals of a target on columns."""
     size = np.linalg.norm(design, axis=0)
     scaled = design / np.where(size > 0.0, size, 1.0)
     residual = target - scaled @ np.linalg.lstsq(scaled, target, rcond=1e-10)[0]
@@ -294,7 +294,7 @@ def _unexplained(target: Array, design: Array) -> float:
 def _table_of(
     groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset
 ) -> tuple[Array, Array, Array]:
-    """Columns and residual of equations, with their covariance by unit noise and by a unit random force.
+    """Return columns and residual of equations, with covariances by unit noise and by a unit random force.
 
     The two covariances are (band, row), the random force that of a unit of tau.
     """
@@ -311,7 +311,7 @@ def _table_of(
 def random_force_ratio(
     groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset, option: RandomForceOption
 ) -> VarianceRatio:
-    """Ratio of a random force to the sensor's noise in one run, by restricted likelihood of its equations.
+    """Return a run's ratio of random force to sensor noise, by restricted likelihood of its equations.
 
     Parameters
     ----------
@@ -329,8 +329,8 @@ def random_force_ratio(
     """
     w = swing_frequency(measured)
     table, noise, gram = _table_of(groups, measured)
-    # Waves and a wandering camera move extrema more than white noise does, nothing moves them less. Few
-    # half periods may look less noisy by chance: a random force would take what they lack.
+    # Waves and a moving camera displace extrema more than white noise does; nothing displaces them less. A
+    # few half periods may look less noisy by chance: a random force would then absorb the difference.
     rows = rows_by_ratio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)
     if not isinstance(option, str):
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)

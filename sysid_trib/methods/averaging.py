@@ -128,8 +128,8 @@ class Averaging(Constrained):
             if not constraints.linear_map(asked, shapes)[0]:
                 at_bounds = ", ".join(sorted(constraints.fixed.keys() - wanted.fixed.keys()))
                 raise DecayError(
-                    f"With what is fixed, {at_bounds} would pass the bounds: nothing is left to fit; "
-                    "fix other values, or fewer."
+                    f"With the fixed values, {at_bounds} would exceed the bounds: nothing is left to fit; "
+                    "fix other or fewer values."
                 )
         if unbounded is not estimate:
             estimate = _with_errors_of_unbounded(estimate, unbounded)
@@ -203,7 +203,7 @@ class Averaging(Constrained):
         return replace(SCOPE, several_runs=self.frequency == "fit")
 
     def _auxiliary(self, library: ForceLibrary, free: ConstraintMap) -> AuxiliaryModel:
-        """The averaged equations of the free coefficients, whose parameters are w c of each, and w."""
+        """Return the averaged equations of the free coefficients, whose parameters are w c of each, and w."""
         whole, reference = averaged_equations(library, self.shapes), self.reference_frequency
         damping = [(library.symbols.index(s), factor) for s, factor in library.damping_factors.items()]
         # Of (w c of each force, w) as linear functions of (w c of each free one, w).
@@ -219,7 +219,7 @@ class Averaging(Constrained):
         def values(parameters: Array) -> Array:
             if reference is None and parameters[-1] <= 0.0:
                 raise DecayError(
-                    "These half periods do not decide the frequency at zero amplitude; give it "
+                    "These half periods do not determine the frequency at zero amplitude; give it "
                     "(reference_frequency=), or offer fewer forces."
                 )
             *products, frequency = expand @ (
@@ -237,7 +237,7 @@ class Averaging(Constrained):
         curves = tuple(library.curves_among(names).values())
 
         def means(values: Array) -> Array:
-            """Parameters w c of the curves of a model."""
+            """Return the parameters w c of the curves of a model."""
             parameters = np.zeros(len(names) + (reference is None))
             for curve in curves:
                 parameters[curve] = values[free.free[curve]] * values[-1]
@@ -259,7 +259,7 @@ class Averaging(Constrained):
 
 
 def _with_errors_of_unbounded(estimate: IndirectEstimate, unbounded: IndirectEstimate) -> IndirectEstimate:
-    """An estimate at its bounds with the covariance of the one that knows no bounds.
+    """Return an estimate at its bounds with the covariance of the unbounded estimate.
 
     A coefficient at its bound is not known: the errors of the others include its uncertainty. The residual
     due to the bounds widens them.
@@ -301,7 +301,7 @@ class FrequencyShift:
 
     scope: ClassVar = MethodScope(
         label="frequency shift",
-        assumes="conservative forces alone shift the frequency, whatever damps the motion",
+        assumes="only conservative forces shift the frequency",
         observes="frequency",
         identifies="conservative forces",
         several_runs=False,
@@ -344,7 +344,7 @@ class FrequencyShift:
             forces = (stiffness, *forces)
 
         def identified(values: Array) -> Array:
-            """Coefficients at the reference frequency, that of formula `x` first, and that frequency."""
+            """Return coefficients at the reference frequency, formula `x` first, and that frequency."""
             coefficients, fitted = values[:count], values[-1:]
             if reference is None:
                 return np.append(coefficients, fitted)
@@ -353,7 +353,7 @@ class FrequencyShift:
             return np.concatenate([elastic, coefficients * ratio, [reference]])
 
         def at_rest(values: Array) -> Array:
-            """Frequency at vanishing amplitude."""
+            """Return the frequency at vanishing amplitude."""
             return values[-1:] * np.sqrt(max(1.0 - values[count + VISCOUS] ** 2, SMALLEST))
 
         of_frequency, limit = estimate.birge_ratios["frequency"], estimate.mapped(at_rest)
@@ -367,12 +367,12 @@ class FrequencyShift:
 
 
 def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> AuxiliaryModel:
-    """Shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
+    """Return shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
     whole = ForceLibrary("conservative forces, damped", (*library.forces, *DAMPING.forces))
     count, averaged = len(library), averaged_equations(library, shapes)
 
     def shifts(extremum: Array, time: Array) -> tuple[Array, Array]:
-        """Frequency of every period against w_inf c of each force, and w_inf."""
+        """Return design and target of the frequency of every period, for w_inf c of each force and w_inf."""
         design, target = averaged(extremum, time)
         return design[:, 1], target[:, 1]
 

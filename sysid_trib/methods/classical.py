@@ -71,15 +71,15 @@ class ClassicalMethod:
         return as_identification(self, decay, asked, estimate, library)
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
-        """The forces of a library that the method identifies."""
+        """Return the forces of a library that the method identifies."""
         return needed_forces(library, self.FORMULAS, self.scope.sentence_label)
 
     def equations(self, library: ForceLibrary) -> Equations:
-        """The equations of these forces."""
+        """Return the equations of these forces."""
         return self._relation
 
     def values(self, parameters: Array) -> Array:
-        """Coefficients and w (rad/s) from the parameters and, last, half a period (s)."""
+        """Return coefficients and w (rad/s) from the parameters and, last, half a period (s)."""
         half = parameters[-1] / np.pi
         coefficients = parameters[:-1] * (half if self._rates else 1.0)
         damping = [at for at, formula in enumerate(self.FORMULAS) if formula == VISCOUS_FRICTION]
@@ -100,7 +100,7 @@ def decrement(
     beta: Callable[[Array], Array] = np.asarray,
     rates: bool = False,
 ) -> type[ClassicalMethod]:
-    """A classical method, made of the relation of its forces between half periods.
+    """Return a classical method, made of the relation of its forces between half periods.
 
     Parameters
     ----------
@@ -136,17 +136,17 @@ def decrement(
 
 
 def _logarithmic(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Damping ratio zeta from ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2), and the frequency."""
+    """Return the damping ratio zeta from ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2), and the frequency."""
     return np.full((len(time) - 1, 1), np.pi), -np.diff(np.log(extremum))
 
 
 def _linear(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Solid friction lambda (rad) from |X_i| - |X_i+1| = 2 lambda, and the frequency."""
+    """Return the solid friction lambda (rad) from |X_i| - |X_i+1| = 2 lambda, and the frequency."""
     return np.full((len(time) - 1, 1), 2.0), -np.diff(extremum)
 
 
 def _turning_points(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Solid friction lambda (rad) and damping ratio zeta from turning points, and the frequency.
+    """Return the solid friction lambda (rad) and damping ratio zeta from turning points, and the frequency.
 
     Notes
     -----
@@ -167,7 +167,7 @@ def _beta_of_turning_points(tanh: Array) -> Array:
 
 
 def _energy(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Solid friction lambda (rad) and damping ratio zeta from dE/dt, E = a^2/2, and the frequency.
+    """Return the solid friction lambda (rad) and damping ratio zeta from dE/dt, E = a^2/2, and the frequency.
 
     Notes
     -----
@@ -180,7 +180,7 @@ def _energy(extremum: Array, time: Array) -> tuple[Array, Array]:
 
 
 def _inverse_amplitude(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Quadratic friction delta from the linear growth of 1/a, and the frequency.
+    """Return the quadratic friction delta from the linear growth of 1/a, and the frequency.
 
     Notes
     -----
@@ -232,7 +232,7 @@ class WuDecrement(ClassicalMethod):
     )
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
-        """The powers of the speed in a library, solid friction among them.
+        """Return the powers of the speed in a library, solid friction among them.
 
         Raises
         ------
@@ -243,11 +243,13 @@ class WuDecrement(ClassicalMethod):
         needed_forces(library, [SOLID_FRICTION], label)
         powers = library.select(force.symbol for force in library if _is_power(force))
         if len(powers) < 2:
-            raise DecayError(f"{label} needs a power of the speed beside sign(v), as 2*v or v*abs(v).")
+            raise DecayError(
+                f"{label} needs a power of the speed in addition to sign(v), such as 2*v or v*abs(v)."
+            )
         return powers
 
     def equations(self, library: ForceLibrary) -> Equations:
-        """Energy balance of each half period."""
+        """Return the energy balance of each half period."""
         return energy_balance(library)
 
 
@@ -257,7 +259,7 @@ def _is_power(force: Force) -> bool:
 
 
 def one_record(method: Method, decay: Any) -> xr.Dataset:
-    """The decay itself.
+    """Return the decay itself.
 
     Raises
     ------
@@ -271,7 +273,7 @@ def one_record(method: Method, decay: Any) -> xr.Dataset:
 
 
 def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
-    """Solid friction lambda (rad) and damping ratio zeta from exact turning points.
+    """Return the solid friction lambda (rad) and damping ratio zeta from exact turning points.
 
     Parameters
     ----------
@@ -292,9 +294,9 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     """
     extremum = np.abs(np.asarray(turning_points, dtype=float))
     if len(extremum) < 3:
-        raise DecayError(f"{len(extremum)} turning points cannot decide two forces; give at least three.")
+        raise DecayError(f"{len(extremum)} turning points cannot determine two forces; give at least three.")
     parameters = np.linalg.lstsq(*_turning_points(extremum, extremum), rcond=None)[0]
     if not abs(parameters[1]) < LARGEST:
-        raise DecayError("The turning points do not decay as solid and viscous friction have it.")
+        raise DecayError("The turning points do not decay as under solid and viscous friction.")
     solid, viscous, _ = FeenyLiang().values(np.append(parameters, 1.0))
     return float(solid), float(viscous)

@@ -104,7 +104,7 @@ class Direct(Constrained):
 
     scope: ClassVar = MethodScope(
         label="direct",
-        assumes="the forces offered are all there are",
+        assumes="no forces act except those offered",
         family="direct",
         driven=True,
         # On derivatives of the smoothed record, as pysindy is commonly used.
@@ -251,11 +251,12 @@ class Direct(Constrained):
 
 
 def _estimate(solution: Solution) -> Estimate:
-    """The estimate of the last regression as results take it; the noise is that with a random force."""
+    """Return estimate of the last regression as results take it; the noise is that with a random force."""
     runs = solution.runs
     noises = [replace(run.sensor, innovation=run.noise).standard_deviation for run in runs]
     if any(run.inputs for run in runs):
-        # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
+        # A driven motion may contain parts that no spline follows: the residual of the model is not below the
+        # noise.
         rms = [float(np.std(run.measured - run.x)) for run in runs if run.exact]
         noises = np.minimum(noises, rms or noises).tolist()
     expected = root_mean_square([run.noise for run in runs])
@@ -267,7 +268,7 @@ def _estimate(solution: Solution) -> Estimate:
 
 
 def _random_force(solution: Solution, option: RandomForceOption) -> Variables:
-    """The random force of each run as variables of a result; none where the noise is the sensor's alone."""
+    """Return each run's random force as variables of a result; none if the noise is the sensor's alone."""
     runs, nominal = solution.runs, solution.runs[0].nominal_frequency
     forces = [random_force_of_ratio(run.ratio, nominal, option) for run in runs if run.ratio is not None]
     if not forces:

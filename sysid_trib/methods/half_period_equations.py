@@ -272,7 +272,7 @@ def _with_noise(
     measured: Sequence[xr.Dataset],
     parameters: Array,
 ) -> tuple[list[HalfPeriodEquations], list[sp.csr_matrix], list[Array]]:
-    """The equations at an estimate, how unit errors move them, and the factor of their covariance."""
+    """Return the equations at an estimate, how unit errors move them, and the factor of their covariance."""
     runs = [HalfPeriodEquations(a, y, slopes(parameters), first) for a, y, first, slopes in linear]
     noises = [run.noise(envelope) for run, envelope in zip(runs, measured, strict=True)]
     return runs, noises, [cholesky_factor(covariance_band(noise)) for noise in noises]
@@ -294,28 +294,28 @@ def _check_rank(design: Array, names: Sequence[str], instants: int) -> None:
     """Raise an error naming the parameters that the equations cannot determine."""
     of_what = f"{len(names)} forces" if names else f"{design.shape[1]} unknowns"
     if len(design) < design.shape[1] + 2:
-        raise DecayError(f"{instants} amplitudes cannot decide {of_what}; give a longer record or fewer.")
+        raise DecayError(f"{instants} amplitudes cannot determine {of_what}; give a longer record or fewer.")
     size = np.linalg.norm(design, axis=0)
     silent = [s for s, n in zip(names, size, strict=False) if n < 1e-12 * size.max()]
     if silent:
         raise DecayError(
-            f"Force {silent[0]} has no signature in envelope or frequency: averaging cannot see it; "
+            f"Force {silent[0]} has no signature in envelope or frequency: averaging cannot identify it; "
             "leave it out (--forces) or use the direct method alone."
         )
     _, singular, axes = np.linalg.svd(design / np.where(size, size, 1.0), full_matrices=False)
     if singular[-1] < 1e-8 * singular[0]:
         if not names:
-            raise DecayError("The half periods cannot tell these forces apart; offer fewer.")
+            raise DecayError("The half periods cannot separate these forces; offer fewer.")
         tied = [s for s, part in zip((*names, "the frequency"), axes[-1], strict=False) if abs(part) > 1e-3]
         raise DecayError(
-            f"Averaging cannot tell apart {' and '.join(tied)}: their signatures are the same; leave one out."
+            f"Averaging cannot separate {' and '.join(tied)}: their signatures are the same; leave one out."
         )
 
 
 def _rows(
     equations: Equations, measured: xr.Dataset, change: Array | float = 0.0
 ) -> tuple[Array, Array, Index]:
-    """Design, target and instant of all equations, at half periods that differ by a change, (2, half)."""
+    """Return design, target and instant of all equations, at half periods displaced by (2, half)."""
     t = measured.extremum_time.values - measured.attrs["first_time"]
     design, target = equations(*(np.stack([measured.extremum.values, t]) + change))
     instant = np.repeat(np.arange(len(target)), target.size // len(target))
@@ -325,14 +325,14 @@ def _rows(
 def _linear(
     equations: Equations, measured: xr.Dataset
 ) -> tuple[Array, Array, Index, Callable[[Array], sp.csr_matrix]]:
-    """Design, target, instant; slopes of the residual by the extrema and their times, of any parameters."""
+    """Return design, target, instant, and slopes of the residual by extrema and times, of any parameters."""
     design, target, instant = _rows(equations, measured)
     steps = DIFFERENCE_STEP * _sizes(measured)
     half_periods = steps.shape[1]
     count = half_periods - instant[-1]
     of_design, of_target, columns = [], [], []
     for kind, first in np.ndindex(2, count):
-        # Half periods so far apart that no equation holds two of them are changed at once.
+        # Half periods are changed together if they are so far apart that no equation contains two of them.
         shift = np.zeros_like(steps)
         shift[kind, first::count] = steps[kind, first::count]
         (after, y_after, _), (before, y_before, _) = (
@@ -354,12 +354,12 @@ def _linear(
 
 
 def errors_of_half_periods(measured: xr.Dataset) -> Array:
-    """Standard errors of the extrema (rad), then of their times (s), never less than rounding."""
+    """Return the standard errors of the extrema (rad), then of their times (s), never less than rounding."""
     errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
     return np.asarray(errors.ravel())
 
 
 def _sizes(measured: xr.Dataset) -> Array:
-    """The extrema (rad), and a half period (s) for each, (2, half_period)."""
+    """Return the extrema (rad), and a half period (s) for each, (2, half_period)."""
     b, t = measured.extremum.values, measured.extremum_time.values
     return np.stack([b, np.full(len(b), np.mean(np.diff(t)))])

@@ -38,7 +38,7 @@ from sysid_trib.simulation.stand_in import accuracy_of
 
 # Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
-# Parts of a smooth curve are nearly the same on a record: what they are together settles far earlier.
+# Parts of a smooth curve are nearly collinear on a record: their sum converges far earlier.
 SETTLED_CURVES = 0.1
 # Rounds in which values and random force follow each other. A smaller step of the density, of its standard
 # error, ends them.
@@ -74,7 +74,7 @@ class IndirectEstimate:
     random_forces: Sequence[RandomForce] = ()
 
     def mapped(self, function: Callable[[Array], Array]) -> "IndirectEstimate":
-        """The estimate of functions of these values, to first order."""
+        """Return the estimate of functions of these values, to first order."""
         slopes = jacobian(function, self.values, np.sqrt(np.diag(self.covariance)))
         values, covariance = function(self.values), slopes @ self.covariance @ slopes.T
         return replace(self, values=values, bias=slopes @ self.bias, covariance=covariance)
@@ -138,7 +138,7 @@ def indirect_estimate(
 def _estimate(
     auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], measured: Sequence[xr.Dataset], *, correct: bool
 ) -> tuple[IndirectEstimate, Groups]:
-    """The estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
+    """Return the estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
     first = auxiliary.fit(measured)
     values, last = auxiliary.values(first), first
     bias_removed, bias_reason = False, ""
@@ -188,13 +188,13 @@ def _corrected(
         if np.all(np.abs(steps[-1]) <= settled):
             # The residual of the auxiliary model on its own motion does not indicate another force.
             return values, {name: old.without_bias(fit[name]) for name, old in first.items()}
-    raise SysidTribError("the correction did not settle")
+    raise SysidTribError("the correction did not converge")
 
 
 def _motion_from_start(
     model: Model, decay: xr.Dataset, before: FittedMotion | None, frequency: float
 ) -> tuple[xr.Dataset, FittedMotion]:
-    """A motion of the model that starts as a decay does, and its start; `before` that of a model nearby."""
+    """Return a motion of the model that starts like a decay, and its start; `before` is a nearby motion's."""
     time, angle = (decay[name].to_numpy().astype(float) for name in ("time", "angle"))
     # Two periods fix the start; a model that is still biased may slip out of phase later.
     count = np.searchsorted(time, time[0] + 4.0 * np.pi / frequency) + 1
@@ -212,7 +212,7 @@ def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) ->
 
     With a strong random force the plain steps converge slowly, or diverge.
     """
-    # Corrections by whose differences the next is shortened or lengthened.
+    # Number of corrections whose differences shorten or lengthen the next one.
     recent = slice(-5, None)
     by_values, by_steps = (np.diff(np.array(known[recent]), axis=0).T for known in (tried, steps))
     part = np.linalg.lstsq(by_steps / unit[:, None], steps[-1] / unit, rcond=None)[0]
@@ -220,7 +220,7 @@ def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) ->
 
 
 def as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
-    """The simulated envelope at the record's half periods and with its standard errors.
+    """Return the simulated envelope at the record's half periods and with its standard errors.
 
     Raises
     ------
@@ -242,7 +242,7 @@ def as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
 def as_identification(
     method: Method, decay: Decays, asked: ForceLibrary, indirect: IndirectEstimate, offered: ForceLibrary
 ) -> xr.Dataset:
-    """An indirect estimate as an identification, with its bias and what the method assumes."""
+    """Return an indirect estimate as an identification, with its bias and what the method assumes."""
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         f"{name}_birge_ratio": (value, "1", f"Birge ratio of the {name}'s equations alone")
         for name, value in indirect.birge_ratios.items()

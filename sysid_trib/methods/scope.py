@@ -84,7 +84,7 @@ class Constrained:
 
 
 def constrained(method: Method, constraints: Constraints) -> Method:
-    """The method with constraints on its coefficients and shape parameters.
+    """Return the method with constraints on its coefficients and shape parameters.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Met
 
 
 def with_random_force(method: Method, random_force: RandomForceOption) -> Method:
-    """The method with an option for the random force; as it is where it takes none.
+    """Return the method with an option for the random force; unchanged if it has no such option.
 
     A variant that excludes a random force (the strong form, coloured noise) stays as it is too.
 
@@ -155,7 +155,7 @@ def scope_of(method: Method) -> MethodScope:
 
 
 def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]) -> dict[str, Method]:
-    """Methods by a unique label that may be the name of a group in a netCDF file.
+    """Return methods by a unique label that may be the name of a group in a netCDF file.
 
     Parameters
     ----------
@@ -178,7 +178,7 @@ def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]
 
 
 def _label(method: Method, same: Sequence[Method]) -> str:
-    """Label of a method, with the options in which it differs from others of it and from the default."""
+    """Return a method's label, with the options in which it differs from its like and from the default."""
     options = []
     all_options: tuple[Field[Any], ...] = fields(method) if is_dataclass(method) else ()
     for option in all_options:

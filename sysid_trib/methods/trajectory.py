@@ -41,7 +41,7 @@ from sysid_trib.simulation.model import FREQUENCY, Model
 
 KINDS_OF_STARTS = ("fitted", "measured")
 StartsOption: TypeAlias = Literal["fitted", "measured"]
-# A motion that leaves more than this part of a record does not follow it.
+# A motion whose residual is more than this part of a record does not follow it.
 LARGEST_UNFOLLOWED = 0.7
 
 
@@ -108,7 +108,9 @@ class Trajectory(Constrained):
     def __post_init__(self) -> None:
         check_random_force(self.random_force)
         if not isinstance(self.random_force, str) and self.noise == "coloured":
-            raise UsageError("A random_force has noise='white', of which it finds the colour; take that.")
+            raise UsageError(
+                "random_force= needs noise='white'; the fit then determines the colour of the noise."
+            )
         if not self.warm_up >= 0.0:
             raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
         if self.starts not in KINDS_OF_STARTS:
@@ -121,7 +123,7 @@ class Trajectory(Constrained):
         """Scope of the method; its errors allow for coloured noise if this is asked for."""
         return MethodScope(
             label="trajectory",
-            assumes=f"the forces offered are all there are; the residual is {self.noise} noise",
+            assumes=f"no forces act except those offered; the residual is {self.noise} noise",
             white_noise=self.noise == "white",
             family="trajectory",
             driven=True,
@@ -164,7 +166,7 @@ class Trajectory(Constrained):
         return _identification(self, fit, fit.with_free(parameters))
 
     def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> Fit:
-        """The likelihood of the free motion about its best fit; bounds stop parameters, but hold none.
+        """Return likelihood of the free motion about its best fit; a parameter at a bound is not held there.
 
         The fit starts from a result: a motion that stops may have a minimum for each number of swings.
         """
@@ -172,7 +174,7 @@ class Trajectory(Constrained):
         problem = self._problem(runs, library.with_own(self.own, len(runs)))
         first = _first_values(self, problem, near)
         fit = self._fitted_freely(problem, first)
-        # In strong noise the result may be nearer than what a growing window leads to.
+        # In strong noise the result may be nearer than the fit over a growing window.
         fit = min(fit, fitted(fit.problem, first), key=lambda tried: float(tried.residual @ tried.residual))
         _residuals(fit)
         return fit.in_its_noise()
@@ -195,15 +197,15 @@ class Trajectory(Constrained):
         return FitProblem(parameters, records, runs, library)
 
     def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
-        """The fit of the free motion, in the noise of each run."""
+        """Return the fit of the free motion, in the noise of each run."""
         fit = fitted(problem, grown(problem, calmer(problem, first)))
         # Rounds in which noise and fit of several runs, or of coloured noise, follow each other. Where the
         # motion does not follow the record there is no noise, and each round would take all evaluations.
         rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
         if rounds and missed(problem, fit.values) > LARGEST_UNFOLLOWED:
             rounds = 0
-        # What a model of driven motions leaves besides noise is no measure of how well a run was measured: a
-        # run that hardly moves would decide alone.
+        # The discrepancy of a model of driven motions does not measure the noise of a run: a run that hardly
+        # moves would dominate.
         if problem.driven and not _residual_is_white(fit):
             rounds = 0
             # One run of a record that is followed has one minimum.
@@ -224,7 +226,7 @@ def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
         A rate or an acceleration was measured: where the body is, is not known.
     """
     if any(MEASURED in run for run in runs):
-        raise UsageError("A start is measured where the angle itself is; leave starts='measured' out.")
+        raise UsageError("starts='measured' needs a measured angle; leave it out.")
     w, held = nominal_frequency(first_frequency(runs)), dict[str, float]()
     for at, run in enumerate(runs):
         angle, rate = first_guess(run.time.values.astype(float), run.angle.values.astype(float), w)
@@ -268,7 +270,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
 
 
 def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
-    """First guess of all parameters: from the start model, or from direct identification."""
+    """Return the first guess of all parameters: from the start model, or from direct identification."""
     parameters = problem.parameters
     start = method.start if quick is None else method.start or model_of(quick)
     assert start is not None
@@ -276,13 +278,13 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     # A result need not have starts, or those of other runs.
     no_start = quick is None or np.size(quick.get(PER_RUN[0], ())) != len(problem.records)
     if no_start or method.start is not None or free:
-        # Use the runs themselves: a record may hold another quantity than the angle.
+        # Use the runs themselves: a record may contain another quantity than the angle.
         pairs = ((run.time.values.astype(float), run.angle.values.astype(float)) for run in problem.runs)
         per_run = np.array([(*first_guess(time, angle, w), 0.0) for time, angle in pairs])
     else:
         assert quick is not None
         per_run = np.stack([np.ravel(quick[name]) for name in PER_RUN], axis=1)
-        # The zero of what was integrated is none of the sensor's.
+        # The zero of an integrated signal is not that of the sensor.
         per_run[:, -1] *= [record.sensor[0] == "angle" for record in problem.records]
     values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
@@ -292,7 +294,7 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
 def _with_random_force(
     method: Trajectory, problem: FitProblem, values: Array, quick: xr.Dataset | None
 ) -> tuple[Fit, Array, Iterate]:
-    """The fit of the innovations; a parameter that a bound stops is held there."""
+    """Return the fit of the innovations; a parameter that a bound stops is held there."""
     if quick is not None:
         # Direct identification has the colours by frequencies above the motion's.
         filters = [sensor_noise_of(quick, at).filter_ for at in range(len(problem.records))]
@@ -301,7 +303,7 @@ def _with_random_force(
     while stopped := stopped_by_bounds(fit):
         problem = replace(problem, parameters=problem.parameters.fix(stopped))
         values = problem.parameters.expand(fit.values[problem.parameters.free])
-        # The errors stay those of the first fit, which allow for what the bounds hold.
+        # The errors remain those of the first fit, which include the parameters at bounds.
         fit, _, at = _likelier_of(problem, values, method)
     return fit, covariance, at
 
@@ -320,7 +322,7 @@ def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tupl
 
 
 def _residual_is_white(fit: Fit) -> bool:
-    """True if the residual of each run is white."""
+    """Return true if the residual of each run is white."""
     residuals = fit.problem.residuals(fit.values)
     return min(white_p_value(residual) for residual in residuals) >= WHITE_LEVEL
 
@@ -337,7 +339,7 @@ def _residuals(fit: Fit) -> list[Array]:
 
 
 def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
-    """A fit as an identification, with the errors of the one in which no bound holds a parameter."""
+    """Return a fit as an identification, with the errors of the one in which no bound holds a parameter."""
     problem, parameters = fit.problem, fit.parameters
     residuals, runs = _residuals(fit), problem.runs
     degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
@@ -345,12 +347,13 @@ def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
     covariance = reduced * unbounded.covariance
     noises = [sensor_noise(run) for run in runs]
     if any(record.inputs for record in problem.records):
-        # A driven motion may have what no spline follows: what the model leaves is no less than the noise.
+        # A driven motion may contain parts that no spline follows: the residual of the model is not below the
+        # noise.
         noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
-            # In which the errors of a driven record are taken whose residual is not white.
+            # Errors of a driven record whose residual is not white.
             covariance = unbounded.clustered_covariance
-    # Unit of what is compared.
+    # Unit of the compared quantity.
     units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
     extra: dict[str, tuple[ArrayLike, str, str]]
     extra = {"residual_rms": ([root_mean_square(residual) for residual in residuals], units, "RMS residual")}

@@ -86,7 +86,7 @@ def bands_of(
     origins: Sequence[float] | None = None,
     run: int = 0,
 ) -> xr.Dataset:
-    """`prediction_bands` of a record that was followed before, so many periods ahead: ascending."""
+    """Return `prediction_bands` of a record that was followed before, so many periods ahead: ascending."""
     tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
     ahead_of = partial(_predictions, tracked, result, run=run)
@@ -172,7 +172,7 @@ def _predictions(
 
 
 def _expected_density(force: RandomForce) -> float:
-    """Mean of the density by its estimate and error: that of a Gaussian cut at zero."""
+    """Return the mean of the density by its estimate and error: that of a Gaussian cut at zero."""
     if not force.standard_error > 0.0:
         return force.density
     at = force.density / force.standard_error
@@ -182,7 +182,7 @@ def _expected_density(force: RandomForce) -> float:
 
 
 def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | None) -> Index:
-    """Samples to predict from."""
+    """Return samples to predict from."""
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
     first = time[0] + SETTLING_PERIODS * period
     usual = np.arange(first, time[-1] - longest * period, longest * period) if origins is None else origins
@@ -201,13 +201,13 @@ def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | 
 
 
 def _nearest(time: Array, wanted: Array) -> Index:
-    """Indices of the nearest samples; -1 where the record has none within half a step."""
+    """Return the indices of the nearest samples; -1 where the record has none within half a step."""
     half = 0.51 * float(np.median(np.diff(time)))
     return pd.Index(time).get_indexer(wanted.ravel(), "nearest", tolerance=half).reshape(wanted.shape)
 
 
 def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """States with the sensor's zero behind them, from the samples up to each start.
+    """Return states with the sensor's zero behind them, from the samples up to each start.
 
     (start, state + 1), their covariance, and their derivatives by coefficients and frequency: with another
     curve of the sensor, or another force, the same samples are those of another motion. Nothing is known of

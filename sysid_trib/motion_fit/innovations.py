@@ -65,13 +65,13 @@ class TrackedRecord:
         return innovations[:, 0], self.noise * np.sqrt(variance)
 
     def linear_about(self, path: Array, zero: float, by: tuple[str, ...] = ()) -> LinearModel:
-        """The record linear about a path, with a zero of the sensor, and columns for parameters."""
+        """Return the record linear about a path, with a zero of the sensor, and columns for parameters."""
         per_run = np.array([path[0, 0], self.model.reference_frequency * path[0, 1], zero])
         linear = linearised_about(self.model, (self.time, self.angle), path, per_run, by)
         return replace(linear, sensor_filter=self.linear.sensor_filter)
 
     def with_density(self, density: float) -> "TrackedRecord":
-        """The record with another random force ((rad/s^2)^2/Hz), settled anew from where it is.
+        """Return the record with another random force ((rad/s^2)^2/Hz), refitted from the present path.
 
         Raises
         ------
@@ -141,14 +141,14 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
         if np.max(np.abs(change[:, 0])) <= tolerance and abs(deviation[2]) <= tolerance:
             return replace(tracked, deviation=deviation)
         changes.append(float(np.max(np.abs(change))))
-        # Where friction holds and frees the body in turn, changes come back: after so many without a smaller
-        # one.
+        # If friction alternately holds and frees the body, the changes are periodic: stop after so many steps
+        # without a smaller change.
         if np.argmin(changes) < len(changes) - 3:
             break
         zero = float(tracked.zero + deviation[2])
         tracked = replace(tracked, linear=tracked.linear_about(linear.path + change, zero), zero=zero)
     raise DecayError(
-        "The motion of this identification does not settle on the record; its forces do not describe it. "
+        "The motion of this identification does not converge to the record; its forces do not describe it. "
         "Offer others, or a shorter window."
     )
 
@@ -194,7 +194,7 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
 
 
 def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
-    """`innovations` of a record that was followed before."""
+    """Return `innovations` of a record that was followed before."""
     innovation, deviation = tracked.innovations()
     most, spans = min(sensor_noise.MOST_LAGS, max(1, len(innovation) // 4)), _spans(tracked)
     correlation = sensor_noise.autocorrelation(innovation / deviation, most)
@@ -217,10 +217,10 @@ def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
 
 
 def _spans(tracked: TrackedRecord) -> Index:
-    """Number of the span in which each sample's next step lies, (sample,) array of int."""
+    """Return the number of the span in which each sample's next step lies, (sample,) array of int."""
     time, frequency = tracked.time, tracked.model.reference_frequency
     if tracked.ratio == 0.0:
-        # There is no force to resolve; what is shown is zero.
+        # There is no force to resolve; zero is shown.
         return np.arange(len(time))
     step = float(np.median(np.diff(time)))
     resolved = 2.0 * (frequency * step / tracked.ratio) ** 0.25 / frequency
@@ -229,7 +229,7 @@ def _spans(tracked: TrackedRecord) -> Index:
 
 
 def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, Array]:
-    """Smoothed states (state, sample), and mean random force in the spans with its error, (sample,) each.
+    """Return smoothed states (state, sample), and each span's mean random force and error, (sample,) each.
 
     The state has one entry more, the impulse int xi dtau since the span began. Its part that the step shows
     in x and v comes with them, by regression on their random part; the rest is noise of its own.
@@ -254,7 +254,7 @@ def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, A
 
 
 def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
-    """The record's linear model with the impulse in each span as a state."""
+    """Return the record's linear model with the impulse in each span as a state."""
     steps, size = tracked.linear.steps, tracked.linear.path.shape[1]
     length = tracked.model.reference_frequency * np.diff(tracked.time)
     weights, rest = _impulse_of_step(length, steps.diffusion[:, :2, :2])
@@ -268,12 +268,12 @@ def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
 
 
 def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:
-    """Regression of the impulse of each step on the noise that it adds to x and v, and the variance left.
+    """Return the regression of each step's impulse on its noise in x and v, and the residual variance.
 
     By the covariances of the free oscillator, over steps `length` of tau: (step, 2), (step,).
     """
     cross = np.stack([1.0 - np.cos(length), np.sin(length)], axis=1)
-    # A body that friction holds for the whole step shows nothing of the force.
+    # A body that friction holds for the whole step contains no information on the force.
     free = np.linalg.det(diffusion) > 1e-9 * length**4
     weights = np.zeros_like(cross)
     weights[free] = np.linalg.solve(diffusion[free], cross[free, :, None])[..., 0]

@@ -61,7 +61,7 @@ class LinearModel:
     def with_further_state(
         self, transition: Array, diffusion: Array, shown: float, first: Array | None = None
     ) -> "LinearModel":
-        """The model with one more state behind the others, which no parameter moves; its path is zero.
+        """Return the model with one more state behind the others, which no parameter moves; its path is zero.
 
         `transition` : (step,) from this state to its next. `diffusion` : (step, state + 1, state + 1) of all
         states. `shown` : what the sensor shows of it. `first` : as of the class, of all states.
@@ -81,7 +81,7 @@ class LinearModel:
         )
 
     def by_parameters(self, columns: Array) -> "LinearModel":
-        """The model with columns for other parameters, of which these are functions, (column, parameter)."""
+        """Return model with columns for parameters of which its own are functions, (column, parameter)."""
         tables = self.observed_parameters, self.start, self.by_column
         shown, start, by_column = (table @ columns for table in tables)
         return replace(self, observed_parameters=shown, start=start, by_column=by_column)
@@ -104,7 +104,7 @@ class LinearModel:
         return _block_diagonal(self.steps.transition, self._noise_transition)
 
     def statsmodels(self, ratio: float, *, smoothed: bool = False) -> Any:
-        """statsmodels' filter of this model, or a smoother of the states' covariance.
+        """Return statsmodels' filter of this model, or a smoother of the states' covariance.
 
         Neither is given the record, on which gains and covariances do not depend.
         """
@@ -138,12 +138,12 @@ class LinearModel:
         return self._last[ratio]
 
     def gains(self, ratio: float) -> tuple[Array, Array]:
-        """Gain of the prediction (sample, state) and variance of the innovations (sample,)."""
+        """Return the gain of the prediction (sample, state) and variance of the innovations (sample,)."""
         filtered = self._filtered(ratio)
         return filtered.kalman_gain[:, 0].T, filtered.forecasts_error_cov[0, 0]
 
     def rows(self, ratio: float) -> WhiteRows:
-        """Normalised innovations of the record, and of the columns, for a ratio per_tau / variance."""
+        """Return normalised innovations of the record, and of the columns, for a ratio per_tau / variance."""
         _, innovations, variance = self.innovations(ratio)
         white = innovations / np.sqrt(variance)[:, None]
         return WhiteRows(white[:, 0], -white[:, 1:], float(np.sum(np.log(variance))))
@@ -190,7 +190,7 @@ class LinearModel:
         )
 
     def recursion(self, gain: Array, source: Array, *, backward: bool = False) -> Array:
-        """States s[k + 1] = (transition - gain observed) s[k] + source[k + 1], s[0] = source[0].
+        """Solve s[k + 1] = (transition - gain observed) s[k] + source[k + 1], s[0] = source[0].
 
         With as many states as gain and source have: those of coloured noise are among the filter's.
 
@@ -221,7 +221,7 @@ class LinearModel:
         return np.asarray(solved).reshape(source.shape)
 
     def smoothed_motion(self, ratio: float, parameters: Array) -> Array:
-        """The path that is smoothed at given deviations of the parameters, (sample, state).
+        """Return the path that is smoothed at given deviations of the parameters, (sample, state).
 
         By the fixed-interval smoother of de Jong (1989): the filter's recursion, and its transpose backwards.
         """
@@ -230,7 +230,7 @@ class LinearModel:
         return self.path + self._corrected(ratio, predicted, surprise)[..., 0]
 
     def filtered_motion(self, ratio: float, parameters: Array | None = None) -> tuple[Array, Array]:
-        """Deviations from the path by the samples up to each one, and their covariance.
+        """Return deviations from the path by the samples up to each one, and their covariance.
 
         Parameters
         ----------
@@ -261,21 +261,21 @@ class LinearModel:
 
 
 def likely_ratio(linear: LinearModel, start: float | None = None) -> VarianceRatio:
-    """The ratio per_tau / variance of most restricted likelihood, near the last one (`start`).
+    """Return the ratio per_tau / variance of most restricted likelihood, near the last one (`start`).
 
     A DecayError says that friction holds the body all the time.
     """
     impulses = linear.steps.diffusion[:, 1, 1]
-    # A body that friction holds is not pushed.
+    # A random force does not move a body that friction holds.
     impulses = impulses[impulses > 0.0]
     if not len(impulses):
-        raise DecayError("Friction of this size holds the body all the time; take random_force='off'.")
+        raise DecayError("Friction of this size holds the body all the time; use random_force='off'.")
     span = float(np.sum(impulses)), float(np.median(impulses))
     return variance_ratio(linear.rows, *span, start)
 
 
 def _block_diagonal(matrices: Array, further: Array) -> Array:
-    """Matrices (..., state, state) with a block behind each."""
+    """Return matrices (..., state, state) with a block behind each."""
     size, order = matrices.shape[-1], len(further)
     if not order:
         return matrices
@@ -286,5 +286,5 @@ def _block_diagonal(matrices: Array, further: Array) -> Array:
 
 
 def _of_each_sample(matrices: Array) -> Array:
-    """Matrices of each step as statsmodels has them, with one for the step after the last sample."""
+    """Return matrices of each step as statsmodels has them, with one for the step after the last sample."""
     return np.moveaxis(np.concatenate([matrices, matrices[-1:]]), 0, -1)

@@ -26,20 +26,21 @@ HELD_TOLERANCE = 1e-8
 
 # Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
 WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
-# A start whose motion is this near to the record (RMS, of the record's) needs no growing window.
+# A start needs no growing window if its motion is this near to the record (RMS, relative to the record).
 FOLLOWED = 0.1
 # A motion that is no nearer than this (RMS, of the record's) is no first guess to be held on to.
 FAR_GUESS = 0.7
 MAX_EVALUATIONS = 60
-# Part of its size on a window that a column must have across all others for the window to move its parameter:
-# what a window cannot tell stays, else rounding would decide where the next begins.
+# A window changes a parameter only if its column has this part of its size outside of all others: otherwise
+# rounding would decide where the next window begins.
 WINDOW_RIDGE = 1e-3
 # Steps, in units of the solution, below which a fit is done.
 CONVERGED = 1e-12
-# The same of driven motions. What a friction that switches leaves is no smooth function of the parameters, so
-# that the last digits are never reached; the deviance of 10^4 samples is known to a thousandth.
+# The same for driven motions. The residual of switching friction is no smooth function of the parameters, so
+# the last digits are never reached; the deviance of 10^4 samples is known to a thousandth.
 CONVERGED_DRIVEN = 1e-7
-# A driven motion that leaves no more than this of the record (RMS) follows it: it forgets a slip of phase.
+# A driven motion follows the record if its residual (RMS) is at most this part of it: it forgets a slip of
+# phase.
 FOLLOWED_DRIVEN = 0.3
 # Parts of all runs between which a model that lacks something scatters; from so many runs on, these do.
 PARTS, FEWEST_CLUSTERS = 24, 6
@@ -77,7 +78,7 @@ class Fit:
         return self.problem.parameters
 
     def in_its_noise(self) -> "Fit":
-        """The fit in white noise, of each run of the variance that this one leaves of it.
+        """Return the fit in white noise with the residual variance of each run.
 
         The parameters take their part of the noise from what is left.
         """
@@ -89,7 +90,7 @@ class Fit:
         return fitted(replace(problem, records=tuple(records)), self.values)
 
     def with_free(self, parameters: Parameters) -> "Fit":
-        """The fit at the same values with the sensitivities of parameters of which more are free."""
+        """Return the fit at the same values with the sensitivities of parameters of which more are free."""
         if len(parameters.free) == len(self.parameters.free):
             return self
         problem = replace(self.problem, parameters=parameters)
@@ -104,7 +105,7 @@ class Fit:
 
     @cached_property
     def clustered_covariance(self) -> Array:
-        """Covariance of all parameters where the residual is what the model lacks, not noise.
+        """Return the covariance of all parameters where the residual is what the model lacks, not noise.
 
         Of `FEWEST_CLUSTERS` runs or more it is that between runs, and at least that between parts of runs; of
         fewer runs that between parts.
@@ -120,7 +121,7 @@ class Fit:
 
     @cached_property
     def covariance_between_parts(self) -> Array:
-        """Covariance of all parameters where the residual is correlated within parts of runs, not beyond."""
+        """Return the covariance of all parameters where the residual is correlated within parts of runs."""
         return self._covariance_between(self._ends(-(-PARTS // len(self.problem.records))))
 
     def _ends(self, parts: int) -> list[int]:
@@ -158,12 +159,12 @@ class Fit:
         return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
 
     def deviance(self, values: Array) -> float:
-        """Deviance of values: by how much twice the log likelihood is below that of this fit."""
+        """Return the deviance of values: by how much twice the log likelihood is below that of this fit."""
         residual = self.problem.white(self.problem.residuals(values))
         return float(residual @ residual - self.residual @ self.residual)
 
     def deviance_of(self, fit: "Fit") -> float:
-        """Deviance of another fit."""
+        """Return the deviance of another fit."""
         return float(fit.residual @ fit.residual - self.residual @ self.residual)
 
     def holding(self, held: Mapping[str, float], near: Array) -> "Fit":
@@ -198,10 +199,10 @@ def grown(problem: FitProblem, values: Array) -> Array:
     return values
 
 
-# Further starts about a fit of driven motions that leaves more than noise; how far they are away, in standard
-# errors; the relative step at which their fits are done, and the evaluations that they may take.
+# Further starts about a fit of driven motions whose residual is more than noise; their distance in standard
+# errors; the relative step at which their fits end, and their largest number of evaluations.
 FURTHER_STARTS, START_DISTANCE, ROUGHLY, FEW_EVALUATIONS = 2, 2.0, 1e-3, 12
-# A start whose fit leaves less by this part of the sum of squares is a better one.
+# A start is better if its fit reduces the sum of squares by this part.
 BETTER_START_BY = 1e-3
 
 
@@ -234,7 +235,7 @@ def nearby_best(fit: Fit) -> Fit:
 
 
 def sum_of_squares(fit: Fit) -> float:
-    """Sum of squares of the whitened residual."""
+    """Return the sum of squares of the whitened residual."""
     return float(fit.residual @ fit.residual)
 
 
@@ -268,7 +269,7 @@ def fitted(
     ridge: float = 0.0,
     most_evaluations: int = MAX_EVALUATIONS,
 ) -> Fit:
-    """Parameters of least whitened residual.
+    """Find the parameters of least whitened residual.
 
     Parameters
     ----------
@@ -345,7 +346,7 @@ def stopped_by_bounds(fit: Fit) -> dict[str, float]:
 
 
 def covariance_root(covariance: Array) -> Array:
-    """R with R R' the covariance; its parameters differ by orders of magnitude."""
+    """Return R with R R' the covariance, of parameters that differ by orders of magnitude."""
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -362,7 +363,7 @@ def cramer_rao_bound(
     free: bool = False,
     random_force: float = 0.0,
 ) -> xr.Dataset:
-    """Smallest standard errors with which a decay in white noise determines its model.
+    """Return the smallest standard errors with which a decay in white noise determines its model.
 
     Parameters
     ----------
@@ -421,7 +422,7 @@ def cramer_rao_bound(
 
 
 def sensitivities(model: Model, time: Array, start: Array, free: bool) -> Array:
-    """Derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
+    """Return derivatives of the angle by coefficients, start and reference frequency, (sample, parameter)."""
     names = [*model.coefficients, BY_ANGLE, BY_RATE, *([FREQUENCY] if free else [])]
     columns = trajectory(model, time, *start.tolist(), by=names).derivatives["angle"]
     for name, column in zip(names, columns.T, strict=True):

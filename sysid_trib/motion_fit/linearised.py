@@ -17,7 +17,7 @@ from sysid_trib.simulation.steps import expected_steps
 
 
 def spline_path(model: Model, time: Array, angle: Array) -> Array:
-    """States along the least-squares spline through a record, (sample, state): the first path of all.
+    """Return states along the least-squares spline through a record, (sample, state): the first path of all.
 
     Pieces between gaps have a spline each.
     """
@@ -33,7 +33,7 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
 
 
 def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
-    """Smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
+    """Return the smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
     steps = np.diff(tau)
     # A step so many times the usual one is a gap, over which no spline is laid.
     gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1
@@ -49,7 +49,7 @@ def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
 
 
 def linearised_along(model: Model, time: Array, motion: SimulatedMotion) -> LinearModel:
-    """A motion of a model about itself, with the columns of its start and of the sensor's zero."""
+    """Linearise a motion of a model about itself, with the columns of its start and of the sensor's zero."""
     path = np.stack(
         [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
     )
@@ -58,7 +58,7 @@ def linearised_along(model: Model, time: Array, motion: SimulatedMotion) -> Line
 
 
 def whitened(model: Model, time: Array, start: tuple[float, float], ratio: float, columns: Array) -> Array:
-    """Differences of a motion, (sample, column), as innovations over their size, where a random force acts.
+    """Return differences of a motion, (sample, column), as scaled innovations, where a random force acts.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def linearised_about(
     by: tuple[str, ...] = (),
     rate_error: Array | float = 0.0,
 ) -> LinearModel:
-    """A record about a path, with columns for parameters, then for the start and the sensor's zero.
+    """Linearise a record about a path, with columns for parameters, then for the start and the sensor's zero.
 
     Parameters
     ----------
@@ -137,12 +137,12 @@ def sensor_on(model: Model, elapsed: Array, path: Array, by: tuple[str, ...]) ->
 RESONANT_DEGREES = 3
 OTHER_DEGREES = 2
 HARMONICS = (2, 3)
-# Of the diffusion of a free step: below it friction holds the body, and no force moves it.
+# Part of the diffusion of a free step: below it friction holds the body, and no force moves it.
 HELD = 1e-9
 
 
 def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
-    """Harmonics of the motion's phase times polynomials of its amplitude, the resonant one drifting too.
+    """Return harmonics of the phase times polynomials of the amplitude; the resonant one also drifts.
 
     Parameters
     ----------
@@ -166,7 +166,8 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     oscillator.
     """
     step = np.diff(tau)
-    # The motion from each sample without the push of the step: with it, columns would hold what they explain.
+    # The motion from each sample without the impulse of the step: with it, columns would contain their
+    # target.
     first, last = _polar(linear.path[:-1]), _polar(linear.steps.end)
     last[0] = first[0] + (last[0] - first[0] + np.pi) % (2.0 * np.pi) - np.pi
     # A slow trend stands for the amplitude: its random walk is what the random force has made.
@@ -190,12 +191,12 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
 
 
 def _polar(states: Array) -> Array:
-    """Phase and amplitude of states, (2, state)."""
+    """Return the phase and amplitude of states, (2, state)."""
     return np.stack([np.arctan2(-states[:, 1], states[:, 0]), np.hypot(states[:, 0], states[:, 1])])
 
 
 def _series(polar: Array, size: Array, elapsed: Array) -> tuple[Array, list[str]]:
-    """The accelerations at some instants, (instant, column), and what each depends on.
+    """Return the accelerations at some instants, (instant, column), and what each depends on.
 
     `polar` holds phase and amplitude; `size` and `elapsed` are amplitude and time from -1 to 1.
     """
@@ -219,7 +220,7 @@ def _scaled(values: Array, limits: tuple[float, float]) -> Array:
 
 
 def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Generator, draws: int) -> Array:
-    """Draw what a random force adds to a record about its path, (sample, draw), rad.
+    """Draw the contribution of a random force to a record about its path, (sample, draw), rad.
 
     Parameters
     ----------
@@ -235,7 +236,7 @@ def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Gen
     per_tau D[k] of e[k]: the linear model of the filter, computed once for all draws.
     """
     variance, axes = np.linalg.eigh(per_tau * linear.steps.diffusion)
-    # A part that friction holds has no variance; rounding makes it negative.
+    # A part that friction holds has no variance; rounding can make it negative.
     root = axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :]
     samples, size = linear.path.shape
     source = np.zeros((samples, size, draws))

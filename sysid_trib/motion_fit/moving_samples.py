@@ -14,7 +14,7 @@ from sysid_trib.records.smoothing import first_frequency, nominal_frequency, smo
 
 # Below this part of its largest a rate may be that of a body at rest, whose friction is a reaction.
 AT_REST_PART = 0.02
-# So many samples of a run tell what all do.
+# So many samples of a run represent all of them.
 SAMPLES_OF_A_RUN = 1000
 # Rounds in which coefficients in the formulas of other forces follow.
 REGRESSION_ROUNDS = 3

@@ -15,7 +15,7 @@ from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.simulation.model import FREQUENCY, Model
 
-# What each run has of its own: angle (rad) and rate (rad/s) at its first sample, zero of the sensor (rad).
+# Parameters of each run: angle (rad) and rate (rad/s) at its first sample, zero of the sensor (rad).
 PER_RUN = ("start_angle", "start_rate", "offset")
 
 
@@ -47,7 +47,7 @@ class Parameters:
     constraints: Constraints = field(default_factory=Constraints)
 
     def completed(self) -> "Parameters":
-        """The parameters with tied shapes fitted, fixed ones held, and a zero of the sensor that is decided.
+        """Return the parameters with tied shapes fitted, fixed ones held, and the sensor's zero decided.
 
         Raises
         ------
@@ -87,16 +87,16 @@ class Parameters:
         return len(self.common) + len(PER_RUN) * self.runs
 
     def index(self, name: str) -> int:
-        """Place of a parameter in the vector."""
+        """Return the place of a parameter in the vector."""
         return self.names.index(name)
 
     def of_run(self, run: int) -> slice:
-        """Places of a run's own parameters."""
+        """Return the places of a run's own parameters."""
         first = len(self.common) + len(PER_RUN) * run
         return slice(first, first + len(PER_RUN))
 
     def per_run(self, values: Array) -> Array:
-        """Angle, rate and offset of each run, (run, 3) array of float."""
+        """Return the angle, rate and offset of each run, (run, 3) array of float."""
         return values[len(self.common) :].reshape(-1, len(PER_RUN))
 
     def acting(self, run: int) -> list[int]:
@@ -105,7 +105,7 @@ class Parameters:
         return [i for i, name in enumerate(self.common) if name.partition(".")[0] not in symbols]
 
     def model(self, values: Array, run: int = 0) -> Model:
-        """The model of these values, in a run."""
+        """Return the model of these values, in a run."""
         value = dict(zip(self.common, values.tolist(), strict=False))
         # A step of the optimiser below zero: only the square of the frequency counts.
         frequency = abs(value[FREQUENCY]) if self.reference_frequency is None else self.reference_frequency
@@ -117,7 +117,7 @@ class Parameters:
         return Model(library, coefficients, frequency, shapes)
 
     def pack(self, values: Mapping[str, float], per_run: ArrayLike) -> Array:
-        """One vector.
+        """Return all parameters as one vector.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class Parameters:
         return np.array([*common, *np.ravel(per_run)])
 
     def fix(self, fixed: Mapping[str, float]) -> "Parameters":
-        """The parameters with further ones held at these values."""
+        """Return the parameters with further ones held at these values."""
         return replace(self, constraints=self.constraints.holding(fixed))
 
     @cached_property
@@ -150,7 +150,7 @@ class Parameters:
         return np.array([i for i, name in enumerate(self.names) if name not in held])
 
     def expand(self, free: Array) -> Array:
-        """All parameters from the free ones: fixed and tied values are set.
+        """Return all parameters from the free ones: fixed and tied values are set.
 
         Parameters
         ----------
@@ -167,7 +167,7 @@ class Parameters:
         return values
 
     def jacobian(self, values: Array) -> Array:
-        """Derivative of each parameter by the free ones, (parameter, free) array of float."""
+        """Return the derivative of each parameter by the free ones, (parameter, free) array of float."""
         rows = np.zeros((len(self), len(self.free)))
         rows[self.free, range(len(self.free))] = 1.0
         for name, tie in self._ties.items():
@@ -181,6 +181,6 @@ class Parameters:
         return self.constraints.formulas(self.library)
 
     def _known(self, values: Array) -> dict[str, float]:
-        """Values by name, of held shapes too."""
+        """Return values by name, of held shapes too."""
         held = self.library.shape_values(self.shapes)
         return held | dict(zip(self.common, values.tolist(), strict=False))

@@ -69,7 +69,7 @@ class WhitenedRecord:
         sensor, time, values = initial_conditions.measured_part(decay)
         swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
         inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
-        # Samples that a warm-up leaves at least.
+        # Smallest number of samples after a warm-up.
         if len(time) - uncounted < 20:
             raise UsageError(
                 f"A warm-up of {warm_up:g} s leaves {len(time) - uncounted} samples; give a shorter one."
@@ -82,12 +82,12 @@ class WhitenedRecord:
         return float(np.max(np.abs(self.angle))) if self.swing is None else self.swing
 
     def first(self, part: float) -> "WhitenedRecord":
-        """The first part of the samples that count, and those before."""
+        """Return the first part of the samples that count, and those before."""
         count = self.uncounted + max(20, round(part * (len(self.time) - self.uncounted)))
         return replace(self, time=self.time[:count], angle=self.angle[:count])
 
     def residual(self, model: Model, per_run: Array) -> Array:
-        """Motion minus record.
+        """Return motion minus record.
 
         Parameters
         ----------
@@ -119,12 +119,12 @@ class WhitenedRecord:
             count, first = 2 * count, self._difference(motion, per_run)
         if first is None:
             return _penalty(far, float(np.linalg.norm(list(model.coefficients.values()))), len(self.time))
-        # Compressed: what diverges is not to count for more than what cannot be computed.
+        # Compressed: a diverging motion must not count more than one that cannot be computed.
         size = np.maximum(np.abs(first) / far, 1.0)
         return np.append(first / size * (1.0 + np.log(size)), np.full(len(self.time) - len(first), far))
 
     def sensitivity(self, model: Model, per_run: Array, by: Sequence[str]) -> Array | None:
-        """Derivatives of the residual by parameters of the motion, (sample, parameter); None at a penalty."""
+        """Return derivatives of the residual by parameters, (sample, parameter); None at a penalty."""
         if self._excess(model, per_run) > 1.0:
             return None
         motion = self._motion(model, per_run, by=by)
@@ -172,7 +172,7 @@ class WhitenedRecord:
         return np.asarray(motion.shown(*self.sensor) + per_run[2] - self.angle[: len(motion.angle)])
 
     def white(self, values: Array) -> Array:
-        """Values that count, with noise of one level and no colour."""
+        """Return values that count, with noise of one level and no colour."""
         return self.weight * whitened(values, self.filter_)[self.uncounted :]
 
 
@@ -210,16 +210,16 @@ class FitProblem:
         return all(record.inputs for record in self.records)
 
     def first(self, part: float) -> "FitProblem":
-        """The problem of the first part of each record."""
+        """Return the problem of the first part of each record."""
         return replace(self, records=tuple(record.first(part) for record in self.records))
 
     def with_filters(self, filters: Sequence[Array]) -> "FitProblem":
-        """The problem with a filter for each run that whitens its noise."""
+        """Return the problem with a filter for each run that whitens its noise."""
         pairs = zip(self.records, filters, strict=True)
         return replace(self, records=tuple(replace(record, filter_=filter_) for record, filter_ in pairs))
 
     def weighted(self, values: Array, *, coloured: bool) -> "FitProblem":
-        """Each run with the weight of its residual, and with the colour of it where asked for."""
+        """Return each run with the weight of its residual, and with the colour of it where asked for."""
         records = []
         for record, residual in zip(self.records, self.residuals(values), strict=True):
             filter_ = autoregression(residual) if coloured else np.ones(1)
@@ -230,17 +230,17 @@ class FitProblem:
         return replace(self, records=tuple(replace(r, weight=common * r.weight) for r in records))
 
     def residuals(self, values: Array) -> list[Array]:
-        """Motion minus record of each run, (sample,) array of float each, rad."""
+        """Return the motion minus record of each run, (sample,) array of float each, rad."""
         parameters, per_run = self.parameters, self.parameters.per_run(values)
         pairs = enumerate(zip(self.records, per_run, strict=True))
         return [record.residual(parameters.model(values, run), start) for run, (record, start) in pairs]
 
     def white(self, values: Sequence[Array]) -> Array:
-        """Values of each run, (sample, ...), whitened, one after the other."""
+        """Return values of each run, (sample, ...), whitened, one after the other."""
         return np.concatenate([record.white(v) for record, v in zip(self.records, values, strict=True)])
 
     def white_sensitivity(self, values: Array, residuals: Sequence[Array]) -> Array:
-        """Derivative of the whitened residuals by the free parameters, (sample, free).
+        """Return the derivative of the whitened residuals by the free parameters, (sample, free).
 
         Parameters
         ----------
@@ -253,7 +253,7 @@ class FitProblem:
         return np.asarray(self.white(tables) @ self.parameters.jacobian(values))
 
     def _sensitivity(self, values: Array, run: int, here: Array) -> Array:
-        """Derivative of a run's residual (`here`) by each parameter as if none were tied; 0 of fixed ones."""
+        """Return derivatives of a run's residual (`here`) by parameters, ties ignored; 0 of fixed ones."""
         parameters, record = self.parameters, self.records[run]
         table = np.zeros((len(here), len(values)))
         *starts, offset = range(len(values))[parameters.of_run(run)]
@@ -280,7 +280,7 @@ class FitProblem:
         noises: Sequence[float],
         extra: Mapping[str, tuple[ArrayLike, str, str]],
     ) -> xr.Dataset:
-        """A fit as the Dataset that every method returns.
+        """Return a fit as the Dataset that every method returns.
 
         Parameters
         ----------
@@ -295,7 +295,7 @@ class FitProblem:
         """
         parameters = self.parameters
         model, per_run = parameters.model(values), parameters.per_run(values)
-        # Coefficients, then the frequency, whose row is zero where it was held.
+        # Coefficients, then the frequency; its row is zero if it was held.
         count = len(parameters.library)
         places = [at for at, name in enumerate(parameters.common) if at < count or name == FREQUENCY]
         of_both = np.zeros((count + 1, count + 1))

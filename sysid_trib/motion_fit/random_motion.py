@@ -68,7 +68,7 @@ class Iterate:
     ratios: Sequence[VarianceRatio] = ()
 
     def with_ratios(self, density: float | None, before: "Iterate | None") -> "Iterate":
-        """Iterate with the ratio of each run, of a density ((rad/s^2)^2/Hz) or by its restricted likelihood.
+        """Return the iterate with the ratio of each run, of a density ((rad/s^2)^2/Hz) or of its likelihood.
 
         Near those of the last iterate, if there is one.
         """
@@ -117,7 +117,7 @@ class Iterate:
         return float(np.max(np.abs(step) / np.sqrt(np.diag(covariance))))
 
     def filtered_motion(self, run: int) -> tuple[Array, Array]:
-        """The path by the samples up to each one (sample, state), and the standard error of v (sample,), rad.
+        """Return path by the samples up to each one (sample, state), and v's standard error (sample,), rad.
 
         At the parameters of most likelihood.
         """
@@ -130,13 +130,13 @@ class Iterate:
         return self.linear[run].innovations(self.ratios[run].ratio, self.solution[0])[1][:, 0]
 
     def stepped(self, step: Array) -> Array:
-        """The parameters after a step of the free ones, within their limits."""
+        """Return the parameters after a step of the free ones, within their limits."""
         free = self.parameters.free
         low, high = (limit[free] for limit in self.parameters.limits)
         return self.parameters.expand(np.clip(self.values[free] + step, low, high))
 
     def average_by_ratio(self, run: int) -> tuple[Array, Array]:
-        """The step of the free parameters over the ratios that the record of a run leaves open."""
+        """Return the step of the free parameters over the ratios that the record of a run leaves open."""
 
         def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
             return replace(self, ratios=[*self.ratios[:run], ratio, *self.ratios[run + 1 :]]).solution
@@ -145,7 +145,7 @@ class Iterate:
         return average_over_ratios(linear.rows, self.ratios[run], len(linear.record), solved)
 
     def with_gains_over_colours(self) -> "Iterate":
-        """Iterate with each random force's gain over the sensor's noise alone, in a colour of its own.
+        """Return iterate with the gain of each random force over the sensor's noise alone in its own colour.
 
         Both colours are of most likelihood, of the order that the sensor's noise has. With the random force
         the ratio is held where it is: the gain is no larger than with both free.
@@ -160,7 +160,7 @@ class Iterate:
         return replace(self, ratios=ratios)
 
     def penalised_deviance(self) -> float:
-        """Deviance of the innovations with the Bayesian information criterion's price of the colours."""
+        """Return the deviance of the innovations with the penalty of the BIC for the colours."""
         total = 0.0
         for linear, ratio in zip(self.linear, self.ratios, strict=True):
             total += linear.rows(ratio.ratio).restricted_deviance()[0]
@@ -169,7 +169,7 @@ class Iterate:
 
 
 def _deviance(linear: LinearModel, ratio: float, colour: Array) -> float:
-    """Deviance of a run's innovations at a ratio, in noise of the sensor of a colour."""
+    """Return the deviance of a run's innovations at a ratio, in noise of the sensor of a colour."""
     return replace(linear, sensor_filter=colour).rows(ratio).restricted_deviance()[0]
 
 
@@ -220,7 +220,7 @@ def fit_random_motion(
         paths = [(last + part * (path - last), rate_error) for last, path, rate_error in filtered]
         values = now.stepped(part * now.solution[0])
     raise DecayError(
-        "The fit with a random force does not settle; offer fewer forces, or take random_force='off'."
+        "The fit with a random force does not converge; offer fewer forces, or use random_force='off'."
     )
 
 
@@ -249,7 +249,7 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
 
 
 def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Array]]) -> Iterate:
-    """The runs about their paths."""
+    """Return the runs about their paths."""
     parameters, linear = problem.parameters, []
     jacobian = parameters.jacobian(values)
     of_runs = zip(problem.records, paths, parameters.per_run(values), strict=True)
@@ -265,7 +265,7 @@ def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Arr
 
 
 def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iterate) -> xr.Dataset:
-    """A fit with a random force as every method returns it."""
+    """Return a fit with a random force as every method returns it."""
     frequency = fit.parameters.model(fit.values).reference_frequency
     filters, ratios = [run.sensor_filter for run in at.linear], at.ratios
     sensors = [NoiseModel(float(np.sqrt(r.variance)), f) for r, f in zip(ratios, filters, strict=True)]
@@ -275,7 +275,7 @@ def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iter
     rms = [root_mean_square(at.innovations(run)) for run in range(len(filters))]
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         "birge_ratio": (birge, "1", "Birge ratio of the innovations"),
-        "innovation_rms": (rms, "rad", "RMS of what one step ahead is predicted wrongly"),
+        "innovation_rms": (rms, "rad", "RMS of the one-step prediction errors"),
     }
     result = fit.problem.identification(method, fit.values, covariance, noises, extra)
     forces = [random_force_of_ratio(ratio, frequency, method.random_force) for ratio in ratios]
@@ -284,4 +284,4 @@ def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iter
     white = described("innovations", {"autocorrelation": correlation})
     result = result.assign(white).assign_coords(lag=np.arange(1, 1 + len(correlation)))
     orders = ", ".join(str(len(filter_) - 1) for filter_ in filters)
-    return result.assign_attrs(noise_model=f"autoregression of order {orders}, beside a random force")
+    return result.assign_attrs(noise_model=f"autoregression of order {orders}, with a random force")

@@ -41,7 +41,7 @@ def with_consequences(tree: xr.DataTree) -> xr.DataTree:
 
 
 def _of_an_estimate(tree: xr.DataTree) -> xr.DataTree:
-    """A single identification: it keeps no record, and its largest known amplitude is that of its start."""
+    """Add the consequences of a single identification, whose largest known amplitude is that of its start."""
     result = tree.to_dataset()
     start = np.abs(np.ravel(result.start_angle.values)) if "start_angle" in result else np.zeros(0)
     if not np.any(start > 0.0):
@@ -50,7 +50,7 @@ def _of_an_estimate(tree: xr.DataTree) -> xr.DataTree:
 
 
 def _consequences(result: xr.Dataset, amplitude: Array, time: Array, si: xr.Dataset | None) -> xr.DataTree:
-    """The groups of `with_consequences`."""
+    """Return the groups of `with_consequences`."""
     ends = _ends(amplitude, time)
     groups: dict[str, xr.Dataset] = {}
     refused = ""
@@ -75,12 +75,12 @@ def _over_ends(parts: Sequence[xr.Dataset]) -> xr.Dataset:
 
 
 def _ends(amplitude: Array, time: Array) -> list[tuple[float, float]]:
-    """The largest and the smallest amplitude, or the only one, each with its time."""
+    """Return the largest and the smallest amplitude, or the only one, each with its time."""
     a = amplitude_row(amplitude)
     return sorted({(float(a[end]), float(time[end])) for end in (a.argmax(), a.argmin())}, reverse=True)
 
 
 def _inertia(si: xr.Dataset | None) -> dict[str, float]:
-    """The inertia of what is given in SI units with its error, as `dissipated_energy` takes it."""
+    """Return the inertia of what is given in SI units with its error, as `dissipated_energy` takes it."""
     names = ("inertia", "inertia_standard_error")
     return {} if si is None or "inertia" not in si else {name: si[name].item() for name in names}

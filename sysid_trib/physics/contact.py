@@ -20,7 +20,7 @@ def contact_stiffness(
     omega0_standard_error: float = 0.0,
     inertia_standard_error: float = 0.0,
 ) -> xr.Dataset:
-    """Stiffness that the contact adds, K_c = I (w_inf^2 - w0^2) (Le Bot et al. 2019, Sec. 3.3).
+    """Return stiffness that the contact adds, K_c = I (w_inf^2 - w0^2) (Le Bot et al. 2019, Sec. 3.3).
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def sphere_stiffness(
     shear_modulus_standard_error: float = 0.0,
     contact_radius_standard_error: float = 0.0,
 ) -> xr.Dataset:
-    """Torsional stiffness 16 G a^3/3 of an elastic sphere that does not slip (Johnson 1985).
+    """Return the torsional stiffness 16 G a^3/3 of an elastic sphere that does not slip (Johnson 1985).
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def inertia_with_mass(
     mass_standard_error: float = 0.0,
     radius_standard_error: float = 0.0,
 ) -> xr.Dataset:
-    """Moment of inertia I0 + m l^2 of a pendulum with a mass fixed to it (Le Bot et al. 2019, Sec. 3).
+    """Return moment of inertia I0 + m l^2 of a pendulum with a mass fixed to it (Le Bot et al. 2019, Sec. 3).
 
     Parameters
     ----------
@@ -185,7 +185,7 @@ def speaks_of_slip(result: xr.Dataset) -> bool:
 
 
 def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
-    """Hold the ratio nu/delta against that of partial slip, -3 pi/4.
+    """Compare the ratio nu/delta with that of partial slip, -3 pi/4.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ POINTS_WITH_HISTORY = 360
 
 
 def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) -> xr.Dataset:
-    """Weigh the forces of an identification against each other, in envelope and in frequency.
+    """Compute the weights of the forces of an identification in envelope and frequency.
 
     Parameters
     ----------
@@ -77,7 +77,7 @@ def dissipated_energy(
     inertia_standard_error: float = 0.0,
     time: ArrayLike = 0.0,
 ) -> xr.Dataset:
-    """Energy that each force takes from a cycle, to first order in the forces.
+    """Return the energy that each force takes from a cycle, to first order in the forces.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def dissipated_energy(
     unit = -2.0 * np.pi * a * sine
 
     def energies(z: Array) -> Array:
-        """Energy of each force, of all, and of all as a part of a^2/2."""
+        """Return the energy of each force, of all, and of all as a part of a^2/2."""
         of_forces, factor = z[: len(unit), None] * unit, 1.0 if inertia is None else z[-1] * z[-2] ** 2
         total = of_forces.sum(axis=0)
         return np.vstack([factor * of_forces, factor * total, total / (0.5 * a**2)])
@@ -131,7 +131,7 @@ def dissipated_energy(
 
 
 def shares(estimate: estimates.ModelEstimate, unit: Array) -> tuple[Array, Array]:
-    """Each term over the sum of their sizes, and its standard error, (force, amplitude) each.
+    """Return each term over the sum of their sizes, and its standard error, (force, amplitude) each.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def shares(estimate: estimates.ModelEstimate, unit: Array) -> tuple[Array, Array
 
 
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 0.0) -> Array:
-    """Largest |h| on the cycles of these amplitudes (rad); internal states are on their settled cycle.
+    """Return largest |h| on the cycles of these amplitudes (rad); internal states are on their settled cycle.
 
     For a force with memory it is half the distance between peaks.
     """
@@ -186,7 +186,7 @@ Weight = Callable[[Array], Array]
 
 @in_units_of_the_motion
 def crossovers(result: xr.Dataset) -> xr.Dataset:
-    """Amplitudes at which two forces weigh the same, by peak force and by what they do on average.
+    """Find the amplitudes of equal weight of two forces, by peak force and by average effect.
 
     Parameters
     ----------
@@ -256,7 +256,7 @@ def _weight(estimate: estimates.ModelEstimate, i: int, acts_on: str) -> tuple[We
 def _crossing(
     estimate: estimates.ModelEstimate, pair: tuple[int, ...], tables: list[tuple[Weight, Array]]
 ) -> tuple[float, float, int, bool]:
-    """Smallest amplitude of equal weights, its error, how many there are, and whether they are opposed."""
+    """Return the smallest amplitude of equal weights, its error, their number, and whether forces oppose."""
     c, covariance = estimate.coefficients[list(pair)], estimate.coefficient_covariance[np.ix_(pair, pair)]
 
     def difference(weights: list[Array]) -> Array:
@@ -286,7 +286,7 @@ def _crossing(
 
 
 def _roots(function: Callable[[float], float], level: Array) -> list[float]:
-    """Zeros in ln a of a function that is `level` on the grid."""
+    """Return the zeros in ln a of a function that is `level` on the grid."""
     grid = np.log(np.geomspace(LOWEST, HIGHEST, GRID))
     # A force that does not act at small amplitudes has an infinite level there, which has a sign too.
     sides = np.sign(level)

@@ -19,7 +19,7 @@ from sysid_trib.simulation.simulate import trajectory
 def propagate(
     function: Callable[[Array], ArrayLike], values: Array, covariance: Array
 ) -> tuple[Array, Array]:
-    """A function's values and standard errors, to first order, by central differences.
+    """Compute values and standard errors of a function to first order, by central differences.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def of_measured(
 
 
 def amplitude_row(amplitude: ArrayLike) -> Array:
-    """Amplitudes as a row; UsageError unless they are positive angles, a number or one row of them."""
+    """Return amplitudes as a row; raise a UsageError unless they are positive angles, a number or one row."""
     a = np.asarray(amplitude, dtype=float)
     if a.ndim > 1 or a.size == 0 or not np.all(np.isfinite(a) & (a > 0)):
         raise UsageError("Amplitudes must be positive angles in rad: a number or one row of numbers.")
@@ -146,19 +146,19 @@ class ModelEstimate:
         return self.covariance[:-1, :-1]
 
     def model(self, values: Array) -> Model:
-        """The model with these values in the place of its own, of the forces that are in it."""
+        """Return the model with these values in the place of its own, of the forces that are in it."""
         chosen = self.in_model & (self.coefficients != 0.0)
         pairs = zip(self.symbols, values[:-1].tolist(), chosen, strict=True)
         return Model(self.library, {s: c for s, c, yes in pairs if yes}, float(values[-1]), self.shapes)
 
     def with_inertia(self, inertia: float, standard_error: float) -> tuple[Array, Array]:
-        """Values and covariance with an inertia (kg m^2) as the last, which was measured apart from them."""
+        """Return values and covariance with a separately measured inertia (kg m^2) as the last."""
         covariance = np.pad(self.covariance, (0, 1))
         covariance[-1, -1] = standard_error**2
         return np.append(self.values, inertia), covariance
 
     def over_amplitude(self, data: variables.Variables, given: ArrayLike) -> xr.Dataset:
-        """Variables over force and amplitude; without that dimension where one number was given.
+        """Return variables over force and amplitude; without that dimension where one number was given.
 
         Parameters
         ----------
@@ -215,7 +215,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
 
 
 def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
-    """Covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
+    """Return the covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
     count, c = len(in_model), result.coefficient.values.astype(float)
     whole = np.pad(schema.covariance_with_frequency(result), (0, 1))
     if "omega0" in result and not in_model.all():

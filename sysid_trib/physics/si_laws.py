@@ -17,7 +17,7 @@ from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
 from sysid_trib.smooth_laws.calibration import slope
 
-# Group of a result that holds what `laws_in_si` returns.
+# Group of a result with the dataset of `laws_in_si`.
 LAWS_SI = "laws_si"
 # Units of an angle's laws, and those of a displacement's.
 OF_DISPLACEMENT = {"N m": "N", "(N m)^2": "N^2", "rad/s": "m/s", "rad": "m"}
@@ -130,7 +130,9 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
         The data hold no such law.
     """
     if f"{law}_low" not in data:
-        raise UsageError(f"These data hold no {law}(...): identify the laws, and give what SI units take.")
+        raise UsageError(
+            f"These data contain no {law}(...): identify the laws, and give the quantities for SI units."
+        )
     variable = str(data[law].dims[0])
     along = "sliding_speed" if law == MU else variable
     names = [along, law, *(f"{law}_{end}" for end in ("standard_error", "low", "high"))]
@@ -153,6 +155,6 @@ def _with_laws(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     laws = best(result)
     if "friction_covariance" not in laws:
         raise UsageError(
-            "This result holds no friction law; identify the laws first (sysid-trib laws, st.laws)."
+            "This result contains no friction law; identify the laws first (sysid-trib laws, st.laws)."
         )
     return laws

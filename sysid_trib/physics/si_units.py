@@ -53,7 +53,7 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
 
 
 def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None) -> xr.Dataset:
-    """Coefficients of a body of an inertia, or of a mass in a unit of length, that each with its error.
+    """Return the coefficients for an inertia, or for a mass and a unit of length, each with its error.
 
     c becomes m w^(2-q) c, q the degree in the rate, times the unit of length to the power that c has in it; a
     numerical factor of a power law goes to it.
@@ -84,18 +84,18 @@ def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None
 
 
 def _stiffness(estimate: estimates.ModelEstimate, values: Array) -> float:
-    """I w^2, and what a force of formula `x` adds to it where w does not hold it."""
+    """Return the I w^2, and what a force of formula `x` adds to it where w does not hold it."""
     elastic = estimate.in_model & [force.matches("x") for force in estimate.forces]
     return float(values[-1] * values[-2] ** 2 * (1.0 + values[:-2][elastic].sum()))
 
 
 def _is_monomial(force: Force) -> bool:
-    """True if the force is a product of a power of |x|, one of |v|, signs and a number."""
+    """Return true if the force is a product of a power of |x|, one of |v|, signs and a number."""
     return force.degree is not None and force.speed_degree is not None
 
 
 def power_law_factor(force: Force) -> float:
-    """The number in a power law, 2 of `2*v`; 1 of other forces."""
+    """Return the number in a power law, 2 of `2*v`; 1 of other forces."""
     if not _is_monomial(force):
         return 1.0
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
@@ -103,7 +103,7 @@ def power_law_factor(force: Force) -> float:
 
 
 def _product(*factors: tuple[str, float], mark: str = "^") -> str:
-    """A product of powers in words, without those of exponent zero."""
+    """Return a product of powers in words, without those of exponent zero."""
     return " ".join(name if p == 1.0 else f"{name}{mark}{p:g}" for name, p in factors if p)
 
 
@@ -127,7 +127,7 @@ MASS, STIFFNESS = "mass", "stiffness"
 
 
 def per_input(result: xr.Dataset) -> xr.Dataset | None:
-    """Mass, stiffness and forces over the gain of an input; None where no force is an input by itself.
+    """Return mass, stiffness and forces over the gain of an input; None where no force is an input by itself.
 
     Parameters
     ----------
@@ -174,7 +174,7 @@ def _is_gain(force: Force) -> bool:
 
 
 def _at_unit_rate(force: Force) -> float | None:
-    """h(0, 1) of a force of the rate alone that is a power of it; None of others."""
+    """Return the h(0, 1) of a force of the rate alone that is a power of it; None of others."""
     names = {name for formula in force.formulas for name in formula.names}
     if force.kind != "force" or not names <= {"v"} or force.speed_degree is None:
         return None
@@ -191,8 +191,9 @@ def check_measured(names: Set[str]) -> None:
     """
     if ("inertia" in names) == ("mass" in names) or ("radius" in names) != ({"inertia", "load"} <= names):
         raise UsageError(
-            "SI units take the inertia of an angle or mass of a displacement; the coefficient of friction "
-            "takes the load too, and of an angle the radius at which the contact rubs."
+            "SI units need the inertia for an angle, or the mass for a displacement; the "
+            "coefficient of friction "
+            "also needs the load and, for an angle, the friction radius."
         )
 
 
@@ -204,7 +205,7 @@ def in_si_units(
     load: Measured | None = None,
     radius: Measured | None = None,
 ) -> xr.Dataset:
-    """Torques or forces of the contact in SI units, and the coefficient of friction, with their errors.
+    """Return torques or forces of the contact and the coefficient of friction in SI units, with errors.
 
     Parameters
     ----------
@@ -266,7 +267,7 @@ def in_si_units(
 
 
 def _degrees(estimate: estimates.ModelEstimate) -> Array:
-    """Degree of each force in the signal; nan of one that has none."""
+    """Return the degree of each force in the signal; nan of one that has none."""
     degrees = [signal_powers(force) for force in estimate.forces]
     return np.array([np.nan if degree is None else 1.0 - degree[""] for degree in degrees])
 
@@ -303,7 +304,7 @@ def check_angle_unit(unit: str) -> None:
 
 
 def _unit_of_force(power: float, speed: float) -> str:
-    """Unit of a coefficient: kg m^(1-p) s^(q-2); N where that is one."""
+    """Return the unit of a coefficient: kg m^(1-p) s^(q-2); N where that is one."""
     if power == 0.0 and speed == 0.0:
         return "N"
     return _product(("kg", 1.0), ("m", 1.0 - power), ("s", speed - 2.0))

@@ -31,8 +31,8 @@ ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
 ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
 # Panels of the residuals of one model or two, in the figure's mosaic.
 RESIDUAL_PANELS = "BK"
-# A coefficient is drawn from so far below zero to so far above it, in units of its value; its numbers stand
-# beside, where the axis goes on.
+# Range in which a coefficient is drawn, in units of its value; its numbers are at the right, where the axis
+# continues.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 # Standard errors of a 95 % interval, and amplitudes between which shares are drawn.
 INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
@@ -51,8 +51,9 @@ EFFECTIVE_TITLE = "The model does not explain the record."
     block="At a glance",
     captions={
         "discover": f"The record and the motion of the final model, {FITTED}. {WEIGHED}",
-        "driven": f"The inputs, the record with the motion of the answer's model, {FITTED}, and what the "
-        "model of each method leaves of the record.",
+        "driven": f"The inputs, the record with the motion of the preferred model, {FITTED}, and "
+        f"the residual "
+        "of each method's model.",
     },
 )
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
@@ -111,7 +112,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         _coefficients(panels["E"], results, lines, units)
         titles = [""] * len(panels)
         if "F" in panels:
-            # A model that failed has no weights, but what it lacks can be seen.
+            # A model that failed has no weights, but its residual can be shown.
             of_surface = main if main is not None else last_of(tree)
             _surface(panels["F"], of_surface, record[["angle"]], run, "right" if wide else "bottom")
             titles[-1] = MISSING_TITLE
@@ -123,7 +124,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
 
 
 def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
-    """Identifications whose coefficients are shown, the main one last, and whether it explains the record."""
+    """Return the identifications shown, the main one last, and whether it explains the record."""
     if kind_of(tree) == "discover":
         final = tree["after"].to_dataset()
         # If nothing is missing, only names are in doubt.
@@ -139,7 +140,7 @@ def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
 
 
 def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
-    """Weights of the forces over the amplitudes of a decay, each at its own time; None of what has none."""
+    """Return weights of the forces over a decay's amplitudes, each at its time; None if there are none."""
     with suppress(SysidTribError):
         halves = envelope(record[["angle"]]).sortby("amplitude")
         amplitude = halves.amplitude.values
@@ -156,7 +157,7 @@ def _no_data(ax: Axes, text: str) -> None:
 
 
 def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -> None:
-    """Share of each force with a band of one standard error, against amplitude."""
+    """Draw the share of each force with a band of one standard error, against amplitude."""
     if weighed is None or not np.isfinite(weighed[quantity].values).any():
         _no_data(ax, "no force acts here")
         return
@@ -169,7 +170,7 @@ def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -
 def _coefficients(
     ax: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, style.Style], units: str
 ) -> None:
-    """Each coefficient over its value by the main identification, with 95 % intervals, and in numbers."""
+    """Draw each coefficient over its value by the main identification, with 95 % intervals and numbers."""
     if not results:
         _no_data(ax, "all methods failed")
         return
@@ -202,7 +203,7 @@ def _coefficients(
 
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
-    """A value with its interval; an arrow where the interval leaves the range that is drawn."""
+    """Draw a value with its interval; an arrow where the interval leaves the range that is drawn."""
     low, high = COEFFICIENT_RANGE
     ends = np.array([value - error, value + error])
     style.interval(ax, row, value, np.abs(ends.clip(low, high) - value)[:, None], (low, high), color=color)
@@ -212,7 +213,7 @@ def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> N
 
 
 def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at: str) -> None:
-    """Mean force that is missing over angle and rate, and dots where it is beyond three standard errors."""
+    """Draw the mean missing force over angle and rate, with dots where it exceeds three standard errors."""
     units = signal_units(record)
     factor, unit = small_units(units)
     try:

@@ -38,7 +38,7 @@ ARROW_BEYOND = 5.0
 
 
 def shown_methods(tree: xr.DataTree) -> xr.Dataset:
-    """The group `comparison` of a result of `compare`, of the methods that have any result."""
+    """Return the group `comparison` of a result of `compare`, of the methods that have any result."""
     table = comparison_of(tree)
     # A method that failed must not set a scale.
     table = table.isel(model=np.flatnonzero((table.failure == "") | (table.model == table.attrs["best"])))
@@ -48,7 +48,7 @@ def shown_methods(tree: xr.DataTree) -> xr.Dataset:
 
 
 def _marks(table: xr.Dataset) -> tuple[list[style.Style], dict[str, style.Style]]:
-    """Mark of each method, that of its family, open for all but the first of it; and marks by family."""
+    """Return the mark of each method, open for all but the first of its family; and marks by family."""
     marks: list[style.Style] = []
     before: set[str] = set()
     for stated in table.family.values.tolist():
@@ -60,7 +60,7 @@ def _marks(table: xr.Dataset) -> tuple[list[style.Style], dict[str, style.Style]
 
 
 def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
-    """Ends of an axis on which most methods have room; an outlier must not squeeze the others."""
+    """Return the ends of an axis on which most methods have room; an outlier must not squeeze the others."""
     known = np.isfinite(value[best])
     centre = float(value[best] if known else np.nanmedian(value))
     distance = np.abs(value - centre) + error
@@ -108,14 +108,14 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     _prediction(panels[-1], table, marks)
     style.letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
-        # Names stand once a row; the rows share them.
+        # Names are written once a row; the rows share them.
         panel.tick_params(labelleft=at % across == 0)
     style.legend_above(figure, style.legend_marks(legend | OF_THE_RMS), 6 if wide else 2, 7)
     return figure
 
 
 def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.Style], symbol: str) -> None:
-    """A coefficient or the `asymptotic_frequency` by method, over a power of ten that its label states."""
+    """Draw a coefficient or the `asymptotic_frequency` by method, over a power of ten in its label."""
     power, unit, columns = 0, "rad/s", (table[ASYMPTOTIC], table[f"{ASYMPTOTIC}_standard_error"])
     if name != ASYMPTOTIC:
         column = table.sel(force=name)
@@ -153,7 +153,7 @@ def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[style.Style]) -> No
 
 
 def _with_methods(ax: Axes, table: xr.Dataset) -> None:
-    """Methods as rows, the first on top."""
+    """Draw methods as rows, the first on top."""
     style.name_rows(ax, table.model.values.tolist())
     ax.tick_params(labelsize=7, which="both")
     ax.xaxis.label.set_fontsize(8)
@@ -162,7 +162,7 @@ def _with_methods(ax: Axes, table: xr.Dataset) -> None:
 
 # Beyond these runs bars hide the marks.
 MANY_RUNS = 300
-# Runs that stand out are drawn in another colour: standard deviations.
+# Runs are drawn in another colour beyond so many standard deviations.
 FAR = 4.0
 # So many of them are named.
 MOST_NAMES_DRAWN = 8
@@ -171,7 +171,7 @@ MOST_NAMES_DRAWN = 8
 def against_condition(
     compared: xr.Dataset, name: str, condition: ArrayLike, *, width: float = FULL_WIDTH
 ) -> Figure:
-    """Each quantity of all runs against a condition, with standard errors; outliers in another colour.
+    """Draw each quantity of all runs against a condition, with standard errors; outliers in another colour.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def against_condition(
 
 
 def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condition: ArrayLike) -> None:
-    """One quantity of all runs, with standard errors; outliers in another colour."""
+    """Draw one quantity of all runs with standard errors; outliers in another colour."""
     of_quantity = compared.sel(quantity=quantity)
     at, ticks = places(np.asarray(condition))
     far = np.abs(of_quantity.z.values) > FAR

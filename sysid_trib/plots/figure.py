@@ -25,14 +25,14 @@ from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
 Draw = TypeVar("Draw", bound=Callable[..., Figure])
-# What `kind_of` says of results of records.
+# Kinds of results of records, by `kind_of`.
 RESULTS = ("cross_check", "laws", "driven", "compare", "difference", "discover")
-# These, and commands that show what is no result.
+# These, and commands that show no result.
 RESULT_KINDS = (
     *RESULTS,
     *("look", "backbone", "plan", "response"),
 )
-# What made results of these kinds, and what such a result is called.
+# The origin of results of these kinds, in words.
 NAMED_KINDS = {
     "cross_check": "identify by two methods",
     "driven": "identify by two methods",
@@ -140,7 +140,7 @@ class Declared:
         return self.captions.get(kind, " ".join(said.split()))
 
     def drawings(self, tree: xr.DataTree) -> Iterator[tuple[str, int, Callable[..., Figure]]]:
-        """Name of the file, run and what draws it, where the result has what is shown."""
+        """Yield the name of the file, the run and the drawing function, if the result has what is shown."""
         name = self.draw.__name__
         if self.groups:
             of_these = re.compile(rf"(?:{'|'.join(self.groups)})((?:_\d+)?)")
@@ -205,7 +205,7 @@ def shows(
 
 
 def figures_of(kind: str) -> list[Declared]:
-    """The figures of a kind of result."""
+    """Return the figures of a kind of result."""
     from sysid_trib import plots
 
     # A figure is known once its module is imported.
@@ -215,7 +215,7 @@ def figures_of(kind: str) -> list[Declared]:
 
 # Of figures of many panels, and of the smallest sign, points: exponents too.
 FONT_SIZE, SMALLEST_SIGN = 7.5, 6.0
-# Of a figure over the whole page, and the least at which two panels stand side by side, inch.
+# Width of a figure over the whole page, and the least at which two panels are side by side, inch.
 FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
 # Of a figure that has a caption below it on a page, inch.
 TALLEST = 9.0
@@ -236,12 +236,12 @@ LEGEND: dict[str, Any] = {
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """An empty figure, its size in inches, that keeps labels apart."""
+    """Return an empty figure, its size in inches, that keeps labels apart."""
     return LiteralFigure(figsize=(width, min(height, TALLEST)), layout="constrained")
 
 
 class LiteralFigure(Figure):
-    """A figure that gives texts room, and draws one of a file as it is where it only looks like mathematics.
+    """A figure that makes room for texts, and draws a text that only looks like mathematics as it is.
 
     What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels
     longer than their panel are broken, a legend above a panel has the columns that fit beside its title. A
@@ -316,7 +316,7 @@ def _titles(ax: Axes) -> list[Text]:
 
 
 def _labels(ax: Axes) -> list[tuple[Axes, Text, str]]:
-    """Labels and titles of a panel, with the side that has room for each."""
+    """Return the labels and titles of a panel, with the side that has room for each."""
     across = [ax.xaxis.label, *_titles(ax)]
     return [(ax, ax.yaxis.label, "height"), *((ax, text, "width") for text in across)]
 
@@ -365,7 +365,7 @@ def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
 
 @lru_cache(maxsize=1000)
 def _smallest_part(text: str) -> float:
-    """Size of an exponent in a text over that of the text; 0 if matplotlib cannot write its mathematics."""
+    """Return the relative size of an exponent in a text; 0 if matplotlib cannot write its mathematics."""
     size: float = FontProperties().get_size_in_points()
     try:
         lines = [MathTextParser("path").parse(line) for line in text.split("\n") if "$" in text]

@@ -1,4 +1,4 @@
-"""The laws themselves: friction against speed, and what bends the restoring force, with bands."""
+"""The laws: friction against speed, and the nonlinear part of the restoring force, with bands."""
 
 from typing import Any
 
@@ -23,11 +23,14 @@ LAW_LOOKS: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linewidth": 2.2, "alpha": 0.75, "zorder": 3},
     {"color": BLUE, "linewidth": 1.0, "zorder": 4},
 )
-# Room above and below, and that of a continuation, in parts of what the visited range takes.
+# Margin above and below, and that of an extrapolation, relative to the visited range.
 LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
+# The best formulas are drawn, no more than so many: further ones lie on top of them.
+FORMULAS_DRAWN = 3
+FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 1.5)), "zorder": 5}
 
 
 @shows("laws", block="Friction against speed")
@@ -36,7 +39,8 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
 
     Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
     by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
-    visited by the record; the dashed lines there are continuations.
+    visited by the record; the dashed lines there are continuations. Thin dotted lines: the simplest formulas
+    that stay within the band of the preferred method.
 
     Parameters
     ----------
@@ -61,6 +65,8 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
             }
         odd = {name for name in curves if np.all(results[name][shown.LAW_PLACES[law]] > 0.0)}
         _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
+        if f"{law}_formulas" in tree:
+            _draw_formulas(ax, tree[f"{law}_formulas"].to_dataset(), law, main)
     panels[0].set(xlabel=f"speed ({unit}/s)")
     panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")
     if len(panels) > 1:
@@ -73,8 +79,44 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     return figure
 
 
+@shows("laws", block="Friction of each run", groups=("own_laws",))
+def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
+    """Laws of each run that has its own, with the simultaneous 95 % band of each in its visited range.
+
+    Laws are over the inertia.
+
+    Parameters
+    ----------
+    data : Dataset
+        The group `own_laws` of a result of `laws`.
+    width : float, inch
+        Of the figure; a column of a journal has 88 mm (3.46).
+    """
+    own = [law for law in shown.LAW_PLACES if np.ptp(data[law].values, axis=0).any()]
+    figure, panels = style.grid(len(own), 2, width, LAW_HEIGHT)
+    for ax, law in zip(panels, own, strict=True):
+        places = data[shown.LAW_PLACES[law]]
+        for at, run in enumerate(data.run.values.tolist()):
+            series = style.SERIES[at % len(style.SERIES)]
+            label = f"run {run}"
+            for side in _sides(shown.curve_of(data.sel(run=run), law)):
+                seen = side.visited
+                band = {"color": series["color"], "alpha": BAND_OPACITY, "linewidth": 0}
+                ax.fill_between(side.places, side.low, side.high, where=seen, **band)
+                ax.plot(side.places, np.where(seen, side.values, np.nan), label=label, **style.line(series))
+                label = ""
+        ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
+        word = "friction" if law == "friction" else "restoring force"
+        ax.set(xlabel=f"{places.name} ({places.attrs['units']})")
+        ax.set(ylabel=f"{word} / inertia ({style.unit_label(data[law].attrs['units'])})")
+    panels[0].legend(**LEGEND, ncols=3)
+    if len(panels) > 1:
+        style.letter(panels)
+    return figure
+
+
 def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
-    """The curves of each method with their bands, those in `odd` mirrored, and where the record ends."""
+    """Draw the curves of each method with their bands, those in `odd` mirrored, and the record's ends."""
     ends: list[float] = []
     looks = LAW_LOOKS[-len(curves) :] if curves else ()
     for (name, curve), look in zip(curves.items(), looks, strict=True):
@@ -114,14 +156,22 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
     ax.set(xlim=(-last if both else 0.0, last), ylim=(low, high))
 
 
+def _draw_formulas(ax: Axes, formulas: xr.Dataset, law: str, result: xr.Dataset) -> None:
+    """Draw the simplest formulas of a law over the visited range."""
+    places = formulas[shown.LAW_PLACES[law]].values
+    known = shown.known_part(result, places)[0] if law == "restoring" else np.zeros_like(places)
+    for at, values in enumerate(formulas[law].values[:FORMULAS_DRAWN]):
+        ax.plot(places, values - known, label="" if at else "formulas", **FORMULA)
+
+
 def _at_edge(seen: Mask) -> Mask:
-    """Visited places beside one that is not."""
+    """Return the visited places beside one that is not."""
     padded = np.concatenate([[True], seen, [True]])
     return np.asarray(seen & ~(padded[:-2] & padded[2:]))
 
 
 def _sides(curve: Curve) -> list[Curve]:
-    """The parts of a law at each sign: friction may leap in between."""
+    """Return the parts of a law at each sign: friction may jump in between."""
     signs = [curve.places < 0.0, curve.places > 0.0]
     return [
         Curve(

@@ -51,7 +51,7 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
 
 
 def curves_of(tree: xr.DataTree, run: int) -> tuple[xr.Dataset, xr.Dataset | None]:
-    """The backbone of a run in a result of `cross_check`, and its models' curves if any model is kept.
+    """Return the backbone of a run in a result of `cross_check`, and its models' curves if any model is kept.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def draw_curve(
     colour: str = INK,
     label: str | None = "record, 95 %",
 ) -> None:
-    """One curve of a backbone with its band, its single periods, and the models' curves.
+    """Draw one curve of a backbone with its band, its single periods, and the models' curves.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ INPUT_HEIGHT = 1.6
 
 
 def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """Inputs, record and motion of the answer, and the residuals of the models, over time.
+    """Draw inputs, record and motion of the preferred model, and the residuals of the models, over time.
 
     Parameters
     ----------

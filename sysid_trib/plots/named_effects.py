@@ -26,7 +26,7 @@ from sysid_trib.results.variables import signal_label, signal_symbol, signal_uni
 FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
 DOT_BEYOND = 3.0
-# Effects that a row names beside its own.
+# Competing effects that a row names.
 TIED_IN_A_ROW = 2
 # Heights of the panels, inch: record, residual before, residual after; models without rows; maps over a
 # page and in a column; of a row of a model, and of a line of its text.
@@ -85,7 +85,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
 
 
 def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
-    """Each named effect, in a column in lines of their own the effects that it cannot be separated from."""
+    """Return each named effect; in a column, its competing effects have lines of their own."""
     parts = [_in_parts(step, signal_units(tree)) for step in steps_taken(tree)]
     room = int(CHARACTERS * (width - 1.3))
     if width < TWO_COLUMNS:
@@ -94,7 +94,7 @@ def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
 
 
 def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -> None:
-    """RMS residual of the start model and after each named effect, over the noise."""
+    """Draw the RMS residual of the start model and after each named effect, over the noise."""
     steps, units = steps_taken(tree), signal_units(tree)
     residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
     ratios = [residual / record_noise(tree) for residual in residuals]
@@ -104,7 +104,7 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
-        # Above its line: beside a mark a long name may not have room.
+        # Above its line: next to a mark a long name may not have room.
         words = ax.annotate(text, (1.0, row), (8, 5), **(note | {"va": "bottom"}))
         # A long one would squeeze all panels.
         words.set_in_layout(False)
@@ -118,7 +118,7 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
 
 
 def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
-    """Name of an effect, its symbol with its coefficient, and what it cannot be separated from."""
+    """Return the name of an effect, its symbol with its coefficient, and its competing effects."""
     symbol = step.symbol.item()
     pairs = replacing_pairs(step)
     # Their names would be wider than the figure.
@@ -130,7 +130,7 @@ def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
 
 
 def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
-    """Mean force over angle and rate that the start model lacks, and the final one, relative to I w^2.
+    """Draw the mean force over angle and rate that start and final model lack, relative to I w^2.
 
     In the same colours, which end by the start model's, and blank where samples are few.
     """
@@ -155,7 +155,7 @@ def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
 
 
 def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float) -> QuadMesh:
-    """A force over angle and rate as colours that end at `limit`, with dots where it is beyond the noise."""
+    """Draw a force over angle and rate as colours that end at `limit`, with dots above the noise."""
     x, v, values = force.x.values, force.v.values, force.values
     look: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit), "rasterized": True}
     mesh = ax.pcolormesh(x, v, values.T, shading="nearest", **look)
@@ -172,7 +172,7 @@ LOGARITHMIC_BEYOND = 5.0
 ALL_BEYOND, ROOM_BELOW = 1.5, 0.2
 # Height of a panel, inch: without candidates, and of a candidate.
 RANKING_HEIGHT, CANDIDATE_HEIGHT = 0.75, 0.135
-# For which there is always room: the legend beside takes some.
+# There is always room for these: the legend at the side takes some.
 FEWEST_CANDIDATES = 6
 
 
@@ -213,7 +213,7 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
-    """The candidates of the highest scores at a selection step; those named or competing always.
+    """Return the candidates of the highest scores at a selection step; those named or competing always.
 
     Parameters
     ----------
@@ -248,7 +248,7 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
     high, low = max([threshold, *sizes]), 0.0
     logarithmic = high > LOGARITHMIC_BEYOND * threshold
     if sizes.size and sizes.min() > ALL_BEYOND * threshold:
-        # An axis from zero, or a logarithm, would hide in what the candidates differ.
+        # An axis from zero, or a logarithm, would hide the differences of the candidates.
         logarithmic, low = False, float(sizes.min() - ROOM_BELOW * max(np.ptp(sizes), 0.05 * high))
     elif logarithmic:
         # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.

@@ -49,7 +49,7 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
 
 
 def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[str, str]]:
-    """Lines of the models of a run that have a motion, and what legends call all of them, by their names.
+    """Return the lines of a run's models that have a motion, and their common name in legends, by name.
 
     These are the models of a cross-check, the first and last of a discovery, or the best one of a comparison.
     """
@@ -72,7 +72,7 @@ def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[st
 
 
 def _effects(tree: xr.DataTree) -> str:
-    """The first effects of the final model, each with what it cannot be separated from."""
+    """Return the first effects of the final model, each with what it cannot be separated from."""
     names = [tied_name(step, 1) for step in steps_taken(tree)]
     names = [f"({name})" if " or " in name and len(names) > 1 else name for name in names]
     if len(names) > MOST_NAMES:
@@ -81,7 +81,7 @@ def _effects(tree: xr.DataTree) -> str:
 
 
 def drawn_samples(values: Array) -> NDArray[np.intp]:
-    """Samples that draw a curve: the least and the largest of each stretch, so that no peak is lost."""
+    """Return the least and the largest sample of each stretch, which draw a curve with all its peaks."""
     if values.size <= MOST_POINTS:
         return np.arange(values.size)
     edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
@@ -90,13 +90,13 @@ def drawn_samples(values: Array) -> NDArray[np.intp]:
 
 
 def curve(ax: Axes, time: Array, values: Array, look: Style) -> None:
-    """A curve over time, decimated."""
+    """Draw a decimated curve over time."""
     shown = drawn_samples(values)
     ax.plot(time[shown], values[shown], **look)
 
 
 def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Sequence[str]) -> None:
-    """The record and, each in a panel of its own below it, the residuals of models, with one axis of time.
+    """Draw the record and, each in its own panel below, the residuals of models, on one axis of time.
 
     In one panel a residual would hide another where models agree.
     """
@@ -136,7 +136,7 @@ ARC_POINTS = 40
 def frequency_shift(
     measured: Mapping[str, xr.Dataset], predicted: Mapping[str, xr.Dataset], ax: Axes | None = None
 ) -> Axes:
-    """Frequency against amplitude: half periods as marks, averaged models as lines (Figs. 3, 4, 5 and 10).
+    """Draw frequency against amplitude: half periods as marks, averaged models as lines (Figs. 3, 4, 5, 10).
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def motions(
     *,
     half_periods: xr.Dataset | None = None,
 ) -> Axes:
-    """A record, and the motions or the averaged envelopes of models, or its half-sines (Figs. 2, 6 and 7).
+    """Draw a record, and motions or averaged envelopes of models, or its half-sines (Figs. 2, 6 and 7).
 
     Parameters
     ----------
@@ -214,7 +214,7 @@ def weights(
     quantity: Literal["peak_force", "decay", "frequency_shift", "decay_share", "frequency_share"],
     ax: Axes | None = None,
 ) -> Axes:
-    """Weight of each force against amplitude, with bands of one standard error (Figs. 8 and 9).
+    """Draw the weight of each force against amplitude, with bands of one standard error (Figs. 8 and 9).
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def weights(
 def draw_weights(
     ax: Axes, weighed: xr.Dataset, quantity: str, *, factor: float = 1.0, zeros: bool = True
 ) -> None:
-    """A variable of weights times a factor for each force, with a band; `zeros`: also where it has none."""
+    """Draw a variable of weights times a factor for each force, with a band; `zeros`: also where absent."""
     a = weighed.amplitude.values
     for symbol, series in zip(weighed.force.values.tolist(), cycle(style.SERIES)):
         names = quantity, f"{quantity}_standard_error"
@@ -256,7 +256,7 @@ def draw_weights(
 
 
 def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
-    """Half-sines on a decay, and what three of them give at t_i."""
+    """Draw half-sines on a decay, and the extrema and times that three of them give at t_i."""
     t, b = half_periods.extremum_time.values, (half_periods.sign * half_periods.extremum).values
     # The first and last half period have no neighbours; they take the frequency of the next.
     w = np.pad(half_periods.frequency.values, 1, mode="edge")
@@ -275,7 +275,7 @@ def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
 
 
 def _construction(ax: Axes, t: NDArray[np.float64], b: NDArray[np.float64]) -> None:
-    """The chord of two extrema a period apart: its middle is a_i, its slope that of the amplitude."""
+    """Draw the chord of two extrema a period apart: its middle is a_i, its slope that of the amplitude."""
     side, middle = np.sign(b[0]), 0.5 * (b[0] + b[2])
     outside = 1.15 * b[1]
     ax.plot(t[[0, 2]], b[[0, 2]], color="black", linewidth=0.8)

@@ -1,4 +1,4 @@
-"""Motions that are predicted: innovations and bands, the forced response, what a next run would tell."""
+"""Predicted motions: innovations and bands, the forced response, the information of a next run."""
 
 from typing import Any
 
@@ -74,7 +74,7 @@ def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
 
 
 def _random_force(ax: Axes, data: xr.Dataset) -> None:
-    """The smoothed random force over time, with its band."""
+    """Draw the smoothed random force over time, with its band."""
     force, error = data.random_force.values, BAND_WIDTH * data.random_force_standard_error.values
     # First samples of the spans of equal force, which draw them all, and the last sample.
     first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)

@@ -39,7 +39,7 @@ CANDIDATE_MARKS: dict[str, dict[str, Any]] = {
 }
 OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "markeredgewidth": 0.7}
 BAR_WIDTH = 0.6
-# A text beside the point that it annotates.
+# A text next to the point that it annotates.
 LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 # Behind a text that may lie on lines.
 WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
@@ -51,7 +51,7 @@ LONG_UNIT = 4
 
 
 def line(series: Style) -> dict[str, Any]:
-    """Line of a series."""
+    """Return the line of a series."""
     return {"color": series["color"], "linestyle": series["linestyle"], "linewidth": 1.2}
 
 
@@ -63,7 +63,7 @@ def mark(series: Style) -> dict[str, Any]:
 def interval(
     ax: Axes, row: float, value: float, error: Any, limits: tuple[float, float], **look: Any
 ) -> None:
-    """A value with its error in a row; an arrow at the edge where it is beyond the limits, nothing of nan."""
+    """Draw a value with its error in a row; an arrow at the edge if beyond the limits, nothing for nan."""
     low, high = limits
     usual: dict[str, Any] = {"fmt": "o", "markersize": 3, "linewidth": 1.0}
     look = usual | look
@@ -75,19 +75,19 @@ def interval(
 
 
 def in_latex(symbol: str) -> str:
-    """A force's symbol as matplotlib writes it."""
+    """Return a force's symbol as matplotlib writes it."""
     from sysid_trib.forces.notation import symbol_latex
 
     return f"${symbol_latex(symbol)}$"
 
 
 def unit_label(unit: str) -> str:
-    """A unit with its powers, as matplotlib writes it: it knows fewer escapes than LaTeX."""
+    """Return a unit with its powers, as matplotlib writes it: it knows fewer escapes than LaTeX."""
     return unit_in_latex(unit).replace(r"\&", "&").replace(r"\#", "#")
 
 
 def short_unit(unit: str, of_record: str) -> tuple[str, str]:
-    """A coefficient's unit behind its value, and what its axis says of it: a record's long one is `u`.
+    """Return a coefficient's unit behind its value, and what its axis says of it: a record's long one is `u`.
 
     Exponents are not raised: in texts of this size they would be too small to read.
     """
@@ -97,14 +97,14 @@ def short_unit(unit: str, of_record: str) -> tuple[str, str]:
 
 
 def axes(ax: Axes | None) -> Axes:
-    """The axes given, or new ones."""
+    """Return the given axes, or new ones."""
     return new_figure(TWO_COLUMNS, 3.2).subplots() if ax is None else ax
 
 
 def grid(
     count: int, across: int, width: float, row_height: float, *, sharing: str = ""
 ) -> tuple[Figure, list[Axes]]:
-    """A figure with `count` panels, `across` in a row, fewer in a narrow one, and room above for a legend.
+    """Return a figure with `count` panels, `across` in a row, fewer in a narrow one, and room for a legend.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def grid(
 
 
 def letter(panels: Iterable[Axes], titles: Iterable[str] = (), fontsize: float = 9) -> None:
-    """Letters above panels, with a title each where there are titles."""
+    """Write letters above panels, and titles where there are any."""
     texts = list(titles)
     for at, panel in enumerate(panels):
         title = f"({chr(ord('a') + at)}) {texts[at] if texts else ''}"
@@ -136,7 +136,7 @@ def letter(panels: Iterable[Axes], titles: Iterable[str] = (), fontsize: float =
 
 
 def threshold(ax: Axes, value: float, text: str) -> None:
-    """A level line, named above its right end."""
+    """Draw a level line, named above its right end."""
     ax.axhline(value, **THRESHOLD)
     place: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
     note = ax.annotate(text, (1.0, value), (-3, 3), ha="right", fontsize=FONT_SIZE, **place)
@@ -144,37 +144,37 @@ def threshold(ax: Axes, value: float, text: str) -> None:
 
 
 def footnote(figure: Figure, text: str) -> None:
-    """A sentence below all panels, if there is one."""
+    """Write a sentence below all panels, if there is one."""
     if text:
         figure.supxlabel(text, x=0.01, ha="left", fontsize=7, color="0.3")
 
 
 def name_rows(ax: Axes, names: list[str]) -> None:
-    """Names as rows, the first on top."""
+    """Name the rows, the first on top."""
     ax.set_yticks(range(len(names)), names)
     ax.set_ylim(max(len(names), 1) - 0.4, -0.6)
 
 
 def row_lines(ax: Axes) -> None:
-    """A faint line behind each row."""
+    """Draw a faint line behind each row."""
     ax.grid(axis="y", color="0.93", linewidth=0.5)
     ax.set_axisbelow(True)
 
 
 def legend_above(figure: Figure, handles: list[Line2D], columns: int, fontsize: float) -> None:
-    """A legend of a whole figure, above all panels."""
+    """Draw one legend of a figure above all panels."""
     place: dict[str, Any] = {"loc": "outside upper center", "frameon": False, "fontsize": fontsize}
     figure.legend(handles=handles, ncols=columns, **place)
 
 
 def legend_marks(styles: Mapping[str, Style]) -> list[Line2D]:
-    """Marks for a legend, by their labels."""
+    """Draw marks for a legend, by their labels."""
     usual: dict[str, Any] = {"linestyle": "", "markersize": 4}
     return [Line2D([], [], label=label, **usual | dict(style)) for label, style in styles.items()]
 
 
 def logarithmic_ticks(axis: Axis, low: float, high: float) -> None:
-    """Plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
+    """Draw plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
     axis.set_major_formatter("{x:g}")
     if high > SHORT_AXIS * low:
         axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")

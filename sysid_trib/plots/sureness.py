@@ -23,7 +23,7 @@ KIND_COLOURS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a
 SAMPLE_COLOURS = dict(zip(SIDES, (BLUE, ORANGE), strict=True))
 # Inch: of the curves, and of a row of the differences.
 CURVES_HEIGHT, ROW = 2.4, 0.28
-# Differences of more errors stand at the edge.
+# Larger differences (in errors) are drawn at the edge.
 MOST_ERRORS = 8.0
 
 
@@ -51,7 +51,7 @@ def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
 
 
 def _profile(ax: Axes, row: xr.Dataset) -> None:
-    """Deviance of one parameter; dashed, the parabola of the standard error."""
+    """Draw the deviance of one parameter; dashed, the parabola of the standard error."""
     known = np.isfinite(row.value.values)
     values, deviance = row.value.values[known], row.deviance.values[known]
     unit, label = _power_of_ten(values, row.parameter.item())
@@ -130,7 +130,7 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     wide = width >= TWO_COLUMNS
     heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
     figure = new_figure(width, sum(heights))
-    # Texts beside the differences take no room from the curves.
+    # Texts next to the differences take no room from the curves.
     rows = figure.add_gridspec(2, 1, height_ratios=heights)
     curves = rows[0].subgridspec(*((1, 2) if wide else (2, 1)))
     panels = [figure.add_subplot(curves[at]) for at in range(2)]
@@ -145,7 +145,7 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _draw_samples(ax: Axes, tree: xr.DataTree, name: str) -> None:
-    """One curve of the backbone of every run, in the colour of its sample."""
+    """Draw one curve of the backbone of every run, in the colour of its sample."""
     limits = []
     for side, colour in SAMPLE_COLOURS.items():
         groups = [k for k in tree.children if k.startswith(f"backbone_{side}")]
@@ -159,7 +159,7 @@ def _draw_samples(ax: Axes, tree: xr.DataTree, name: str) -> None:
 
 
 def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
-    """A row each force: first minus second over the standard error, with the interval of the level."""
+    """Draw one row for each force: first minus second over the standard error, with its interval."""
     data = tree.to_dataset()
     symbols, z = data.force.values.tolist(), data.z.values
     half = float(scipy.stats.norm.isf(0.5 * float(data.attrs["level"]) / len(symbols)))

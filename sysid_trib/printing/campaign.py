@@ -26,9 +26,9 @@ from sysid_trib.results.effects import at_bound, sufficient_forces
 from sysid_trib.results.kinds import identifications_of
 
 REFUSALS, NAMES_LISTED = 5, 6
-# Standard deviations beyond which a record stands out.
+# Standard deviations beyond which a record is an outlier.
 STANDS_OUT = 4.0
-VARIES, WITHOUT_RESULT = "What varies between the records", "Without a result"
+VARIES, WITHOUT_RESULT = "Variation between the records", "Without a result"
 AGAINST = "Coefficients against conditions"
 SCATTER = "Mean, effects of conditions, scatter"
 COLLINEAR = (
@@ -64,7 +64,7 @@ def _reasons(store: xr.Dataset) -> dict[str, str]:
 
 
 def _of_done(store: xr.Dataset, name: str) -> list[str]:
-    """A text of each record that is done."""
+    """Return a text of each record that is done."""
     return store[name].values[store.status.values == 1].tolist()
 
 
@@ -96,7 +96,7 @@ def named_counts(store: xr.Dataset) -> dict[str, int]:
 
 
 def named_text(record: xr.Dataset) -> str:
-    """The effects that a discovery named, each with its p-value, and what they cannot be separated from."""
+    """Return the effects that a discovery named, each with its p-value and its competing effects."""
     named = str(record.named.item())
     # A store that was begun by an older version has the names alone.
     if not named or EFFECT_P_VALUE not in record:
@@ -108,7 +108,7 @@ def named_text(record: xr.Dataset) -> str:
 
 
 def _varying(compared: xr.Dataset) -> Iterator[Block]:
-    """Each quantity: mean, effects of the conditions, standard deviation between the records, verdict."""
+    """Describe each quantity: mean, effects of the conditions, deviation between the records, verdict."""
     terms, conditions = compared.term.values.tolist(), compared.condition.values.tolist()
     deviations = {"between records": "between_run"}
     deviations |= {k: k for k in ("repeatability", "reproducibility") if "repeatability" in compared}
@@ -133,22 +133,22 @@ def _varying(compared: xr.Dataset) -> Iterator[Block]:
 
 
 def _interval(of_quantity: xr.Dataset, name: str) -> str:
-    """A standard deviation with its interval."""
+    """Return a standard deviation with its interval."""
     value, lower, upper = (of_quantity[key].item() for key in (name, f"{name}_lower", f"{name}_upper"))
     return f"{value:.2g} ({lower:.2g} to {upper:.2g})" if np.isfinite(value) else "-"
 
 
 def _collinear(compared: xr.Dataset) -> dict[str, str]:
-    """Conditions that are left out, and with which each goes."""
+    """Return conditions that are left out, and with which each goes."""
     return dict(json.loads(compared.attrs.get("collinear", "{}")))
 
 
 def _outliers(compared: xr.Dataset) -> list[str]:
-    """Records that stand out, and in what."""
+    """Return records that stand out, and in what."""
     z = abs(compared.z.transpose("run", "quantity").to_pandas()).fillna(0.0)
     largest = z.max(axis=1).sort_values(ascending=False, kind="stable")
     sentences = [
-        f"{run} stands out: {z.loc[run].idxmax()} by {distance:.1f} standard deviations."
+        f"{run} is an outlier: {z.loc[run].idxmax()} by {distance:.1f} standard deviations."
         for run, distance in largest[largest > STANDS_OUT].items()
     ]
     return layout.first_and_more(sentences, REFUSALS)
@@ -157,7 +157,7 @@ def _outliers(compared: xr.Dataset) -> list[str]:
 def campaign_json(
     store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None
 ) -> dict[str, Any]:
-    """The campaign as plain data: counts, reasons, and what varies between the records."""
+    """Return the campaign as plain data: counts, reasons, and what varies between the records."""
     made: dict[str, Any] = {"records": dict(counts), "without_result": _reasons(store)}
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
@@ -175,8 +175,8 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
     """Return the blocks of two samples, in order; `record` describes the records."""
     data = tree.to_dataset()
     said = (
-        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A detectable difference is "
-        f"found with a probability of {POWER_STATED:g}, at the level {data.attrs['level']:g}."
+        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A test at the level "
+        f"{data.attrs['level']:g} finds a detectable difference with a probability of {POWER_STATED:g}."
     )
     return [
         Block([*law_sentences(tree)], ALWAYS),
@@ -196,13 +196,13 @@ def difference_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
-    """The identifications of all runs, with the names of their files."""
+    """Return the identifications of all runs, with the names of their files."""
     results = identifications_of(tree).items()
     return [(sample_name(run.attrs["record_source"], label.replace("_", " ")), run) for label, run in results]
 
 
 def _details(tree: xr.DataTree) -> Iterator[str]:
-    """The test of all forces, of what the errors of each run are made, and how far its model is off."""
+    """Describe the test of all forces, the parts of the errors of each run, and the residual of its model."""
     yield f"All differences together: {_test_of_all(tree.to_dataset())}."
     for name, run in _runs(tree):
         yield error_parts_sentence(name, run)
@@ -212,7 +212,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _test_of_all(data: xr.Dataset) -> str:
-    """The test of all forces together."""
+    """Return the test of all forces together."""
     test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
     return test + layout.p_value_text(data.p_value_of_all.item())
 
@@ -242,12 +242,12 @@ def _first_sentence(tree: xr.DataTree) -> str:
 
 
 def _at_a_bound(data: xr.Dataset) -> list[str]:
-    """Forces that are at a bound in one of the runs, so that no test rests on them."""
+    """Return forces that are at a bound in one of the runs, so that no test rests on them."""
     return [name for name in str(data.attrs.get("at_a_bound", "")).split(", ") if name]
 
 
 def _sufficient(tree: xr.DataTree) -> str:
-    """The fewest coefficients whose difference suffices where all others are equal."""
+    """Return the fewest coefficients whose difference suffices where all others are equal."""
     data, parts = tree.to_dataset(), []
     contrast = data[["standard_error", "covariance"]].assign(
         coefficient=data.difference, active=("force", np.ones(data.sizes["force"], dtype=bool))
@@ -263,7 +263,7 @@ def _sufficient(tree: xr.DataTree) -> str:
 
 
 def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
-    """The ratio of the frequencies, as stiffness; what the errors allow for, and methods that differ."""
+    """Describe the ratio of the frequencies as stiffness, the parts of the errors, and differing methods."""
     data, (first, second) = tree.to_dataset(), sample_names(tree.to_dataset())
     value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
     z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
@@ -276,8 +276,8 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
     at_bounds = [f"{symbol} in {name}" for name, run in _runs(tree) for symbol in at_bound(run)]
     if at_bounds:
         yield (
-            "At a bound, where the error is one-sided and z is too large: "
-            f"{', '.join(at_bounds)}. It is not tested (--bound NAME=-1:1 frees it)."
+            f"Not tested, because it is at a bound: {', '.join(at_bounds)}. There the error is one-sided and "
+            "z is too large (--bound NAME=-1:1 frees it)."
         )
     methods = [tree.attrs[f"{side}_method"] for side in SIDES]
     if methods[0] != methods[1]:
@@ -285,12 +285,12 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
-    """A force as the first identification that has it says it."""
+    """Return a force as the first identification that has it says it."""
     return next(r for r in identifications_of(tree).values() if symbol in r.force).sel(force=symbol)
 
 
 def _table(tree: xr.DataTree, between: bool) -> Table:
-    """A row each force: both samples, difference, how sure, and what would be found."""
+    """Return a row each force: both samples, difference, how sure, and what would be found."""
     data, rows = tree.to_dataset(), []
     names = dict(zip(SIDES, sample_names(data), strict=True))
     factor = scipy.stats.norm.isf(

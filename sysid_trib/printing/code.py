@@ -16,16 +16,16 @@ IN_NUMPY = {name: f"np.{name}" for name in ("sign", "abs", "pi", *SMOOTH)}
 IN_NUMPY |= {"min": "np.minimum", "max": "np.maximum"}
 IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
-# Names that the texts have for what is theirs.
+# Names that the programs use themselves.
 NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
-# Languages of `export` that hold the parameters, no program.
+# Languages of `export` that contain the parameters, no program.
 PARAMETER_LANGUAGES = ("toml", "json")
 # By language, for which there is a template.
 FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
 
 
 def model_code(result: xr.Dataset, language: str) -> str:
-    """The equation of an identification as program text, with its numbers to all their digits.
+    """Return the equation of an identification as program text, with its numbers to all their digits.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
     text = from_template(
         f"{language}.txt",
         {
-            # Units are words of files: what ends a comment or a docstring is no part of them here.
+            # Units are words of files: remove characters that would end a comment or a docstring.
             "equation": _one_line(equation_text(result)),
             "unit": _one_line(signal_units(result)),
             "w": repr(float(model.reference_frequency)),
@@ -69,21 +69,22 @@ def model_code(result: xr.Dataset, language: str) -> str:
 
 
 def _check_is_equation(result: xr.Dataset) -> None:
-    """Refuse what no one equation in x, v and states has."""
+    """Raise an error for a model that is not one equation in x, v and states."""
     model = model_of(result)
     if runs := [force.symbol for force in library_of(result) if force.run is not None]:
         raise UsageError(
-            f"{', '.join(runs)} are of one run each, an equation has one of them; identify that run alone."
+            f"{', '.join(runs)} have one value for each run, but an equation has one value; identify "
+            "one run alone."
         )
     if taken := NAMES_OF_TEXTS & {channel.name for channel in model.driven}:
         raise UsageError(
-            f"The input {', '.join(sorted(taken))} has a name that the exported text has for its own; give "
-            "it another in the library and in --input."
+            f"The input {', '.join(sorted(taken))} has a name that the exported program already uses; "
+            "rename it in the library and in --input."
         )
     if hysteretic := [force.symbol for force in model.forces if force.memory]:
         raise UsageError(
-            f"{', '.join(hysteretic)} holds values between reversals and is no equation in x, v and states; "
-            "use sysid-trib simulate, or predict in Python."
+            f"{', '.join(hysteretic)} keeps values from its reversals, so the model is no equation in x, v "
+            "and states; use sysid-trib simulate, or predict in Python."
         )
 
 
@@ -92,5 +93,5 @@ def _one_line(text: str) -> str:
 
 
 def _renamed(formula: Formula, known: Mapping[str, str]) -> str:
-    """A formula with the names of another language."""
+    """Return a formula with the names of another language."""
     return re.sub(r"\b[^\W\d]\w*", lambda word: known.get(word[0], word[0]), formula.text)

@@ -22,12 +22,12 @@ ALIKE, ALIKE_LEVEL = 1.01, 0.01
 BY_METHOD, HELD_OUT = "Coefficients by method", "Prediction of the held-out part"
 DIFFERENCES = "Difference from the method that predicts best, in standard errors of both"
 QUALITY = (
-    "RMS residual (record minus simulated model) of the whole record (all); of a model identified from the "
-    "first two thirds, on these (train) and on the last third (held out)"
+    "RMS of record minus simulated motion, for the whole record (all). For a model identified from the first "
+    "two thirds: on these (train) and on the last third (held out)"
 )
 STOCHASTIC_METHODS = (
-    "A random force was found in addition to the noise; the errors of these methods allow for it: {}. "
-    "`sysid-trib identify` tests whether it is one, or stands for a force that is missing."
+    "These methods found a random force in addition to the noise, and their errors include it: {}. "
+    "`sysid-trib identify` tests whether it is a true random force, or stands for a missing force."
 )
 # In the order in which they are looked for.
 CAUSES = {
@@ -41,7 +41,7 @@ CAUSES = {
 
 
 def _coefficient_table(table: xr.Dataset) -> Table:
-    """Coefficients with errors: a row a method, a column a force with its power of ten in the head.
+    """Return coefficients with errors: a row a method, a column a force with its power of ten in the head.
 
     A method that does not apply, or failed, has no row here; `_quality_table` says why.
     """
@@ -57,7 +57,7 @@ def _coefficient_table(table: xr.Dataset) -> Table:
 
 
 def _difference_table(table: xr.Dataset) -> Table:
-    """Differences from the method that predicts best, over the errors of both."""
+    """Return differences from the method that predicts best, over the errors of both."""
     z, best = _differences_of(table), table.attrs["best"]
     texts = z.map(_signed)
     texts.loc[best] = np.where(np.isfinite(z.loc[best]), "best", "-")
@@ -65,14 +65,14 @@ def _difference_table(table: xr.Dataset) -> Table:
 
 
 def _differences_of(table: xr.Dataset) -> pd.DataFrame:
-    """Differences from the best method over their errors, a row each method that applies."""
+    """Return differences from the best method over their errors, a row each method that applies."""
     applied = applied_methods(table)
     of_forces = applied.z.transpose("model", "force").to_pandas()
     return of_forces.assign(**{FREQUENCY_SYMBOL: applied.asymptotic_frequency_z.values})
 
 
 def _quality_table(table: xr.Dataset, units: str) -> Table:
-    """Residuals of simulated models, on the record and out of it, and what to mind of each method."""
+    """Return residuals of simulated models, on the record and out of it, and what to mind of each method."""
     factor, unit = small_units(units)
     numbered: dict[str, tuple[xr.DataArray, Callable[[float], str]]] = {
         "all/noise": (table.residual_over_noise, _ratio),
@@ -96,7 +96,7 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
 
 
 def _method_table(texts: pd.DataFrame) -> Table:
-    """A row a method, its columns with their cells."""
+    """Return a row a method, its columns with their cells."""
     rows = [{"method": label, **row} for label, row in texts.to_dict("index").items()]
     return layout.text_table(rows, ("method", "remarks"), ("method",))
 
@@ -193,7 +193,7 @@ def ratio_of_best(table: xr.Dataset) -> float:
 
 
 def _with_random_force(tree: xr.DataTree) -> list[str]:
-    """Methods of all forces that found a random force, if the one that predicts best is among them."""
+    """Return methods of all forces that found a random force, if the one that predicts best is among them."""
     table = comparison_of(tree)
     stochastic = [
         label
@@ -209,7 +209,7 @@ def _as_good(table: xr.Dataset) -> Iterator[str]:
     as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
     good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
     if labels := others.model.values[good].tolist():
-        yield f"As good (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
+        yield f"Equally good (at most 1 % worse, or p > {ALIKE_LEVEL:g}): {', '.join(labels)}."
 
 
 def _noise(table: xr.Dataset) -> str:
@@ -284,7 +284,7 @@ def _reference(table: xr.Dataset) -> Iterator[str]:
 
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A result of `compare` as plain data."""
+    """Return a result of `compare` as plain data."""
     table, several = comparison_of(tree), len(record_groups(tree)) > 1
     starts = [tree[group].holdout_start for group in record_groups(tree)]
     keys = layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})

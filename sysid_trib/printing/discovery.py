@@ -62,8 +62,8 @@ def _start(tree: xr.DataTree) -> Iterator[str]:
     whole = float(tree["holdout"].residual_noise)
     if whole > LARGE * noise:
         yield (
-            "The sensor's noise is coloured: with its slow part it is "
-            f"{layout.in_small_units(whole, units)} a sample, {tables.times_noise(whole / noise)}."
+            "The sensor's noise is coloured: including its slow part, it is "
+            f"{layout.in_small_units(whole, units)} per sample, {tables.times_noise(whole / noise)}."
         )
     yield from tables.residual_sentences(tree, "discrepancy")
     yield from tables.force_type_sentences(tree, "discrepancy")
@@ -100,7 +100,7 @@ def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
 
 
 def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
-    """The credible set of an effect, how probable each member is, and what would separate them."""
+    """Describe the credible set of an effect, each member's probability, and what would separate them."""
     probabilities = effects.credible_set(step)
     symbol, *others = probabilities
     if not others:
@@ -127,7 +127,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
 
 
 def _grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
-    """Groups in which each is like each: a chain of neighbours may have ends that are far apart."""
+    """Return groups in which each is like each: a chain of neighbours may have ends that are far apart."""
     groups: list[list[Item]] = []
     for item in items:
         home = next((group for group in groups if all(alike(other, item) for other in group)), None)
@@ -139,12 +139,12 @@ def _grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list
 
 
 def _probability(value: float) -> str:
-    """A probability of two digits, which is never nought."""
+    """Format a probability with two digits; it is never written as zero."""
     return "< 0.01" if value < 0.01 else f"{value:.2f}"
 
 
 def remedy(tied: Sequence[Force]) -> str:
-    """The measurement that would separate forces, by how they differ."""
+    """Return the measurement that would separate forces, by how they differ."""
     if len({force.kind == "sensor" for force in tied}) > 1:
         what = "Another inertia, or a second sensor,"
         why = "the error of the sensor stays the same, but the coefficient of a force changes"
@@ -162,13 +162,16 @@ def remedy(tied: Sequence[Force]) -> str:
 
 
 def _detectability(tree: xr.DataTree) -> Iterator[str]:
-    """Candidates that look alike, cannot be tested, or were not offered."""
+    """Describe candidates that look alike, cannot be tested, or were not offered."""
     candidates = tree["detectability_after"].to_dataset()
     symbols = candidates.candidate.values.tolist()
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()
     groups = _grouped(symbols, lambda first, symbol: bool(pairs.at[symbol, first]))
     if alike := "; ".join(", ".join(group) for group in groups if len(group) > 1):
-        yield f"On this record, these look alike even at {effects.NAMED:g} standard errors: {alike}."
+        yield (
+            f"This record cannot separate these, even if a coefficient is {effects.NAMED:g} standard errors: "
+            f"{alike}."
+        )
     # The reason may name the record already.
     reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")
     for reason, untested in reasons[reasons != ""].groupby(reasons, sort=False):
@@ -176,11 +179,11 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
     if left_out := tree.attrs["left_out"]:
         yield f"Not offered, because the model has them: {', '.join(left_out)}."
     if failed := tree.attrs["failed_fits"]:
-        yield f"Tried, but not fitted: their motions could not be computed: {', '.join(failed)}."
+        yield f"Not fitted, because their motions could not be computed: {', '.join(failed)}."
 
 
 def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A result of `discover` as plain data."""
+    """Return a result of `discover` as plain data."""
     attrs, noise = tree.attrs, record_noise(tree)
     reasons = layout.per_label(tree["detectability_after"].to_dataset(), "candidate", "reason")
     computed = {
@@ -204,12 +207,12 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def _spans(spans: xr.Dataset) -> dict[str, Any]:
-    """The residual by its spans."""
+    """Return the residual by its spans."""
     return layout.mapped(spans, "spans", {"parts": ", ".join(spans.attrs["parts"])})
 
 
 def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
-    """An effect with what it cannot be separated from, on what was held out, and in parts of the record."""
+    """Return an effect with its competing effects, on held-out data, and in parts of the record."""
     held, offered = tree["holdout"].rms, effects.candidates_of(tree)
     probabilities = {s: round(p, 4) for s, p in effects.credible_set(step).items()}
     likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)

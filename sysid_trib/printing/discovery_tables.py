@@ -19,8 +19,9 @@ ROWS, LAST = 10, 3
 # Candidates that are named with an effect which cannot be separated from them.
 TIES_NAMED = 2
 RANKING = (
-    "Named and strongest candidates, |z| before each step and at the end (-: in the model, or untested), and "
-    "the coefficient of five standard errors, at the shapes and frequencies of the highest score"
+    "|z| of the named and the strongest candidates before each step and at the end (-: in the model, or not "
+    "tested). Last column: the coefficient of five standard errors. Shapes and frequencies are those of the "
+    "highest score"
 )
 UNKNOWN = "The residual does not follow the motion: it is external vibration, or noise of another kind."
 # Places that a sentence names; a residual that is everywhere needs none.
@@ -46,7 +47,7 @@ NEARLY_AS_HIGH = 0.8
 
 
 def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
-    """The effects that were added, in order, with residuals before and after over the noise; None of none.
+    """Return the table of added effects, in order, with residuals over the noise; None if there are none.
 
     Parameters
     ----------
@@ -81,19 +82,19 @@ def _to(values: list[float], unit: float = 1.0) -> str:
 
 
 def _effect_name(step: xr.Dataset) -> str:
-    """Symbol of an effect; one that is less probable than another stands for that one."""
+    """Return the symbol of an effect, or the more probable effect that it stands for."""
     symbol, named = step.symbol.item(), effects.named_effect(step)
     return symbol if named == symbol else f"{named} (fitted by {symbol})"
 
 
 def effect_with_ties(step: xr.Dataset) -> str:
-    """An effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
+    """Return an effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
     others = [symbol for symbol in effects.alternatives_of(step) if symbol != step.symbol.item()]
     return f"{_effect_name(step)}{f' (or {effects.or_others(others, TIES_NAMED)})' if others else ''}"
 
 
 def formula_text(step: xr.Dataset) -> str:
-    """The formula of an effect with its shape parameters and their errors."""
+    """Return the formula of an effect with its shape parameters and their errors."""
     symbol = step.symbol.item()
     shapes, errors = (effects.shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
     texts = [step.formula.item()]
@@ -105,7 +106,7 @@ def formula_text(step: xr.Dataset) -> str:
 
 
 def ranking_table(tree: xr.DataTree) -> Table:
-    """|z| of named and best candidates before each step and after the last; those in the model have none."""
+    """Return |z| of named and best candidates before each step and at the end; not of those in the model."""
     ranking, detectable = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
     named = [symbol for symbol in effects.added_effects(tree) if symbol in ranking.candidate]
     last = effects.strongest(ranking.isel(selection_step=[-1]), LAST)
@@ -115,7 +116,7 @@ def ranking_table(tree: xr.DataTree) -> Table:
         cells = (f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values)
         words, least = {"candidate": symbol, "name": candidate["name"].item()}, "-"
         if symbol in detectable.candidate and np.isfinite(detectable.detectable.sel(candidate=symbol)):
-            # At which it would stand out beside the final model.
+            # Coefficient at which it would be significant in the final model.
             coefficient = detectable.sel(candidate=symbol)
             least = layout.with_unit(f"{coefficient.detectable.item():.2g}", coefficient.unit.item())
         rows.append(words | dict(zip(heads, cells, strict=True)) | {"detectable": least})
@@ -140,7 +141,7 @@ def residual_text(tree: xr.DataTree) -> str:
 
 
 def times_noise(ratio: float) -> str:
-    """A residual over the noise as text."""
+    """Return a residual over the noise as text."""
     return f"{ratio:.3g} times the noise"
 
 
@@ -165,7 +166,7 @@ def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
 
 
 def residual_table(tree: xr.DataTree, group: str) -> Table:
-    """Parts of record minus model: the largest, when, and at the largest and the smallest amplitude."""
+    """Return parts of record minus model: the largest, its time, and at largest and smallest amplitude."""
     spans, (factor, unit) = tree[group].to_dataset(), small_units(signal_units(tree))
     harmonics = {
         f"{name} harmonic ({unit})": factor * np.hypot(spans[f"{name}_cosine"], spans[f"{name}_sine"])
@@ -194,7 +195,7 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
 
 
 def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
-    """The type of force that scores highest in the omnibus test, and what it means.
+    """Describe the type of force that scores highest in the omnibus test, and its meaning.
 
     Nothing if the test does not reject, or no part of the residual goes with the motion.
 
@@ -220,7 +221,7 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
 
 
 def _sort_of(name: str) -> str:
-    """Type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
+    """Return the type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
     _, *wave = name.split()
     if not wave:
         return EVEN

@@ -27,7 +27,7 @@ UNEXPLAINED_WORDS = {
     "approximate": "The model is approximate",
     "not explained": "The model does not explain the record",
 }
-# Forces of the omnibus test, and candidates, that are named where they stand out.
+# Largest number of forces of the omnibus test, and of candidates, that are named.
 MOST_NAMED = 3
 UNDECIDED = (
     "The record does not determine the forces: no coefficient of the model differs from zero, and no "
@@ -40,7 +40,7 @@ IMITATED = "the model may imitate a force that is not among the candidates"
 
 
 def verdict_sentences(tree: xr.DataTree) -> list[str]:
-    """The verdict of a result of `discover` in its first sentence, then what remains and the model."""
+    """Describe the verdict of a result of `discover`, the residual, and the model."""
     return [
         *(_unknown_effect(tree) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)),
         *_search(tree),
@@ -50,7 +50,7 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 
 
 def _closed(tree: xr.DataTree) -> Iterator[str]:
-    """Nothing more is significant in the residual; the first word is the judge's."""
+    """Say that nothing more in the residual is significant; the first word is the judge's."""
     effects = " and ".join(map(tables.effect_with_ties, steps_taken(tree)))
     after, residual, ratio = tree["after"].to_dataset(), tables.residual_text(tree), held_out_excess(tree)
     held = f"{tables.times_noise(ratio)} on the held-out part ({tree.attrs['held_out']})" if ratio else ""
@@ -76,7 +76,7 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
         tests = "neither the candidates nor the omnibus test finds" * (not ranking.significant.any())
         tests = tests or "the omnibus test does not find"
         yield (
-            f"{headline} {residual}{', as a random force leaves it' * stochastic}.{unpredicted} "
+            f"{headline} {residual}{', as expected with a random force' * stochastic}.{unpredicted} "
             f"{tests.capitalize()} a further effect (significance level {level:.2g})."
         )
         yield UNSEEN
@@ -121,7 +121,7 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
     elif not tree["converged"]:
         rivals = "alternatives to these effects" if added else "candidates"
         yield f"Unknown effect: {names}{residual}, but not all {rivals} were compared."
-    # The final model leaves more than noise of the sensor and a random force without cause.
+    # The residual of the final model is more than noise of the sensor and a random force without cause.
     elif float(tree.attrs.get("noise_p_value", 1.0)) < level:
         driven = has_input(tree[record_groups(tree)[0]].to_dataset())
         why = "The residual depends on angle, speed or time, so it is not a random force"
@@ -141,17 +141,17 @@ def _not_explained(tree: xr.DataTree, residual: str) -> Iterator[str]:
 
 
 def _marked(tree: xr.DataTree, mark: str) -> list[str]:
-    """Symbols of the added effects of which a variable is true."""
+    """Return the symbols of the added effects of which a variable is true."""
     return [step.symbol.item() for step in steps_taken(tree) if step[mark].item()]
 
 
 def _last(tree: xr.DataTree, group: str) -> xr.Dataset:
-    """The tests of a group after the last step."""
+    """Return the tests of a group after the last step."""
     return tree[group].to_dataset().isel(selection_step=-1)
 
 
 def _high_but_not_significant(last: xr.Dataset) -> Iterator[str]:
-    """Candidates above the threshold of one test each, of many rows, that are not significant."""
+    """Name the candidates whose score is high for a single test but not significant among all."""
     limit = last.threshold.item()
     high = last.isel(candidate=(abs(last.z.values) > limit) & ~last.significant.values)
     if high.sizes["candidate"]:
@@ -188,7 +188,7 @@ def _between(amplitude: Array, units: str) -> str:
 
 
 def _highest(z: xr.DataArray) -> str:
-    """The largest scores, and what they are of."""
+    """Return the largest scores and their candidates."""
     highest = z.to_series().sort_values(key=np.abs, ascending=False)[:MOST_NAMED]
     return ", ".join(f"{name} (z = {score:.3g})" for name, score in highest.items())
 
@@ -221,11 +221,11 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
         stands[-1] += f" ({likelier})" if likelier else ""
     if stands:
         parts = ", ".join(PARTS_OF_RECORD)
-        yield f"Most likely effect when fitted to parts of the record ({parts}): {'; '.join(stands)}."
+        yield f"In parts of the record ({parts}), the 95 % set contains {'; '.join(stands)}."
 
 
 def _model(tree: xr.DataTree) -> Iterator[str]:
-    """Frequency and forces of the final model that no step has named, and its equation."""
+    """Describe frequency and unnamed forces of the final model, and its equation."""
     after, effects = tree["after"].to_dataset(), added_effects(tree)
     own = after.drop_sel(force=effects)
     values = [

@@ -17,10 +17,11 @@ from sysid_trib.results.variables import record_groups, signal_units
 from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
-    "Standard errors: of a white residual, from its size; with a random force that explains the record, from "
-    "both noises, and from the bias of the input coefficient if that force is noise of the measured input; "
-    "otherwise from blocks of the record (trajectory) or rows two periods apart (direct), and from the "
-    "distance to the fit with a random force. Differences are divided by the larger error of both."
+    "Standard errors follow from the size of the residual if it is white. If a random force explains the "
+    "record, they follow from both noises, and from the bias of the input coefficient if that force is noise "
+    "of the measured input. Otherwise they follow from blocks of the record (trajectory) or rows two periods "
+    "apart (direct), and from the distance to the fit with a random force. Differences are divided by the "
+    "larger error of both."
 )
 DRIVEN_VERDICTS = {
     "explained": "The model explains the record: the residual is white.",
@@ -34,8 +35,8 @@ DRIVEN_VERDICTS = {
 # A coefficient of less than so many of its errors may be zero.
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
-NO_MOTION = "With this drive the model has no steady motion here: friction holds it, or it grows."
-# Motions of the printed table in each sweep, evenly apart, beside the largest.
+NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."
+# Motions of the printed table in each sweep, evenly spaced, in addition to the largest.
 PRINTED = 4
 CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
 
@@ -56,7 +57,7 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     if own and not others:
         why = f"it is fitted to the {own} itself"
     why = why or "the motion of the other method does not follow the record"
-    # Where it is held, that at vanishing amplitude is of the forces, whose differences are above.
+    # If the reference is held, the asymptotic frequency follows from the forces, whose differences are above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
     tested = dict(tree["agreement"].z.to_series()) if "agreement" in tree.children else {}
     z = {label: value if value else np.nan for label, value in tested.items()}
@@ -121,7 +122,7 @@ def _constants_block(tree: xr.DataTree) -> Block:
 
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
-    """Mass, stiffness and forces in the unit of the input."""
+    """Return the mass, stiffness and forces in the unit of the input."""
     scaled = per_input(result)
     if scaled is None:
         return []
@@ -140,7 +141,7 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
 
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A driven result as plain data."""
+    """Return a driven result as plain data."""
     compared = tree["judged"].to_dataset()
     scaled = per_input(tree[compared.attrs["preferred"]].to_dataset())
     return {
@@ -159,10 +160,10 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
     sentences = []
     for record in predicted:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
-        start = f"fitted to its first {warm_up:g} s, which do not count" if warm_up else "fitted to all of it"
+        start = f"fitted to its first {warm_up:g} s (not counted)" if warm_up else "fitted to all of it"
         start = "as measured" if record.attrs.get("starts") == "measured" else start
         sentences.append(
-            f"Prediction of {record.attrs.get('source', 'record')}, its start {start}: residual "
+            f"Prediction of {record.attrs.get('source', 'record')}, with its start {start}: residual "
             f"{record.residual_rms.item():.3g} {unit} (RMS), "
             f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
         )
@@ -174,7 +175,7 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
-    """A prediction as plain data, under `test`; nothing where nothing was predicted."""
+    """Return a prediction as plain data, under `test`; nothing where nothing was predicted."""
     rows = []
     for record in predicted:
         row = layout.mapped(record, "prediction", {"source": record.attrs.get("source", "")})
@@ -192,12 +193,12 @@ def response_blocks(response: xr.Dataset) -> Iterator[Block]:
             apart = np.linspace(0, count - 1, PRINTED + 1).round().astype(int)
             places = {*apart.tolist(), int(np.argmax(motions.amplitude.values))}
             rows += [_row(motions.isel(frequency=at), sweep) for at in sorted(places)]
-    # By how much simulations differ, and what the bands hold.
+    # Difference of the simulations, which the bands include.
     limit, ratio = response.left_open.item(), response.simulated_amplitude / response.check_amplitude
     off = np.abs(ratio - 1.0).values
     keep = (
-        f"{np.sum(off <= limit)} of {len(off)} simulated motions keep their amplitude, within "
-        f"{100.0 * limit:.2g} %, which the bands hold in addition to errors of the coefficients."
+        f"{np.sum(off <= limit)} of {len(off)} simulated motions have the computed amplitude "
+        f"within {100.0 * limit:.2g} %. The bands include this and the errors of the coefficients."
     )
     if rows:
         yield Block(table=layout.text_table(rows, ("sweep",)))
@@ -216,7 +217,7 @@ def _row(motion: xr.Dataset, sweep: str) -> dict[str, str]:
 
 
 def response_csv(response: xr.Dataset) -> str:
-    """A row for each sweep and frequency."""
+    """Return a row for each sweep and frequency."""
     table = response[[*CURVE_VALUES]].to_dataframe(dim_order=["sweep", "frequency"]).reset_index()
     table = table.dropna(subset="amplitude").rename(columns={"frequency": "frequency_rad_s"})
     rows = table.assign(unit=response.amplitude.attrs["units"]).to_dict("records")
@@ -243,16 +244,16 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     if len(models) > 1:
         yield (
             f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
-            f"{data.attrs['odds']:g} to 1 against each other model with probability "
+            f"{data.attrs['odds']:g} to 1 against each other model, with probability "
             f"{best.probability.item():.2f}."
         )
     if wanted or len(models) == 1:
         parts = [
-            f"{symbol} ± {best.standard_error.sel(force=symbol).item():.2g} "
-            f"({stated.standard_error.sel(force=symbol).item():.2g} now)"
+            f"{symbol} {best.standard_error.sel(force=symbol).item():.2g} "
+            f"(now {stated.standard_error.sel(force=symbol).item():.2g})"
             for symbol in [*wanted] or data.force.values.tolist()
         ]
-        yield f"{run}: {', '.join(parts)}, from all records together."
+        yield f"{run}. Standard errors from all records together: {', '.join(parts)}."
     if "error_of_model" in stated:
         errors = stated.error_of_model.sel(force=data.force.values).to_series()
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
@@ -261,12 +262,12 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
         asked = ", ".join(f"{symbol} ± {limit:g}" for symbol, limit in wanted.items())
         yield f"No run within the limits reaches {asked}; widen them, or repeat the run."
     if equal:
-        runs = f"{equal} run{'s' if equal > 1 else ''}"
-        yield f"Not shown: {runs} longer than another with the same numbers."
+        runs = f"{equal} longer run{'s' if equal > 1 else ''}"
+        yield f"Not shown: {runs} with the same numbers as a shorter one."
 
 
 def _size(run: xr.Dataset) -> str:
-    """The release of a run to three digits, micrometres too without a power of ten."""
+    """Return the release of a run to three digits, micrometres too without a power of ten."""
     return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
 
 
@@ -287,6 +288,6 @@ def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
 
 
 def plan_json(data: xr.Dataset) -> dict[str, Any]:
-    """A plan as plain data, all runs."""
+    """Return a plan as plain data, all runs."""
     models = dict(zip(data.attrs["models"], data.attrs["probabilities"], strict=True))
     return {"models": models, "odds": data.attrs["odds"], "runs": list(layout.mapped(data, "plan").values())}

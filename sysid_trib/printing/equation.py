@@ -19,7 +19,7 @@ NAMES = {"x": r"\theta", "v": r"\frac{\dot{\theta}}{\omega}", "t": "t"}
 
 
 def equation_text(result: xr.Dataset) -> str:
-    """The equation of motion of an identification in one line, x the angle and v its rate over w.
+    """Return the equation of motion of an identification in one line, x the angle and v its rate over w.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ def equation_text(result: xr.Dataset) -> str:
 
 
 def equation_latex(result: xr.Dataset) -> str:
-    r"""The equation of motion for LaTeX, between `\begin{equation}` and `\end{equation}`."""
+    r"""Return the equation of motion for LaTeX, between `\begin{equation}` and `\end{equation}`."""
     # A displacement is no angle.
     x = signal_symbol(signal_units(result))
     names = {name: latex.replace(r"\theta", x) for name, latex in NAMES.items()}
@@ -44,7 +44,7 @@ def equation_latex(result: xr.Dataset) -> str:
         if is_sum or written.startswith("-"):
             # It is multiplied whole.
             written = rf"\left({written}\right)"
-        # A number beside a number would read as one.
+        # Two adjacent numbers would read as one.
         times = "\\cdot" if written[:1].isdigit() else "\\,"
         parts.append(f"{_signed(power_of_ten(number))}{times} {written}")
     right = r" \\" "\n" r"    &\quad ".join(parts)
@@ -64,7 +64,7 @@ def equation_latex(result: xr.Dataset) -> str:
 
 
 def formula_latex(formula: Formula, names: Mapping[str, str] = NAMES) -> tuple[str, bool]:
-    """A formula of a library for LaTeX, letters by `names`, and whether it is a sum."""
+    """Return a formula of a library for LaTeX, letters by `names`, and whether it is a sum."""
     import sympy
 
     known = {"abs": sympy.Abs, "sign": sympy.sign, "max": sympy.Max, "min": sympy.Min}
@@ -76,13 +76,13 @@ def formula_latex(formula: Formula, names: Mapping[str, str] = NAMES) -> tuple[s
 
 
 def power_of_ten(number: str) -> str:
-    """A number as LaTeX writes it: its power of ten is no e."""
+    """Format a number for LaTeX, with a power of ten in place of an exponent."""
     digits, _, power = number.partition("e")
     return f"{digits} \\times 10^{{{int(power)}}}" if power else digits
 
 
 def rounded(value: float, error: float) -> str:
-    """A number to two digits of its error; to six without one."""
+    """Return a number to two digits of its error; to six without one."""
     if not (np.isfinite(error) and error > 0.0) or value == 0.0:
         return f"{value:.{DIGITS}g}"
     digits = floor(log10(abs(value))) - floor(log10(error)) + DIGITS_OF_ERROR
@@ -90,19 +90,19 @@ def rounded(value: float, error: float) -> str:
 
 
 def frequency_text(result: xr.Dataset) -> str:
-    """The reference frequency to two digits of its error, rad/s."""
+    """Return the reference frequency to two digits of its error, rad/s."""
     return rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
 
 
 def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, Formula]]:
-    """Numbers and formulas of the active forces, or of what the sensor adds.
+    """Yield numbers and formulas of the active forces, or of what the sensor adds.
 
     A stiffness that refers to another frequency, that without contact, is in w already.
     """
     for force in library_of(result):
         row = result.sel(force=force.symbol)
         acts = row.active.item() and row.coefficient.item() != 0.0 and in_model(result, force.symbol)
-        # Each run's own stands once, by its index.
+        # The force of each run is written once, with its index.
         if acts and (force.run or 1) == 1 and (force.kind == "sensor") is of_sensor:
             number = rounded(row.coefficient.item(), row.standard_error.item())
             number = number if force.run is None else f"{force.symbol.removesuffix('_1')}_i"
@@ -110,7 +110,7 @@ def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, F
 
 
 def _sum(result: xr.Dataset, *, of_sensor: bool = False) -> str:
-    """Numbers times formulas; the sign of a formula goes to its number."""
+    """Return numbers times formulas; the sign of a formula goes to its number."""
     text = ""
     for number, formula in _terms(result, of_sensor):
         factor = _factor(formula.text)
@@ -125,7 +125,7 @@ def _signed(number: str) -> str:
 
 
 def _factor(formula: str) -> str:
-    """A formula as a factor: in brackets if it is a sum."""
+    """Return a formula as a factor: in brackets if it is a sum."""
     depth = 0
     for at, letter in enumerate(formula):
         depth += (letter == "(") - (letter == ")")
@@ -135,7 +135,7 @@ def _factor(formula: str) -> str:
 
 
 def from_template(name: str, values: Mapping[str, Any]) -> str:
-    """A text of the folder `templates` with values in their places."""
+    """Return a text of the folder `templates` with values in their places."""
     from jinja2 import Environment, PackageLoader
 
     there = PackageLoader("sysid_trib", "printing/templates")

@@ -16,7 +16,7 @@ from sysid_trib.printing import equation, layout, verdict
 from sysid_trib.results import judged, kinds, schema, variables
 from sysid_trib.results.kinds import GIVEN, MU, si_of
 
-# Columns of the LaTeX table, beside the methods: what stands in the column `method` of the other one.
+# Columns of the LaTeX table other than the methods: keys of the column `method` of the CSV table.
 SI_COLUMN, DIFFERENCE_ROWS, RECORD_ROWS = "SI units", "first minus second", "record"
 # More methods than this are rows.
 MOST_COLUMNS = 3
@@ -37,7 +37,7 @@ BIBLIOGRAPHY = Path(__file__).with_name("citations.bib")
 
 
 def forces_latex(library: ForceLibrary) -> str:
-    r"""The forces of a library with their states as a table (`booktabs`) for LaTeX."""
+    r"""Return the forces of a library with their states as a table (`booktabs`) for LaTeX."""
     rows = []
     for force in library:
         formulas = {f: equation.formula_latex(f)[0] for f in force.formulas}
@@ -71,19 +71,19 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
         model = judged.preferred_of(tree)
         said = {"verdict": judged.verdict_of(tree), "answer": model}
     ratio = judged.residual_over_noise(tree, model)
-    residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion leaves the record"
+    residual = f"{ratio:.3g} times the noise" if np.isfinite(ratio) else "the motion diverges from the record"
     return said | details | {"residual": residual}
 
 
 def csv_text(tree: xr.DataTree) -> str:
-    """All coefficients and frequencies, a row each, with total errors and their parts; then the record."""
+    """Return rows of coefficients and frequencies with total errors and their parts; then the record."""
     details = ({"quantity": name, "value": text} for name, text in about_the_record(tree).items())
     rows = (*_rows(tree), *({"method": RECORD_ROWS} | row for row in details))
     return layout.csv_of(["method", *list(layout.COLUMNS)[:-1]], rows)
 
 
 def _rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """Quantities by each method, in SI units with what these were made with, and differences of samples."""
+    """Yield quantities by each method, in SI units with the values used, and differences of samples."""
     for method, result in judged.given_results(tree).items():
         yield from ({"method": method} | row for row in layout.quantities(judged.with_error_parts(result)))
     if (values := si_of(tree)) is not None:
@@ -106,11 +106,11 @@ def _number(data: xr.Dataset, name: str) -> dict[str, float]:
 
 
 def latex_text(tree: xr.DataTree) -> str:
-    r"""A table (`booktabs`) of all coefficients with errors, and the equation of the main identification."""
+    r"""Return a table (`booktabs`) of coefficients with errors, and the main identification's equation."""
     named = judged.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
-    # In the order of the methods, whichever forces they hold.
+    # In the order of the methods, whichever forces they have.
     heads: dict[str, None] = {}
     for row in _rows(tree):
         if row["quantity"] in GIVEN:
@@ -154,17 +154,17 @@ def _caption(tree: xr.DataTree, named: Mapping[str, xr.Dataset]) -> str:
 
 
 def in_latex(text: str) -> str:
-    """`(-2.3 ± 0.3)e-05` as LaTeX writes it."""
+    """Format `(-2.3 ± 0.3)e-05` for LaTeX."""
     return f"${equation.power_of_ten(text.replace('±', chr(92) + 'pm'))}$"
 
 
 def plain_latex(text: str) -> str:
-    """A text of a result as LaTeX writes it: none of its letters is a command."""
+    """Escape a text of a result for LaTeX, so that none of its letters is a command."""
     return re.sub(r"[{}$&#_%\\^~]", lambda letter: LATEX_TEXT.get(letter[0], f"\\{letter[0]}"), text)
 
 
 def unit_in_latex(unit: str) -> str:
-    r"""`px^-1 s-1` as `$\mathrm{px}^{-1}\,\mathrm{s}^{-1}$`."""
+    r"""Format `px^-1 s-1` as `$\mathrm{px}^{-1}\,\mathrm{s}^{-1}$`."""
     parts = []
     for part in unit.split():
         match = re.fullmatch(r"(.*?[^\d^.-])\^?(-?[\d.]+)?", part)
@@ -176,7 +176,7 @@ def unit_in_latex(unit: str) -> str:
 
 
 def methods_text(tree: xr.DataTree) -> str:
-    """A paragraph in LaTeX on a result of `identify`, and the equation of its answer."""
+    """Return a paragraph in LaTeX on a result of `identify`, and the equation of the preferred model."""
     main = judged.main_result(tree)
     records = [tree[group] for group in variables.record_groups(tree)]
     values: dict[str, Any] = {
@@ -208,6 +208,6 @@ def methods_text(tree: xr.DataTree) -> str:
 
 
 def cited(text: str) -> str:
-    """The entries of BibTeX that a text cites."""
+    """Return the entries of BibTeX that a text cites."""
     entries = BIBLIOGRAPHY.read_text(encoding="utf-8").split("\n\n")
     return "\n\n".join(e.strip() for e in entries if e[e.find("{") + 1 : e.find(",")] in text) + "\n"

@@ -58,7 +58,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
 
 
 def _coefficient_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """The coefficients, where a method gave any, and the equation of the answer."""
+    """Yield the coefficients, where a method gave any, and the equation of the preferred model."""
     if (main := judged.main_result(tree)) is not None:
         yield Block([verdict.reference_sentence(judged.last_of(tree))], Layer.EXPLAIN, COEFFICIENTS)
         yield Block((), ALWAYS, COEFFICIENTS, identification_table(tree))
@@ -78,7 +78,7 @@ def estimate_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def identification_table(tree: xr.DataTree) -> Table:
-    """Coefficients by both methods with errors, how many errors apart they are, and what their models leave.
+    """Return coefficients by both methods, their distance in errors, and the residuals of their models.
 
     A method that failed has no column. Errors are the total ones, of the noise and of the model.
     """
@@ -206,7 +206,7 @@ def _own_quantity(tree: xr.DataTree) -> Iterator[str]:
 
 
 def identification_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A result of `cross_check` as plain data, see `identification_blocks`."""
+    """Return a result of `cross_check` as plain data, see `identification_blocks`."""
     compared, failed = tree["agreement"].to_dataset(), judged.failures(tree)
     answer, si, methods = judged.preferred_of(tree), si_of(tree), {}
     withheld: dict[str, Any] = dict.fromkeys(layout.KEYS["identification"]) | {"coefficients": {}}

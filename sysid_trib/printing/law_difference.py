@@ -32,7 +32,7 @@ def sample_name(sources: Sequence[str], otherwise: str) -> str:
 
 
 def law_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Say of each law where the samples differ, and how surely; nothing where no laws were asked for."""
+    """Describe where the samples differ in each law, and the significance; nothing without laws."""
     if LAW_DIFFERENCE not in tree.children:
         return
     data, (first, second) = tree[LAW_DIFFERENCE].to_dataset(), sample_names(tree.to_dataset())
@@ -74,7 +74,8 @@ def law_blocks(tree: xr.DataTree) -> list[Block]:
     data = tree[LAW_DIFFERENCE].to_dataset()
     percent = f"{100.0 * (1.0 - NO_DIFFERENCE_LEVEL):g} %"
     said = (
-        f"Forces are over the inertia. Bands of differences hold at all places together, in {percent}; a "
+        f"Forces are over the inertia. Bands of differences are valid at all places "
+        f"together, in {percent}; a "
         "difference counts where its band excludes zero. If the second sample has no contact, the difference "
         "is what the contact adds."
     )

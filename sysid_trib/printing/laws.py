@@ -23,13 +23,13 @@ from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 
 FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
-SURENESS_TITLE, FORMULA_TITLE = "How sure", "Formulas within the bands"
+SURENESS_TITLE, FORMULA_TITLE = "Uncertainty", "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
 # Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
 SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
-# A motion that is larger by more leaves the visited range.
+# A motion that is larger by this factor leaves the visited range.
 LARGER_MOTION = 1.02
 REMAINING = (
     "The residual is not a function of speed or displacement alone. It may come from a force with memory, "
@@ -66,7 +66,7 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
 
 
 def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """The laws of each run that has its own."""
+    """Yield the laws of each run that has its own."""
     if OWN_LAWS not in tree.children:
         return
     own = tree[OWN_LAWS].to_dataset()
@@ -91,13 +91,13 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
         inertia = "inertia" if signal_units(tree) == "rad" else "mass"
         caption = (
             f"{title} over the {inertia} ({unit}) against {word} ({unit_at}), with standard errors; in "
-            "parentheses where the run does not reach. The table above holds the mean of the runs"
+            "parentheses beyond the range of the run. The table above shows the mean of the runs"
         )
         yield Block((), ALWAYS, title, layout.text_table(rows), caption)
 
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """The restoring force, where anything restores."""
+    """Yield the restoring force, where anything restores."""
     if shown.restores(_preferred(tree)):
         caption = _caption(tree, "restoring")
         yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
@@ -182,7 +182,7 @@ def _why(tree: xr.DataTree) -> str:
 
 
 def law_table(tree: xr.DataTree, law: str) -> Table:
-    """A law by each method at some places, their difference, and the band of the preferred one."""
+    """Return a law by each method at some places, their difference, and the band of the preferred one."""
     answer, curves = judged.preferred_of(tree), _chosen_curves(tree, law)
     if not curves:
         return layout.text_table([])
@@ -207,7 +207,7 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
 
 
 def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    """The friction as it is, the restoring force without what is known of it."""
+    """Return the friction as it is, the restoring force without what is known of it."""
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
@@ -215,7 +215,7 @@ def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> d
 
 
 def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
-    """The law by each method at the places that are shown."""
+    """Return the law by each method at the places that are shown."""
     answer = judged.preferred_of(tree)
     curves = shown.curves_of(judged.kept_results(tree), law, answer)
     if answer not in curves:
@@ -245,12 +245,12 @@ def _caption(tree: xr.DataTree, law: str) -> str:
     known = " and ".join(["the straight line w^2 x", *held])
     return (
         f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole, and by "
-        f"each method beyond {known}{f' ({scaled})' * bool(power)}, w = {w:.6g} rad/s, with standard errors"
+        f"each method minus {known}{f' ({scaled})' * bool(power)}, w = {w:.6g} rad/s, with standard errors"
     )
 
 
 def _power(tree: xr.DataTree, law: str) -> int:
-    """Power of ten of the columns of a table."""
+    """Return the power of ten of the columns of a table."""
     curves = _beyond_known(tree, law, _chosen_curves(tree, law))
     size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values))) if curves else 0.0
     power = floor(log10(size)) if size > 0.0 else 0
@@ -258,7 +258,7 @@ def _power(tree: xr.DataTree, law: str) -> int:
 
 
 def _band(low: float, high: float) -> str:
-    """The ends of a band, to a tenth of its width."""
+    """Return the ends of a band, to a tenth of its width."""
     width = abs(high - low)
     if not np.isfinite(width):
         return "-"
@@ -267,7 +267,7 @@ def _band(low: float, high: float) -> str:
 
 
 def _spans(spans: Sequence[tuple[float, float]], unit: str) -> str:
-    """Stretches of speeds or displacements as text."""
+    """Return the stretches of speeds or displacements as text."""
     texts = [f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}" for low, high in spans]
     return f"{' and '.join(texts)} {unit}"
 
@@ -282,17 +282,17 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
         yield _passivity(tree)
     spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
     if spans["certainly"]:
-        said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, by its whole band."
+        said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, with all of its 95 % band."
         yield f"{said} {ACTIVE_FRICTION}"
     if spans["seemingly"]:
         yield (
-            f"Friction is negative at {_spans(spans['seemingly'], unit)}, but its band holds positive "
-            "values: the record does not decide whether it feeds energy in there."
+            f"Friction is negative at {_spans(spans['seemingly'], unit)}, but its band contains positive "
+            "values: the record does not determine whether it feeds energy in there."
         )
     if spans["beyond"]:
         yield (
-            f"The continuation of the friction law would feed energy in at {_spans(spans['beyond'], unit)}, "
-            "which the record does not visit: do not use it there."
+            f"The extrapolated friction law would feed energy in at {_spans(spans['beyond'], unit)}, outside "
+            "the range of the record: do not use it there."
         )
 
 
@@ -301,15 +301,16 @@ def _passivity(tree: xr.DataTree) -> str:
     result = _preferred(tree)
     acting = json.loads(tree["judged"].attrs[PASSIVE])
     if not acting:
-        return "Passivity was asked for, and acts nowhere: friction takes energy out at every speed shown."
+        return "The passivity constraint is not active: friction dissipates energy at every speed shown."
     places = result.speed.values
     largest = float(np.max(places[result.speed_visited.values]))
-    # The constraint also stands just above and below zero speed.
+    # The constraint is also active just above and below zero speed.
     near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
     spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
     return (
-        f"Passivity acts at {_spans(spans, _words(tree, 'friction')[1])}: without it, friction would feed "
-        "energy in there. Suspect an error of the sensor within the cycle, or another force."
+        f"The passivity constraint is active at {_spans(spans, _words(tree, 'friction')[1])}: without it, "
+        "friction would feed energy in there. The probable cause is an error of the sensor within the cycle, "
+        "or another force."
     )
 
 
@@ -383,9 +384,9 @@ def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
         p_value = layout.p_value_text(products.p_value.item())
         yield (
             "The force is not a law of speed plus a law of displacement (p "
-            f"{p_value}): with products of both the residual falls to "
-            f"{products.residual_after.item() / products.residual_before.item():.0%}. Group `interaction` of "
-            "the result, and its figure, map what they add."
+            f"{p_value}): with products of both, the residual falls to "
+            f"{products.residual_after.item() / products.residual_before.item():.0%} of its value. The group "
+            "`interaction` of the result and its figure show the additional force."
         )
 
 
@@ -396,10 +397,10 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
     size = max(abs(both["sum"].item()), 1e-300)
     of_both, of_speed = (100.0 * both[error].item() / size for error in ("standard_error", "error_of_law"))
     yield (
-        "The record does not tell friction that changes with the speed from friction that depends on the "
-        f"position: the damping of both together over a cycle of {both.amplitude.item():.2g} {unit} is known "
-        f"to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands hold if friction "
-        "depends on the speed alone."
+        "The record does not separate friction that changes with the speed from friction that depends on "
+        f"the position: over a cycle of {both.amplitude.item():.2g} {unit}, the damping of both together is "
+        f"known to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands are valid if "
+        "friction depends on the speed alone."
     )
 
 
@@ -416,7 +417,7 @@ def _formula_text(formula: xr.Dataset) -> str:
 
 
 def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
-    """The terms of the sensor that were fitted, each run with its own."""
+    """Return the terms of the sensor that were fitted, each run with its own."""
     result = tree[str(tree["judged"].model.values[-1])].to_dataset()
     library = library_of(result, whole=True)
     known = result.force.values.tolist()
@@ -426,9 +427,9 @@ def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
         values = [layout.coefficient_text(result.sel(force=name)) for name in own]
         name = library[own[0]].name if own else symbol
         texts += [f"{name} ({symbol}) {', '.join(values)}"] if own else []
-    owner = ", each run with its own," if len(record_groups(tree)) > 1 else ""
+    owner = ", one for each run" if len(record_groups(tree)) > 1 else ""
     return (
-        f"In addition to the laws, direct fits errors of the sensor{owner} which belong to a record: "
+        f"In addition to the laws, direct fits errors of the sensor, which belong to a record{owner}: "
         f"{'; '.join(texts)}."
     )
 
@@ -505,7 +506,7 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
 
 
 def laws_json(tree: xr.DataTree) -> dict[str, Any]:
-    """A result of `laws` as plain data: keys are the names of the variables."""
+    """Return a result of `laws` as plain data: keys are the names of the variables."""
     checked = tree["judged"].to_dataset()
     results = judged.kept_results(tree)
     methods = {name: layout.mapped(result, "laws") for name, result in results.items()}
@@ -547,7 +548,7 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """The preferred laws, and those of each run that has its own, a row each place."""
+    """Yield the preferred laws, and those of each run that has its own, a row each place."""
     result, preferred = _preferred(tree), judged.preferred_of(tree)
     yield from _rows_of_curves(tree, result, preferred)
     if OWN_LAWS in tree.children:
@@ -559,7 +560,7 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 
 
 def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Iterator[dict[str, Any]]:
-    """The laws of a dataset by the name of their method, a row each place."""
+    """Yield the laws of a dataset by the name of their method, a row each place."""
     for law in shown.laws_in(_preferred(tree)):
         variable = shown.LAW_PLACES[law]
         curve = shown.curve_of(result, law)
@@ -583,13 +584,13 @@ def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Itera
 
 
 def laws_csv(tree: xr.DataTree) -> str:
-    """The preferred laws with their bands, a row each place."""
+    """Return the preferred laws with their bands, a row each place."""
     rows = list(_law_rows(tree))
     return layout.csv_of(list(rows[0]), rows)
 
 
 def laws_latex(tree: xr.DataTree) -> str:
-    r"""The preferred laws at some places as a table (`booktabs`)."""
+    r"""Return the preferred laws at some places as a table (`booktabs`)."""
     answer = judged.preferred_of(tree)
     tables = []
     for law in shown.laws_in(_preferred(tree)):
@@ -623,7 +624,7 @@ def laws_latex(tree: xr.DataTree) -> str:
 
 
 def _unit(unit: str) -> str:
-    """A unit such as `rad/s^2` as LaTeX writes it."""
+    """Return a unit such as `rad/s^2` as LaTeX writes it."""
     over, _, under = unit.rpartition("/s")
     if not over:
         return exported.unit_in_latex(unit)

@@ -17,7 +17,7 @@ from sysid_trib.results.variables import record_groups, small_units
 
 MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
 FREQUENCY_ROWS = {"reference_frequency": "w (rad/s)", "asymptotic_frequency": "w_inf (rad/s)"}
-# Columns of a row of `quantities`, and the variables of a force that they hold.
+# Columns of a row of `quantities`, and the variables of a force in them.
 COLUMNS = {
     **{"quantity": "force", "name": "name", "formula": "formula", "value": "coefficient"},
     **{name: name for name in ("standard_error", "unit", "refers_to", "error_of_noise", "error_of_model")},
@@ -26,7 +26,7 @@ COLUMNS = {
 
 
 def value_with_error(value: float, error: float) -> str:
-    """`0.0097 ± 0.0002`: two digits of the error, the value to the same place, one power of ten for both."""
+    """Format `0.0097 ± 0.0002`: two digits of the error, one power of ten for both numbers."""
     if not np.isfinite(value):
         return "-"
     if not np.isfinite(error):
@@ -42,29 +42,29 @@ def value_with_error(value: float, error: float) -> str:
 
 
 def values_with_errors(values: ArrayLike, errors: ArrayLike) -> list[str]:
-    """Several values with their errors as texts."""
+    """Return several values with their errors as texts."""
     pairs = zip(np.ravel(values).tolist(), np.ravel(errors).tolist(), strict=True)
     return [value_with_error(value, error) for value, error in pairs]
 
 
 def error_of(name: str) -> str:
-    """The variable that has the standard error of another."""
+    """Return the variable that has the standard error of another."""
     return "standard_error" if name == "coefficient" else f"{name}_standard_error"
 
 
 def quantity(result: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
-    """A variable of a result with its standard error, both times a factor, with units behind it."""
+    """Return a variable of a result with its standard error, both times a factor, with units behind it."""
     value, error = (factor * result[key].item() for key in (name, error_of(name)))
     return f"{value_with_error(value, error)}{units}"
 
 
 def with_unit(text: str, unit: str) -> str:
-    """A number with its unit; nothing is behind one that has none."""
+    """Format a number with its unit, if it has one."""
     return text if unit == "1" else f"{text} {unit}"
 
 
 def coefficient_text(force: xr.Dataset) -> str:
-    """The coefficient of a force with its standard error, and its unit where it has one."""
+    """Return the coefficient of a force with its standard error, and its unit where it has one."""
     return with_unit(quantity(force, "coefficient"), force.unit.item())
 
 
@@ -75,19 +75,19 @@ def in_small_units(size: float, units: str) -> str:
 
 
 def p_value_text(p_value: float, equals: str = "= ") -> str:
-    """A p-value as a sentence takes it, or without `equals` a table."""
+    """Format a p-value for a sentence or, without `equals`, for a table."""
     if not np.isfinite(p_value):
         return "-"
     return f"{equals}{p_value:.2g}" if p_value > 1e-300 else "< 1e-300"
 
 
 def by_label(data: xr.Dataset, dim: str) -> dict[str, xr.Dataset]:
-    """The part of a dataset at each label of a dimension."""
+    """Return the part of a dataset at each label of a dimension."""
     return {label: data.sel({dim: label}) for label in data[dim].values.tolist()}
 
 
 def first_and_more(sentences: list[str], most: int, rest: str = "") -> list[str]:
-    """The first of many sentences, and in one how many more there are."""
+    """Return the first of many sentences, and one that counts the others."""
     more = len(sentences) - most
     return [*sentences[:most], *([f"And {more:,} more{rest}."] if more > 0 else [])]
 
@@ -95,7 +95,7 @@ def first_and_more(sentences: list[str], most: int, rest: str = "") -> list[str]
 def text_table(
     rows: Sequence[Mapping[str, str]], words: Collection[str] = (), whole: Collection[str] = ()
 ) -> Table:
-    """A table of rows, each with its cells by the heads of their columns.
+    """Return a table of rows, each with its cells by the heads of their columns.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def text_table(
 
 
 def quantities(result: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Coefficients, shape parameters and frequencies of an identification, a row each (see `COLUMNS`)."""
+    """Yield rows of coefficients, shape parameters and frequencies of an identification (see `COLUMNS`)."""
     for force in by_label(result, "force").values():
         yield {column: force[name].item() for column, name in COLUMNS.items() if name in force}
     shapes = by_label(result, "shape_parameter") if "shape" in result else {}
@@ -138,7 +138,7 @@ def quantities(result: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def number_and_mark(row: Mapping[str, Any]) -> tuple[str, str]:
-    """The number of a quantity with its error, and behind it that it is held, fixed, at its bound or tied."""
+    """Return a quantity with its error, and a mark if it is held, fixed, at its bound or tied."""
     if "standard_error" not in row:
         return f"{row['value']:g}", " (held)"
     number = value_with_error(row["value"], row["standard_error"])
@@ -150,7 +150,7 @@ def coefficient_table(
     z: Mapping[Any, float] = MappingProxyType({}),
     below: Iterable[Mapping[str, str]] = (),
 ) -> Table:
-    """Coefficients by each identification with errors, and how many errors apart they are.
+    """Return coefficients by each identification with errors, and how many errors apart they are.
 
     Parameters
     ----------
@@ -186,15 +186,15 @@ def coefficient_table(
 
 
 def name_and_unit(name: str, unit: str) -> str:
-    """A name with the unit behind it, where there is one."""
+    """Return a name with the unit behind it, where there is one."""
     return name if unit == "1" else f"{name} ({unit})"
 
 
 # Signs by which a spreadsheet knows a formula.
 FORMULA_SIGNS = ("=", "+", "-", "@")
-# Attributes of a record that JSON holds as they are.
+# Attributes of a record that JSON contains unchanged.
 PLAIN = (str, int, float)
-# By kind of result, or of what is in it.
+# By kind of result, or of its parts.
 KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
 
 
@@ -272,7 +272,7 @@ def per_label(data: Any, dim: str, source: str | Mapping[str, Any]) -> dict[str,
 
 
 def plain(value: Any) -> Any:
-    """Data as JSON can hold them: in place of a number that is not finite stands None."""
+    """Convert data for JSON: a number that is not finite becomes None."""
     if isinstance(value, Mapping):
         return {key: plain(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
@@ -291,7 +291,7 @@ def records_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def csv_of(heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    """Rows by the heads of their columns, as CSV."""
+    """Return the rows by the heads of their columns, as CSV."""
     # A missing cell is empty, a number that is not finite is nan.
     whole = [dict.fromkeys(heads, "") | dict(row) for row in rows]
     table = pd.DataFrame(whole, columns=list(heads), dtype=object)

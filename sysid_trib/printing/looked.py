@@ -19,7 +19,7 @@ from sysid_trib.printing import Block, layout
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.validation.drive import FittingModel
 
-# What the table of a library refers to, and characters of its words: it has 100 columns.
+# Reference of the table of a library, and characters of its words: it has 100 columns.
 NORMALISED = (
     "theta'' + w^2 (theta + sum of c h) = 0 with x = theta, v = theta'/w, tau = w t.\n"
     "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
@@ -30,7 +30,7 @@ WORDS, AT_TWO = 34, " (a = 0.1, 1)"
 
 
 def force_table(library: ForceLibrary) -> Table:
-    """Forces of a library with their equations, and what is derived from these."""
+    """Return the forces of a library with their equations, and what is derived from these."""
     rows = []
     for force in library:
         power = "" if force.kind == "sensor" else loses_power(force)
@@ -44,7 +44,7 @@ def force_table(library: ForceLibrary) -> Table:
 
 
 def equations_of(force: Force) -> list[str]:
-    """A force, its states and memory, and its shape parameters with their ranges, a line each."""
+    """Return a force, its states and memory, and its shape parameters with their ranges, a line each."""
     return [
         f"h = {force.formula.text}",
         *(f"d{name}/dtau = {formula.text}" for name, formula in force.state.items()),
@@ -57,7 +57,7 @@ def equations_of(force: Force) -> list[str]:
 
 
 def signature_text(force: Force) -> tuple[str, str]:
-    """The signature as a closed form where it is one term, else its values at two amplitudes."""
+    """Return the signature as a closed form where it is one term, else its values at two amplitudes."""
     sine, cosine = averages(force, np.array([0.1, 1.0]), None, 1.0 if force.holds_time else 0.0)
     return _average_text(sine, force.degree), _average_text(cosine, force.degree)
 
@@ -106,7 +106,7 @@ FEW_SAMPLES = 20.0
 LEAST_FALL = 2.0
 # Amplitudes that an identification needs for each of its forces.
 AMPLITUDES_A_FORCE = 3
-# A drift that counts, beside the last amplitude.
+# A drift counts above this part of the last amplitude.
 DRIFTS = 0.1
 # Power of the amplitude in the rate of decay that speaks for a law: -1 of dry friction, 1 of quadratic drag.
 CLEAR_POWER = 0.25
@@ -143,7 +143,7 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) ->
 
 
 def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
-    """The facts about a record as plain data, in the unit of the record."""
+    """Return the facts about a record as plain data, in the unit of the record."""
     records = [node for name, node in tree.children.items() if name.startswith("record")]
     return {
         "records": [layout.mapped(record, "record") for record in records],
@@ -153,7 +153,7 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
 
 
 def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
-    """Options of `identify` that the backbones point to, and that the half periods of all decays can decide.
+    """Return options of `identify` that the backbones indicate and all decays can determine.
 
     Parameters
     ----------
@@ -188,13 +188,13 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
 
 
 def _law_of(decay: xr.Dataset) -> str:
-    """The formula of the friction that the rates of decay at both ends speak for; viscous if none does."""
+    """Return the formula of the friction that the damping at both ends indicates; viscous if none does."""
     power = _power_of_rate(decay)
     return "sign(v)" if power < -CLEAR_POWER else "v*abs(v)" if power > CLEAR_POWER else "2*v"
 
 
 def _power_of_rate(decay: xr.Dataset) -> float:
-    """Power of the amplitude with which the rate of decay goes; nan if the amplitude hardly falls."""
+    """Return the power of the amplitude in the damping ratio; nan if the amplitude hardly falls."""
     first, last = decay.first_damping_ratio.item(), decay.last_damping_ratio.item()
     fall = decay.first_amplitude.item() / decay.last_amplitude.item()
     if not (fall >= LEAST_FALL and first > 0.0 and last > 0.0):
@@ -202,7 +202,7 @@ def _power_of_rate(decay: xr.Dataset) -> float:
     return float(np.log(first / last) / np.log(fall))
 
 
-# A model that leaves more than this part of the motion does not follow it.
+# A model does not follow the motion if its residual is more than this part of it.
 FOLLOWING_PART = 0.3
 
 
@@ -231,7 +231,7 @@ def driven_look_blocks(
 
 
 def driven_look_json(tree: xr.DataTree, models: Sequence[FittingModel], next_command: str) -> dict[str, Any]:
-    """The facts about driven records as plain data."""
+    """Return the facts about driven records as plain data."""
     return {
         "records": [layout.mapped(record, "record") for record in tree.children.values()],
         "decays": [],
@@ -245,7 +245,7 @@ def driven_look_json(tree: xr.DataTree, models: Sequence[FittingModel], next_com
 
 
 def fitting_options(models: Sequence[FittingModel], system: str | None) -> dict[str, str | None]:
-    """Options of `identify` for the model that fits driven records best; none if a system is given."""
+    """Return options of `identify` for the model that fits driven records best; none if a system is given."""
     if system is not None or not models[0].residual < FOLLOWING_PART:
         return {}
     best = models[0]
@@ -253,7 +253,7 @@ def fitting_options(models: Sequence[FittingModel], system: str | None) -> dict[
 
 
 def _input_sentences(run: xr.Dataset) -> Iterator[str]:
-    """The range of each input, and that of the signal."""
+    """Yield the range of each input, and that of the signal."""
     for name, known in inputs_of(run).items():
         unit = run[name].attrs.get("units", "")
         low, high = float(known.values.min()), float(known.values.max())
@@ -281,7 +281,7 @@ def _decays(tree: xr.DataTree) -> list[xr.Dataset]:
 
 
 def _sentences(decay: xr.Dataset) -> list[str]:
-    """The facts about a decay, what limits what it tells, and what it points to."""
+    """Describe a decay: the facts, their limits, and the forces that they indicate."""
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
     step = f"sensor step {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
@@ -305,7 +305,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
     modal = (
         f"Several modes: {several}. These facts are about the mode of {1.0 / value['period']:.3g} Hz; the "
-        "others act as noise: --mode takes one of them."
+        "others act as noise. --mode selects one of them."
     )
     return [
         *([modal] if several else []),
@@ -375,12 +375,12 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
 
 
 def backbone_json(backbones: Mapping[str, xr.Dataset]) -> dict[str, Any]:
-    """The curves of each run as plain data, in the unit of the record."""
+    """Return the curves of each run as plain data, in the unit of the record."""
     return {"runs": [layout.mapped(data, "backbone") for data in backbones.values()]}
 
 
 def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
-    """A row for each run and amplitude."""
+    """Return a row for each run and amplitude."""
     first, rows = next(iter(backbones.values())), []
     heads = [name for name in layout.KEYS["backbone"] if name in first]
     for run, data in enumerate(backbones.values(), 1):
@@ -390,7 +390,7 @@ def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
 
 
 def _table(data: xr.Dataset) -> Table:
-    """Frequency and damping ratio at a few amplitudes, with half their bands."""
+    """Return the frequency and damping ratio at a few amplitudes, with half their bands."""
     unit, amplitude = data.amplitude.attrs["units"], data.amplitude.values
     wanted = np.geomspace(amplitude[-1], amplitude[0], PRINTED_AMPLITUDES)
     places = dict.fromkeys(int(np.argmin(np.abs(np.log(amplitude / a)))) for a in wanted)

@@ -55,7 +55,7 @@ def _sentences(modes: xr.Dataset) -> Iterator[str]:
     if modes.attrs["lines"]:
         said.append(f"steady lines at {modes.attrs['lines']} Hz, which do not decay")
     if said:
-        yield _sentence(f"Beside them: {'; '.join(said)}")
+        yield _sentence(f"The record also contains {' and '.join(said)}")
     if modes.attrs["second_blow"]:
         yield _sentence(str(modes.attrs["second_blow"]))
 
@@ -98,7 +98,9 @@ def mode_response_blocks(response: xr.Dataset, sources: Sequence[str]) -> Iterat
         yield Block(table=layout.text_table(rows, ("sweep",)))
     drive = f"{response.drive.item():.4g} {response.drive.attrs['units']}"
     mass = (
-        "" if response.drive.attrs["units"] == "N" else " (force over modal mass; --modal-mass takes it in N)"
+        ""
+        if response.drive.attrs["units"] == "N"
+        else " (force over modal mass; with --modal-mass it is a force in N)"
     )
     largest = f"{response.attrs['largest_amplitude']:.3g} {response.amplitude.attrs['units']}"
     yield Block(

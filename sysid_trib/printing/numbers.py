@@ -67,7 +67,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
 
 
 def _of_identifications(named: Mapping[str, xr.Dataset]) -> Iterator[dict[str, Any]]:
-    """Coefficients, shape parameters and frequencies of each identification."""
+    """Yield the coefficients, shape parameters and frequencies of each identification."""
     for name, result in named.items():
         parts = {force.symbol for force in library_of(result) if force.curve}
         for row in layout.quantities(result):
@@ -94,7 +94,7 @@ def _of_campaign(store: xr.Dataset) -> pd.DataFrame:
 
 
 def _of_difference(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """Coefficients of both samples, their difference, and that of the stiffnesses."""
+    """Yield the coefficients of both samples, their difference, and that of the stiffnesses."""
     data = tree.to_dataset()
     for name in (*SIDES, DIFFERENCE_ROW):
         error = "standard_error" if name == DIFFERENCE_ROW else f"{name}_standard_error"

@@ -97,7 +97,7 @@ def weight_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
 
 
 def si_block(tree: xr.DataTree) -> Iterator[Block]:
-    """The table of torques or forces in SI units, with errors, of a result that holds them."""
+    """Yield the table of torques or forces in SI units, with errors, of a result that holds them."""
     if (values := si_of(tree)) is None:
         return
     rows = [
@@ -121,7 +121,7 @@ def si_block(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _significant(result: xr.Dataset) -> set[str]:
-    """Symbols of the forces that differ from zero."""
+    """Return the symbols of the forces that differ from zero."""
     return set(result.force.values[effects.significant(result)].tolist())
 
 
@@ -168,7 +168,7 @@ def _crossovers(result: xr.Dataset, pairs: xr.Dataset, ends: Array) -> Iterator[
         remarks += ["not reached by this motion"] * (not reached.any())
         remark = f" ({'; '.join(remarks)})" if remarks else ""
         where = f"the {pair.acts_on.item()} at {', '.join(places)}{remark}"
-        yield f"{first} and {second} weigh the same in {where}."
+        yield f"{first} and {second} have equal weight in {where}."
 
 
 def _arrest(result: xr.Dataset, values: xr.Dataset) -> list[str]:
@@ -193,4 +193,4 @@ def _fingerprint(values: xr.Dataset) -> str:
     verdict = f"{values.attrs['verdict']}, {abs(values.z.item()):.3g} standard errors apart"
     if values.significance.item() < SIGNIFICANT_FORCES:
         verdict += f"; {values.attrs['denominator']} itself is not significant"
-    return f"{ratio}; partial slip has -3 pi/4 = {values.slip_ratio.item():.3f} within a tenth: {verdict}."
+    return f"{ratio}; for partial slip it is -3 pi/4 = {values.slip_ratio.item():.3f} within 10 %: {verdict}."

@@ -20,7 +20,7 @@ NOISE_ALONE = (
 PROFILE, SENSITIVITY = "profile", "sensitivity"
 # Part of its amplitude by which a motion that is predicted may be wrong.
 USEFUL = 0.05
-NOT_FOUND = "No random force was found; the errors allow for {}."
+NOT_FOUND = "No random force was found; the errors include {}."
 TOO_SHORT = (
     "The record is too short, or too coarsely sampled, to separate a random force from the sensor's noise: "
     "a random force that changes the motion by up to {:.2g} times that noise cannot be excluded."
@@ -46,7 +46,7 @@ def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _profiles(data: xr.Dataset, lacking: bool) -> Block:
-    """Intervals by the profile likelihood, beside those by the standard error; `lacking` : of the model."""
+    """Return a table of intervals by profile likelihood and by standard error; `lacking` : of the model."""
     rows, misled = [], []
     for name, row in layout.by_label(data, "parameter").items():
         estimate, error, low, high = (row[k].item() for k in ("estimate", "standard_error", "low", "high"))
@@ -66,7 +66,7 @@ def _profiles(data: xr.Dataset, lacking: bool) -> Block:
 
 
 def _sensitivity(data: xr.Dataset) -> Block:
-    """The range of each coefficient over all fits, and those that differ most."""
+    """Return the range of each coefficient over all fits, and those that differ most."""
     change = abs(data.change.transpose("force", "fit").to_pandas()).fillna(0.0)
     largest, by = change.max(axis=1), change.idxmax(axis=1)
     rows = [
@@ -86,13 +86,13 @@ def _sensitivity(data: xr.Dataset) -> Block:
     sentences = [
         f"In some fits these differ by more than {SIGNIFICANT_ERRORS:g} standard errors: {changed}."
     ] * bool(changed)
-    sentences += [f"Without a result: {failed}."] * bool(failed)
+    sentences += [f"Failed fits: {failed}."] * bool(failed)
     caption = "Sensitivity: the same forces over windows, starts, sampling, noise models and methods"
     return Block(sentences, ALWAYS, "Sensitivity", layout.text_table(rows, ("force", "by")), caption)
 
 
 def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
-    """Profiles and sensitivity as plain data; nothing where nothing was asked for."""
+    """Return profiles and sensitivity as plain data; nothing if they were not requested."""
     tables = {name: {"of": name, "as": name} for name in (PROFILE, SENSITIVITY) if name in tree.children}
     return layout.mapped(tree, tables)
 
@@ -103,7 +103,7 @@ def not_followed(tree: xr.DataTree) -> list[str]:
 
 
 def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The size of a random force, how far ahead it lets be predicted, and whether it is the experiment's.
+    """Describe the size of a random force, the horizon of predictions with it, and whether it is physical.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
             yield NOT_FOUND.format(_allowed_for(force, of_density))
             if walk > 1.0:
                 yield TOO_SHORT.format(walk)
-    # Nothing is known of what is left where not even with such a force the model follows the record.
+    # If the model does not follow the record even with such a force, nothing is known of the residual.
     elif not not_followed(tree):
         given, explained = not force.standard_error > 0.0, judged.verdict_of(tree).startswith("explained")
         size = (
@@ -141,16 +141,16 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
             f"density is {force.relative(frequency):.1e} w^2 per root hertz."
         )
         yield (
-            f"From a known state the motion can be predicted to the sensor's noise ({noise:.2g} {units}) for "
-            f"{periods[0]}, and to {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) for "
-            f"{periods[1]}."
+            f"From a known state the motion can be predicted within the sensor's noise ({noise:.2g} {units}) "
+            f"for {periods[0]}, and within {100.0 * USEFUL:g} % of its amplitude ({amplitude:.2g} {units}) "
+            f"for {periods[1]}."
         )
         tested, p_value = tree["random_force"].to_dataset(), float(tree["judged"].random_force_p[-1])
         yield from _whose(tested, p_value, explained, of_density if given else "")
 
 
 def _allowed_for(force: RandomForce, units: str) -> str:
-    """Describe the random force that the errors allow for where none is found."""
+    """Describe the random force that the errors include where none was detected."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
@@ -159,7 +159,7 @@ def _allowed_for(force: RandomForce, units: str) -> str:
 
 
 def _periods(count: float, lasts: float) -> str:
-    """A number of periods; nothing is known beyond the length of the record."""
+    """Write a number of periods; it is limited by the length of the record."""
     if count < 0.1:
         return "less than a tenth of a period"
     if count >= lasts:
@@ -200,7 +200,7 @@ def _dependences(tested: xr.Dataset) -> str:
 
 
 def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
-    """`verdict`, `random_force` and `innovations` as plain data; None where there is no random force."""
+    """Return `verdict`, `random_force` and `innovations` as plain data; None without a random force."""
     result = judged.last_of(tree)
     data: dict[str, Any] = {"verdict": judged.verdict_of(tree), "random_force": None, "innovations": None}
     force = random_force_of(result)

@@ -18,7 +18,7 @@ TESTED = ("chi_square", "degrees_of_freedom", "p_value")
 
 # By the verdict on the size of the random force in all runs.
 DENSITY_VERDICTS = {
-    "unknown": "Whether the random force has the same size in all runs cannot be tested.",
+    "unknown": "The size of the random force cannot be compared between the runs.",
     "disagree": "The size of the random force differs between the runs (p {}).",
     "agree": "No difference between the runs was found in the size of the random force (p {}): it may be a "
     "property of the experiment.",
@@ -35,8 +35,8 @@ def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
         by_run = {f"run {at}": cell for at, cell in enumerate(cells, 1)}
         rows.append({"quantity": name, **by_run, "p": layout.p_value_text(row.p_value.item(), "")})
     table = layout.text_table(rows, ("quantity",))
-    yield Block((), Layer.EXPLAIN, "Do the runs agree", table, "Each run alone")
-    yield Block([*runs_sentences(runs)], title="Do the runs agree")
+    yield Block((), Layer.EXPLAIN, "Agreement of the runs", table, "Each run alone")
+    yield Block([*runs_sentences(runs)], title="Agreement of the runs")
 
 
 def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
@@ -45,7 +45,7 @@ def runs_sentences(runs: xr.Dataset) -> Iterator[str]:
         if why:
             yield f"Run {run} alone does not determine the coefficients: {why}"
     if runs.attrs["verdict"] == "unknown":
-        yield "Whether the runs differ cannot be tested."
+        yield "The difference between the runs cannot be tested."
     else:
         p_values = runs.p_value.fillna(1.0).to_series()
         worst = f"{p_values.idxmin()} (p {layout.p_value_text(p_values.min())})"
@@ -66,14 +66,14 @@ def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
     before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
     if before is not None and before.chi_square >= before.gain:
         yield (
-            f"Runs that differ (most in {before.most.item()}) would explain as much or more: chi-square "
-            f"{before.chi_square.item():.3g} of {before.degrees_of_freedom.item()} differences, the effect "
-            f"{before.gain.item():.3g}."
+            f"Differences between the runs (largest in {before.most.item()}) would explain as much or more: "
+            f"chi-square {before.chi_square.item():.3g} for {before.degrees_of_freedom.item()} differences, "
+            f"{before.gain.item():.3g} for the effect."
         )
 
 
 def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
-    """The result of a test for runs that differ, `most` in a quantity, or in none."""
+    """Return the result of a test for runs that differ, `most` in a quantity, or in none."""
     chi_square, degrees, p_value = (test[f"{prefix}{name}"].item() for name in TESTED)
     result = f"chi-square {chi_square:.3g} for {degrees:.0f} differences, p {layout.p_value_text(p_value)}"
     if not most:
@@ -90,8 +90,7 @@ EXPLAINED = {
     "explained with a random force": "The model explains the record with a random force, which depends on "
     "neither angle, speed, amplitude nor time.",
     "undetermined": "The record does not determine the forces: no coefficient, and no combination of them, "
-    f"differs from zero by more than {SIGNIFICANT_ERRORS:g} standard errors. It could not contradict this "
-    "model.",
+    f"differs from zero by more than {SIGNIFICANT_ERRORS:g} standard errors. It cannot test this model.",
 }
 LACKING = "A force is missing, or one has a different form."
 UNEXPLAINED_SENTENCES = {
@@ -100,12 +99,15 @@ UNEXPLAINED_SENTENCES = {
 }
 EXPLAINED_BUT_LINE = "The model explains the record: the residual is noise and a spectral line."
 OF_A_RATE = " (The residual of an integrated rate is always larger than its noise.)"
-NOT_SEPARATED = "The record does not separate these forces: each may be zero, but not all. Fewer suffice: {}."
+NOT_SEPARATED = (
+    "The record does not separate these forces: each may be zero, but not all of them. Fewer forces "
+    "suffice: {}."
+)
 EFFECTIVE = "The model is incomplete, so these coefficients are effective values"
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
-    """The verdict on the record, in words that no test is needed to read."""
+    """Return the verdict on the record in words that need no statistics."""
     verdict, preferred = judged.verdict_of(tree), judged.preferred_of(tree)
     if verdict not in UNEXPLAINED_SENTENCES:
         with_line = verdict == "explained" and [*line_sentences(tree)]
@@ -157,19 +159,19 @@ def amplitude_range(low: float, high: float, unit: str) -> str:
 
 
 def test_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The tests behind the verdict, and the two parts of each error of the answer."""
+    """Describe the tests behind the verdict, and the two parts of each error of the preferred model."""
     p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
     said, result = f"Test that the residual is white noise: p {p_value}.", judged.preferred_result(tree)
     if "random_force" in tree.children and not not_followed(tree):
         p_value = layout.p_value_text(float(tree["judged"].random_force_p[-1]))
-        said += f" Test that the random force depends on nothing: p {p_value}."
+        said += f" Test that the random force is independent of motion and time: p {p_value}."
     yield said
     if result is not None and "error_of_model" in result:
         yield error_parts_sentence(judged.preferred_of(tree), result)
 
 
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
-    """The two parts of each error of an identification."""
+    """Return the two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *judged.error_parts(result), strict=True)
     # Held values, and those that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
@@ -201,7 +203,7 @@ def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
         factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
         yield (
             f"{EFFECTIVE}. Standard errors include the change between parts of the record: they are up to "
-            f"{factor:.3g} times those by the noise (--explain)."
+            f"{factor:.3g} times the errors from noise alone (--explain)."
         )
     elif "error_of_model" in result:
         yield f"{EFFECTIVE}; between parts of the record they change by no more than their errors."
@@ -210,7 +212,7 @@ def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def error_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """The fewest forces that suffice, which others would do as well, and what the calibration adds."""
+    """Describe the fewest forces that suffice, equally good ones, and the error of the calibration."""
     result = judged.preferred_result(tree)
     if choices := judged.fewer_forces(tree):
         unit = tree[judged.preferred_of(tree)].to_dataset().unit
@@ -249,8 +251,9 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
                 parts.append(kind if "=" in kind else f"{symbol} is {kind} ({row.coefficient.item():.6g})")
     if parts:
         bounded = list(dict.fromkeys(symbol for result in results for symbol in at_bound(result)))
-        allowed = f", but those at a bound ({', '.join(bounded)}) are free in them" if bounded else ""
-        yield f"Constraints: {'; '.join(dict.fromkeys(parts))}. Standard errors are given these{allowed}."
+        allowed = f", but treat those at a bound ({', '.join(bounded)}) as free" if bounded else ""
+        listed = "; ".join(dict.fromkeys(parts))
+        yield f"Constraints: {listed}. Standard errors assume these constraints{allowed}."
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
@@ -259,7 +262,7 @@ def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
 
 
 def reference_sentence(result: xr.Dataset) -> str:
-    """The frequency to which coefficients refer, and their units."""
+    """Return the frequency to which coefficients refer, and their units."""
     w = result.reference_frequency.item()
     refers = ["Coefficients refer to w of their method"]
     units = ["They are dimensionless"]
@@ -272,6 +275,6 @@ def reference_sentence(result: xr.Dataset) -> str:
 
 
 def runs_json(runs: xr.Dataset) -> dict[str, Any]:
-    """The test of runs of one experiment as plain data."""
+    """Return the test of runs of one experiment as plain data."""
     densities = {"random_force": layout.KEYS["densities"]} if "density_verdict" in runs.attrs else {}
     return layout.mapped(runs, layout.KEYS["runs"] | densities)

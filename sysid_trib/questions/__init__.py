@@ -1,1 +1,1 @@
-"""Questions to a result: how sure it is, the best next run, the difference of samples, a forced response."""
+"""Questions about a result: its uncertainty, the best next run, differences of samples, a forced response."""

@@ -121,7 +121,7 @@ def _of_identifications(sides: Sequence[Sequence[xr.Dataset]], level: float) -> 
 def _difference(
     sides: Sequence[Sequence[xr.Dataset]], level: float, of_model: Array | None = None
 ) -> xr.Dataset:
-    """`difference`; `of_model` : covariance of the differences by what both models lack alike."""
+    """Compute `difference`; `of_model` is the covariance of the differences by what both models lack."""
     if len({signal_units(result) for side in sides for result in side}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     reference = sides[0][0].reference_frequency.item()
@@ -169,7 +169,7 @@ def _units(result: xr.Dataset) -> dict[str, str]:
 
 
 def _stiffness_difference(values: Array, covariances: Array, damping: Array) -> tuple[float, float]:
-    """Ratio of the stiffnesses at vanishing amplitude, less 1, and its error.
+    """Return the ratio of the stiffnesses at vanishing amplitude, less 1, and its error.
 
     A stiffness over the inertia is w_inf^2 + (zeta w)^2: viscous friction lowers the frequency, not the
     stiffness. `damping` : zeta w of a unit of each coefficient, (force,); the others (sample, quantity, ...).
@@ -184,7 +184,7 @@ def _stiffness_difference(values: Array, covariances: Array, damping: Array) -> 
 
 
 def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset]:
-    """The identifications of a sample, one a run."""
+    """Return the identifications of a sample, one a run."""
     given = list(side) if isinstance(side, list | tuple) else [side]
     results = [main_result(member) if isinstance(member, xr.DataTree) else member for member in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
@@ -196,7 +196,7 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
 def _run(
     result: xr.Dataset, symbols: Sequence[str], reference: float, held: Sequence[str] = ()
 ) -> tuple[Array, Array, Array]:
-    """Values of a run, their covariance by the noise, and that by the model; zero without a force."""
+    """Return values of a run, their covariance by the noise, and that by the model; zero without a force."""
     (values,), (covariance,) = refits.at_reference([result], symbols, reference, 0.0)
     for place in map(symbols.index, held):
         values[place] = result.coefficient.sel(force=symbols[place]).item()
@@ -226,7 +226,7 @@ def _contrast(
     level: float,
     of_model: Array | None,
 ) -> Variables:
-    """Differences of the forces with their tests; of both samples what `mean_of_runs` gives.
+    """Return the differences of the forces with their tests; of both samples what `mean_of_runs` gives.
 
     `testable` : forces on which tests may rest, (force,).
     """
@@ -265,7 +265,7 @@ def _held_apart(
     library: ForceLibrary,
     level: float,
 ) -> xr.Dataset:
-    """`difference`, where the error of the model is what the differences themselves move between parts.
+    """Compute `difference` with the change of the differences between parts as the error of the model.
 
     A force missing in both samples changes both alike, but not the difference.
     """
@@ -275,7 +275,7 @@ def _held_apart(
 def _model_error_of_difference(
     sides: Sequence[Sequence[xr.Dataset]], runs: Sequence[Sequence[xr.Dataset]], library: ForceLibrary
 ) -> Array | None:
-    """Covariance by the model of the differences; None where all explain, or parts cannot be fitted."""
+    """Return the model's covariance of the differences; None if all explain, or parts cannot be fitted."""
     if not any("error_of_model" in result for side in sides for result in side):
         return None
     reference, symbols = sides[0][0].reference_frequency.item(), references.forces_in_model(sides[0][0])
@@ -283,7 +283,7 @@ def _model_error_of_difference(
         return None
 
     def contrast(of: Sequence[Sequence[xr.Dataset]]) -> tuple[Array, Array]:
-        """First minus second, means over the runs, and its errors by the noise."""
+        """Return the first minus second, means over the runs, and its errors by the noise."""
         means, variances = [], []
         for side in of:
             values, covariances, _ = zip(*(_run(member, symbols, reference) for member in side), strict=True)
@@ -315,7 +315,7 @@ def held_against(
     level: float = HOMOGENEITY_LEVEL,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Identify each run of two samples by one method, and hold the samples against each other.
+    """Identify each run of two samples by one method, and compare the samples.
 
     Parameters
     ----------

@@ -21,7 +21,7 @@ from sysid_trib.smooth_laws import bands
 from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band, interpolation
 from sysid_trib.smooth_laws.laws import laws
 
-# Group of a result that holds what `law_difference` returns.
+# Group of a result with the dataset of `law_difference`.
 LAW_DIFFERENCE = "law_difference"
 # Of no difference along a law.
 NO_DIFFERENCE_LEVEL = 1.0 - BAND_PROBABILITY
@@ -172,7 +172,7 @@ def laws_held_against(
     random_force: RandomForceOption = "off",
     tell: Tell = silent,
 ) -> dict[str, xr.Dataset]:
-    """Identify the laws of two samples, and hold them against each other.
+    """Identify the laws of two samples, and compare them.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def laws_held_against(
             random_force=random_force,
         )
         results.append(best(tree))
-        # The forces of the curves are not those of the result that holds the groups.
+        # The forces of the curves are not those of the result that contains the groups.
         of_forces = [dim for dim in results[-1].dims if dim not in dimensions]
         groups[f"laws_{name}"] = results[-1].drop_dims(of_forces)
     return {LAW_DIFFERENCE: law_difference(*results)} | groups

@@ -22,7 +22,7 @@ MODEL_CURVES = ("angle", "envelope", "frequency", "damping_ratio")
 
 @in_units_of_the_motion
 def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 0) -> xr.Dataset:
-    """Curves of an identified model with bands that hold each as a whole in 95 % of records.
+    """Return the curves of an identified model with bands that hold each as a whole in 95 % of records.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
             for sign in (1.0, -1.0)
         )
     except SysidTribError as why:
-        raise DecayError(f"Within its errors this model need not have a motion: {why}") from None
+        raise DecayError(f"For some parameters within its errors this model has no motion: {why}") from None
     coords = {"time": time, "envelope_time": coarse, **described("curve_bands", {"amplitude": best[-1]})}
     made: dict[str, Any] = {}
     attrs = {"confidence": BAND_PROBABILITY}
@@ -94,7 +94,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
 def _curves(
     likelihood: Fit, values: Array, run: int, time: Array, amplitudes: Array | None
 ) -> tuple[Array, ...]:
-    """The curves of these parameters, in the order of `MODEL_CURVES`, and the amplitudes of the last two."""
+    """Return curves of these parameters, in the order of `MODEL_CURVES`, and amplitudes of the last two."""
     parameters, record = likelihood.parameters, likelihood.problem.records[run]
     model, (angle, rate, _) = parameters.model(values, run), parameters.per_run(values)[run]
     motion = record.angle + record.residual(model, parameters.per_run(values)[run])

@@ -22,7 +22,7 @@ Span: TypeAlias = tuple[float | None, float | None]
 RELEASES, DURATIONS = 7, 4
 # Without limits: these parts of the release and the duration of the record.
 AMPLITUDE_LIMITS, DURATION_LIMITS = (0.3, 1.5), (0.5, 2.0)
-# A run has no more samples than this in the design: what it tells grows with them alike in all.
+# A run has no more samples than this in the design: its information grows with them equally for all runs.
 MOST_SAMPLES_PLANNED = 4000
 
 
@@ -36,7 +36,7 @@ def plan(
     wanted: Mapping[str, float] | None = None,
     tell: Tell = silent,
 ) -> xr.Dataset:
-    """Rank runs that may be made next by what they would tell.
+    """Rank possible next runs by their expected information.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def plan(
     the rest. Errors are by the inverse of Fisher's informations of all runs.
     """
     if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
-        raise UsageError("A plan is of releases of a free decay; the records of this result are driven.")
+        raise UsageError("plan is for free decays; the records of this result are driven.")
     wanted, unit = dict(wanted or {}), signal_units(result)
     given = {
         "release": variable("end", np.array(amplitude, dtype=float), "limits of the release", unit),
@@ -105,7 +105,7 @@ def _planned(
     repeats: int,
     tell: Tell,
 ) -> xr.Dataset:
-    """`plan`, whose limits of releases and wanted errors are those of the scaled motion."""
+    """Compute `plan` with the limits of releases and wanted errors of the scaled motion."""
     main, rivals, known = rivals_of(result)
     wanted = dict(zip(asked.force.values.tolist(), asked.wanted.values.tolist(), strict=True))
     _check_wanted(wanted, known, [rival.name for rival in rivals])
@@ -115,12 +115,12 @@ def _planned(
     durations = _between(duration, DURATION_LIMITS, length, DURATIONS, "duration")
     rate = measured if sampling_rate is None else sampling_rate
     if rate <= 0.0:
-        raise UsageError(f"A sampling rate of {rate:g} Hz cannot be had; give one above zero.")
+        raise UsageError(f"The sampling rate {rate:g} Hz must be positive.")
     if np.isnan(rate):
         raise UsageError("The result keeps no record; give the sampling rate of the next run.")
     if np.isnan(kept):
         kept = measured = rate
-    # What is learnt grows with the rate, as white noise lets it, and with the repeats.
+    # The information grows with the rate, as the noise is white, and with the repeats.
     every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
@@ -129,7 +129,7 @@ def _planned(
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
         given = (release, 0.0), noise, (known.model, push)
-        # It may stop in what is held out.
+        # It may stop in the held-out part.
         stated, stop = _longest(known, [_times(end, kept, every) for end in durations], given)
         lengths = np.unique(np.minimum(durations, stop))
         times = [_times(end, kept, every, in_part=in_part) for end in lengths]
@@ -161,14 +161,14 @@ def _planned(
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
-    """Refuse errors of what the model has not or holds, and those that are none."""
+    """Raise an error for a wanted error that is not positive, or of a parameter that is held or unknown."""
     if not known.fitted:
         raise UsageError("All coefficients of this model are held: no run changes an error.")
     for symbol, error in wanted.items():
         if symbol in names and symbol not in known.model.coefficients:
             raise UsageError(
-                f"'{symbol}' may be the truth in the place of '{known.name}', which stands in this model and "
-                f"has the errors: ask for {known.name}, or first for the run that separates them (no --want)."
+                f"'{symbol}' competes with '{known.name}', which is in this model: give the wanted error of "
+                f"{known.name}, or first plan the run that separates them (no --want)."
             )
         if symbol not in known.model.coefficients:
             there = ", ".join(known.fitted)
@@ -176,7 +176,7 @@ def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str
         if symbol not in known.fitted:
             raise UsageError(f"The coefficient '{symbol}' is held in this model: no run changes its error.")
         if not error > 0.0:
-            raise UsageError(f"An error of {error:g} of '{symbol}' cannot be had; give one above zero.")
+            raise UsageError(f"The wanted error of '{symbol}', {error:g}, must be positive.")
 
 
 def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float, float]:
@@ -192,7 +192,7 @@ def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float
 
 
 def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
-    """Values in equal ratios between limits, those left out by what the record has."""
+    """Return values in equal ratios between limits, those left out by what the record has."""
     low, high = (part * known if end is None else end for end, part in zip(limits, parts, strict=True))
     if not 0.0 < low <= high:
         raise UsageError(f"Give limits of {name}, LOW:HIGH, both above zero and the lower one first.")
@@ -250,7 +250,7 @@ def _best_first(values: Mapping[str, Array], limits: Array, rivals: int) -> Inde
     learnt = np.round(np.log(np.prod(errors / np.nanmin(errors, axis=0), axis=1)), 2)
     order = [length, np.round(entropy, 3) if rivals > 1 else learnt]
     if np.isfinite(limits).any():
-        # First how far a run is from what is wanted.
+        # First the distance of a run from the wanted errors.
         lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
         order += [np.where(values["meets"], length, 0.0), np.where(values["meets"], 0.0, lacking)]
     ranked = np.lexsort(order)

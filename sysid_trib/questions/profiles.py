@@ -1,4 +1,4 @@
-"""Profile likelihood of a parameter: how much worse the motion fits where it is held off its estimate."""
+"""Profile likelihood of a parameter: the deviance of the motion with the parameter held off its estimate."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -34,7 +34,7 @@ BETTER, MOST_FITS = -0.02, 3
 
 @signal_scale.in_units_of_the_motion
 def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Tell = silent) -> xr.Dataset:
-    """Intervals of coefficients and shape parameters by the profile likelihood of the motion.
+    """Return the intervals of coefficients and shape parameters by the profile likelihood of the motion.
 
     Parameters
     ----------
@@ -120,14 +120,14 @@ def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign:
     limit = sign * max(0.0, sign * (float(parameters.limits[int(sign > 0.0)][place]) - estimate) / error)
 
     def root_at(at: float) -> float:
-        """The root of the deviance at a place, by a fit from the nearest one towards the best."""
+        """Return the root of the deviance at a place, by a fit from the nearest one towards the best."""
         if at not in fits:
             near = max((other for other in fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
             fits[at] = likelihood.holding({name: estimate + at * error}, fits[near].values)
         return float(np.sqrt(max(0.0, likelihood.deviance_of(fits[at]))))
 
     def interpolated() -> float:
-        """The end by the roots there are: they are nearly a straight line."""
+        """Interpolate the end between the known roots, which are nearly linear."""
         places, roots = _roots(likelihood, fits)
         roots = np.maximum.accumulate(roots)
         rising = np.concatenate([[True], np.diff(roots) > 0.0])
@@ -150,14 +150,14 @@ def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign:
 
 
 def _roots(likelihood: Fit, fits: dict[float, Fit]) -> tuple[Array, Array]:
-    """Places in their order, and the signed root of the deviance there, (place,) each."""
+    """Return places in their order, and the signed root of the deviance there, (place,) each."""
     places = np.array(sorted(fits))
     deviance = np.array([likelihood.deviance_of(fits[at]) for at in places.tolist()])
     return places, np.copysign(np.sqrt(np.maximum(0.0, deviance)), places)
 
 
 def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()) -> Fit:
-    """The likelihood of the motion of an identification's forces; named shapes are fitted too.
+    """Return the likelihood of the motion of an identification's forces; named shapes are fitted too.
 
     Raises
     ------
@@ -167,7 +167,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
     runs, library, asked = as_runs(decay, driven=True), schema.library_of(result), method_of(result)
     if any(random_force_of(result, run) for run in range(len(runs))):
         raise DecayError(
-            "A random force pushes this record, but this is of the free motion: hold it off with "
+            "This record has a random force, but a profile is for the free motion: use "
             "--random-force off, if the residual allows it."
         )
     shapes = (*getattr(asked, "fit_shapes", ()), *(name for name in names if name in library.shape_values()))
@@ -181,7 +181,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
 
 
 def _error(likelihood: Fit, name: str) -> float:
-    """Standard error of a parameter by the curvature of the likelihood."""
+    """Return the standard error of a parameter by the curvature of the likelihood."""
     parameters = likelihood.parameters
     if name not in parameters.common:
         known = [*parameters.library.symbols, *parameters.library.shape_values()]

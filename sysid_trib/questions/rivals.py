@@ -1,4 +1,4 @@
-"""The models that a result leaves, what each predicts of a run, and what the run would tell of them."""
+"""Competing models of a result: what each predicts of a run, and the information of the run."""
 
 import json
 from collections.abc import Sequence
@@ -22,18 +22,18 @@ from sysid_trib.validation import random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
 ODDS = 10.0
-# Of what each model may make a run, its parameters and the noise, as many are drawn.
+# Number of draws from each model's run: its parameters and the noise.
 DRAWINGS = 400
 
 
-# A motion and what may move it, over the noise, (sample, 1 + direction + 3): the angle; by one standard error
-# of each direction of the model; and by the start and the sensor's zero, of which nothing is known.
+# A motion and its derivatives over the noise, (sample, 1 + direction + 3): the angle; by one standard error
+# of each direction of the model; and by the start and the sensor's zero, which are unknown.
 RunPrediction = Array
 
 
 @dataclass(frozen=True)
 class Rival:
-    """A model that may be the truth.
+    """A competing model.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class Rival:
 
     @property
     def fitted(self) -> list[str]:
-        """Its coefficients that are not held."""
+        """Coefficients that are not held."""
         errors = np.linalg.norm(self.directions, axis=1)
         return [s for s, error in zip(self.model.coefficients, errors, strict=False) if error > 0.0]
 
@@ -109,7 +109,7 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
 
 
 def _stated(result: xr.Dataset) -> Rival:
-    """The model of an identification, with the covariance that it states but for the error of the model."""
+    """Return the model of an identification with its stated covariance, without the error of the model."""
     model = schema.model_of(result)
     symbols = [s for s in result.force.values.tolist() if s in model.coefficients]
     covariance, total = references.stated_covariance(result, symbols), result.standard_error.values
@@ -122,7 +122,7 @@ def _stated(result: xr.Dataset) -> Rival:
 
 
 def _of_discovery(tree: xr.DataTree) -> list[Rival]:
-    """The models with each candidate of the last credible set in the place of the last effect."""
+    """Return the models with each candidate of the last credible set in the place of the last effect."""
     step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
     offered, options = effects.candidates_of(tree), json.loads(tree.attrs["options"])
     rest = [force for force in schema.library_of(after) if force.symbol != step.symbol.item()]
@@ -147,7 +147,7 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
 
 
 def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[str, float]:
-    """Shape parameters of a rival as the search had them, those of its candidate from the last step."""
+    """Return a rival's shape parameters from the search, those of its candidate from the last step."""
     # A result that an older version saved has no shapes of candidates.
     shapes = library.shape_values() | schema.shape_values_of(after, library)
     for name in shapes.keys() & set(step.get("competing_shape_parameter", xr.DataArray([])).values.tolist()):
@@ -184,7 +184,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
 
 
 def covariance_after(run: RunPrediction) -> Array:
-    """Covariance of the directions after a run, its start and zero unknown; before it that is one."""
+    """Return covariance of the directions after a run, its start and zero unknown; before it that is one."""
     own = _own(run)
     return np.asarray(np.linalg.inv(np.eye(own.shape[1]) + own.T @ own))
 
@@ -207,7 +207,7 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
     """Return the log weights of competing models after a run, (truth, drawing, rival)."""
     rng, (rivals, runs) = np.random.default_rng(0), zip(*pairs, strict=True)
     apart = [np.column_stack([run[:, 0] - runs[0][:, 0], run[:, 1:]]) for run in runs]
-    # What is outside of these columns is noise that all rivals share.
+    # The part outside of these columns is noise that all models share.
     axes = random_force_test.orthonormal(np.column_stack(apart))
     inside = [axes.T @ run for run in apart]
     spaces = [_explained_space(run) for run in inside]

@@ -22,11 +22,11 @@ from sysid_trib.simulation.simulate import trajectory
 SWEEPS = ("up", "down", "unstable")
 # Draws of the parameters for a band of 95 %.
 PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
-# Of each sweep so many motions are simulated, in so many samples a period, until what they began with has
-# fallen to this part, and their amplitude is that of the last periods.
+# Number of simulated motions in each sweep, and of samples a period. The simulation lasts until the transient
+# has fallen to this part; the amplitude is that of the last periods.
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
-# What is said of each frequency, and of each simulation.
+# Variables at each frequency, and of each simulation.
 RESPONSE_CURVES = ("amplitude", "amplitude_low", "amplitude_high", "whole_low", "whole_high", "phase")
 SIMULATED_CHECKS = ("check_frequency", "check_amplitude", "simulated_amplitude")
 
@@ -40,7 +40,7 @@ def forced_response(
     base: bool = False,
     seed: int = 0,
 ) -> xr.Dataset:
-    """Steady response of an identified model to a harmonic drive, in sweeps of its frequency.
+    """Return the steady response of an identified model to a harmonic drive, in sweeps of its frequency.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     # Where no draw has a motion there is none, and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
-    # Lines are off by as much in each draw, and all by what simulations left open.
+    # The error of the lines is the same in each draw; all have the difference from the simulations.
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]
@@ -144,7 +144,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
 
 
 def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
-    """Numbers of the motions in a sweep up, in one down, and of an unstable one, (3, frequency); -1 of none.
+    """Return the motions of a sweep up, of one down, and an unstable one, (3, frequency); -1 if none.
 
     A sweep begins with the smallest stable motion, and goes on with the nearest one.
     """
@@ -164,7 +164,7 @@ def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Inde
 
 
 def _picked(values: Array, numbers: Index) -> Array:
-    """Values (motion,) by their numbers, nan where that is -1."""
+    """Return values (motion,) by their numbers, nan where that is -1."""
     return np.asarray(np.append(values, np.nan)[numbers])
 
 
@@ -183,7 +183,7 @@ def _input_of(forces: ForceLibrary, driven_by: str, base: bool) -> str:
     if not forces.inputs and not driven_by:
         return ""
     if base:
-        raise UsageError("base= is of a model without inputs; this one says by its forces how it is driven.")
+        raise UsageError("base= is for a model without inputs; the forces of this one define its drive.")
     if driven_by not in ("", *forces.inputs) or (not driven_by and len(forces.inputs) > 1):
         held = f"has the inputs {', '.join(forces.inputs)}" if forces.inputs else "has no input"
         raise UsageError(f"This model {held}; say which of them drives (driven_by=, --driven-by), or none.")
@@ -210,8 +210,8 @@ def _refuse_mixed(force: Force, channel: Channel, rise: float) -> None:
         there, here = (force.value(**points, hidden={channel.name: factor * given}) for given in (1.0, 0.0))
         if force.state or not np.allclose(there - here, factor * rise, rtol=1e-9, atol=1e-12):
             raise UsageError(
-                f"Force '{force.symbol}' holds the input {channel.input} other than in proportion beside the "
-                "others: its drive has no describing function; simulate it (st.simulate)."
+                f"Force '{force.symbol}' does not contain the input {channel.input} as a proportional, added "
+                "term: its drive has no describing function; simulate it (st.simulate)."
             )
 
 
@@ -227,7 +227,7 @@ def _drawn(result: xr.Dataset, model: Model, seed: int) -> list[tuple[float, Arr
 
 
 def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array) -> Array:
-    """Frequency, amplitude, and amplitude of the simulated motion, (3, check), of motions of both sweeps."""
+    """Return frequency, predicted and simulated amplitude, (3, check), of motions of both sweeps."""
     rows = []
     for sweep in (0, 1):
         there = np.flatnonzero(np.isfinite(amplitude[sweep]))
@@ -243,7 +243,7 @@ def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array
 
 
 def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, float]) -> float:
-    """Amplitude of the first harmonic to which a motion settles that begins as a steady one; nan of none."""
+    """Return first harmonic's amplitude after a start on a steady motion has settled; nan if it does not."""
     amplitude, phase = motion
     ratio = np.array([w / model.reference_frequency])
     described_at = steady.describing_functions(model.forces, model.shapes, ratio)

@@ -15,7 +15,7 @@ from sysid_trib.records.free_decay import free_decay
 
 
 def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
-    """Unit of a time column, its factor to s, and why where it was not stated; None if nothing tells it.
+    """Return a time column's unit, factor to s, and reason if not stated; None if nothing states it.
 
     Raises
     ------
@@ -50,7 +50,7 @@ def _contradicted(column: Column, stated: str, option: str, given: object, known
 
 
 def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
-    """The unit in which the steps of a time column are those that a column `dt (s)` states, and why; or None.
+    """Return the time unit that agrees with the steps in a column `dt (s)`, and the reason; or None.
 
     Stamps of these years that count from a known date tell their unit too.
     """
@@ -120,7 +120,7 @@ def unit_of(
             article = "an" if stated.quantity[0] == "a" else "a"
             raise _contradicted(column, f"{stated.text}, {article} {stated.quantity}", "signal", how.signal)
     if not unit.known:
-        known = f"none of those that are known ({lab.OFFERED_UNITS})"
+        known = f"unknown (known are {lab.OFFERED_UNITS})"
         why = f"unit {unit.text} is {known}: coefficients are in it"
     # Two whole turns to either side are more than an oscillation.
     swing = 0.5 * float(np.ptp(values)) * unit.factor
@@ -146,7 +146,7 @@ def _assumed_unit(
     meant: str | None,
     gravity: bool = True,
 ) -> tuple[lab.SignalUnit, str]:
-    """Unit of a signal that nothing states, and the evidence for it.
+    """Return the unit of a signal that nothing states, and the evidence for it.
 
     Parameters
     ----------
@@ -175,7 +175,7 @@ def _assumed_unit(
     if radius is not None and meant in (None, "", "displacement"):
         text, why = _on_circle(time, values, radius)
     elif meant == "displacement" or (not meant and half > 180.0):
-        # In degrees: what is not named as an angle and swings farther is none.
+        # In degrees: a signal that is not named as an angle and swings farther is no angle.
         text, why = "au", "coefficients are in its unit, au"
     elif meant in (None, "", "angle"):
         text, why = _of_angle(time, values, half) if gravity else _of_angle_without_gravity(signal, half)
@@ -215,7 +215,7 @@ def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Colu
 
 
 def _ask_at_gravity(column: Column, values: Array) -> None:
-    """Ask what a column holds that swings about 9.8 and is not named.
+    """Raise an error that asks for the quantity of an unnamed column that swings about 9.8.
 
     Raises
     ------
@@ -225,9 +225,10 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
     rest = float(np.median(values))
     if abs(abs(rest) / lab.STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
         raise UsageError(
-            f"{column.source}: nothing says what column {column.name} holds; it swings about {rest:.3g}, as "
-            "an accelerometer in m/s^2 under gravity does: say so, --units m/s^2, or what else it is, "
-            "--units deg (units= in Python)."
+            f"{column.source}: the quantity of column {column.name} is not stated; it swings about "
+            f"{rest:.3g}, like an accelerometer in m/s^2 under gravity: give --units "
+            f"m/s^2, or its true unit, "
+            "such as --units deg (units= in Python)."
         )
 
 
@@ -272,7 +273,7 @@ def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
 
 
 def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
-    """Rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
+    """Return the rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
 
     Return None if there is no decay.
     """
@@ -290,7 +291,7 @@ def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
 
 
 def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
-    """Radius of the circle about the origin on which a column and another one lie; None if they do not."""
+    """Return the radius of the circle about the origin on which two columns lie; None if they do not."""
     values = signal.cells
     for column in table.columns:
         second = column.cells

@@ -14,7 +14,7 @@ CUT_REACH = 3
 
 
 def spikes(time: Array, signal: Array) -> Index:
-    """Indices of samples that leap out of the swing and back, and of a bad first or last one.
+    """Return the indices of samples that jump out of the swing and back, and of a bad first or last one.
 
     Parameters
     ----------
@@ -25,13 +25,13 @@ def spikes(time: Array, signal: Array) -> Index:
     if signal.size < 20:
         return np.zeros(0, dtype=np.int64)
     swing = float(np.ptp(np.percentile(signal, [1.0, 99.0])))
-    # Off what its neighbours say by this part of the swing: neither motion nor impact does this in one
-    # sample; and off the noise.
+    # Deviation from the neighbours in parts of the swing: neither motion nor impact deviates so much in one
+    # sample; and deviation over the noise.
     least = max(0.2 * swing, 15.0 * noise_level(time, signal))
     kept = np.arange(signal.size)
     bad = np.zeros(signal.size, dtype=bool)
-    # A spike disturbs what is expected of its neighbours: the largest goes first, then they are judged anew.
-    # At most so many samples in a row are bad together.
+    # A spike disturbs the expected values of its neighbours: the largest is removed first, then the others
+    # are judged anew. At most so many successive samples are bad together.
     for _ in range(4):
         if kept.size < 20:
             return np.zeros(0, dtype=np.int64)
@@ -48,7 +48,7 @@ def spikes(time: Array, signal: Array) -> Index:
 
 
 def _off_neighbours(signal: Array) -> Array:
-    """Distance of each sample from the cubic through its four neighbours; of an end, through the next four.
+    """Return each sample's distance from the cubic through its four neighbours; at an end, the next four.
 
     Zero of the second from either end.
     """
@@ -61,7 +61,7 @@ def _off_neighbours(signal: Array) -> Array:
 
 
 def new_frames(signal: Array) -> Index | None:
-    """First rows of values that are held over several rows (a live camera's frames); None if none are held.
+    """Return first rows of values held over several rows (a live camera's frames); None if none are held.
 
     Values repeat too where a fine clock meets a coarse sensor; but then a new value is the next step.
     """
@@ -135,7 +135,7 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
 
 
 def pulses(signal: Array) -> bool:
-    """True if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    """Return true if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
     low, high = np.percentile(signal, [0.5, 99.5])
     # Clearly on either side: noise about the middle is no crossing.
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
@@ -147,13 +147,14 @@ def pulses(signal: Array) -> bool:
     # By medians: a single long rest, before a release or after a stop, is none of them.
     lasts, up = np.diff(clear[crossings]), above[crossings[:-1] + 1]
     high_for, low_for = np.median(lasts[up]), np.median(lasts[~up])
-    # Pulses are so many times shorter than what is between them; a swing's two sides last alike.
+    # Pulses are so many times shorter than the intervals between them; both sides of a swing last equally
+    # long.
     return bool(max(high_for, low_for) > 3.0 * min(high_for, low_for))
 
 
 # Of the spline: its degree, knots in a period, and fewest samples between knots.
 OUTLIER_DEGREE, KNOTS, SAMPLES_PER_INTERVAL = 5, 12, 3
-# An impact bends the motion: it leaves its neighbours off as well, by more than this part.
+# An impact bends the motion: then the neighbours deviate as well, by more than this part.
 NEIGHBOURS, NEIGHBOURS_PART = 3, 0.2
 # Noise with so many samples in its tails has no outliers.
 MOST_OUTLIERS = 0.05
@@ -223,9 +224,9 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
 
 
 def _is_by_itself(at: int, signal: Array, off: Array, bad: Mask) -> bool:
-    """True if a bad sample is among good ones, or is one of several that hold one value."""
+    """Return true if a bad sample is among good ones, or is one of several that hold one value."""
     near = slice(max(0, at - NEIGHBOURS), at + NEIGHBOURS + 1)
     values, others = signal[near][bad[near]], off[near][~bad[near]]
-    # More of its neighbours are bad only where they hold one value, as of a sensor that drops out or freezes.
+    # More of its neighbours are bad only if they have one value, as of a sensor that drops out or freezes.
     few = values.size <= 2 or np.ptp(values) == 0.0
     return bool(few and np.all(others <= NEIGHBOURS_PART * off[at]))

@@ -158,7 +158,7 @@ def are_whole(stamps: Array) -> bool:
 
 
 def check_period(time: Array, values: Array, whole: bool, source: str, remedy: str) -> None:
-    """Ask for the unit of times that nothing states, where in seconds no laboratory has such a period.
+    """Raise an error that asks for the unit of times if seconds give an implausible period.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str, remedy: s
 
 
 def _rising(given: Array, source: str) -> tuple[Array, Index]:
-    """Stamps that rise throughout, and where the clock was set back: from there they are shifted."""
+    """Return stamps that rise throughout, and where the clock was set back: from there they are shifted."""
     steps = np.diff(given)
     back = np.flatnonzero(steps < 0.0) + 1
     if back.size > min(column.MOST_SET_BACK, given.size // 20):
@@ -202,7 +202,7 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
 
 
 def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
-    """The uniform clock whose rounded stamps these are, rows missing or not; else the stamps themselves."""
+    """Return the uniform clock whose rounded stamps these are, also with missing rows; else the stamps."""
     steps = np.diff(given)
     usual = signal.usual_step(steps)
     if usual <= 0.0:
@@ -213,7 +213,7 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
     lack = f"{missing} row{'s' * (missing > 1)} missing" if missing else ""
     if np.all(np.abs(steps - usual * counts) <= UNEVEN_PART * usual + 4e-16 * np.abs(given).max()):
         return given, lack
-    # A line through all stamps, its steps counted again by what it says.
+    # A line through all stamps; its steps are counted again by this line.
     for _ in range(3):
         slope, start = np.polyfit(index, given, 1)
         if slope <= 0.0:
@@ -235,7 +235,7 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
 
 
 def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | None:
-    """Times of rows that are one step apart, and what their stamps are; None if they are not.
+    """Return the times of rows that are one step apart, and what their stamps are; None if they are not.
 
     Parameters
     ----------
@@ -258,12 +258,12 @@ def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | N
             return line + (given[0] - line[0]), said
     line = _line(index, given, 1.0)
     if _in_packets(given, line, values):
-        return line + (given[0] - line[0]), "stamps of packets: their rows are taken as even"
+        return line + (given[0] - line[0]), "stamps of packets: rows within a packet are taken as equidistant"
     return None
 
 
 def roundings(given: Array) -> Iterator[tuple[float | Array, str]]:
-    """Steps to which stamps may be rounded, coarsest last: of decimals, of significant digits, of float32."""
+    """Yield possible rounding steps of stamps, coarsest last: decimals, significant digits, float32."""
     step = decimal_step(given)
     if step:
         yield step, f"stamps rounded to {step:g}"
@@ -281,7 +281,7 @@ def roundings(given: Array) -> Iterator[tuple[float | Array, str]]:
 
 
 def decimal_step(given: Array) -> float:
-    """Step of the decimal rounding of stamps, 0 if they have more digits than `MOST_DIGITS`."""
+    """Return the step of the decimal rounding of stamps, 0 if they have more digits than `MOST_DIGITS`."""
     largest = float(np.abs(given).max(initial=1e-300))
     for digits in range(MOST_DIGITS + 1):
         scaled = given * 10.0**digits
@@ -291,19 +291,19 @@ def decimal_step(given: Array) -> float:
 
 
 def _line(index: Array, given: Array, step: float | Array) -> Array:
-    """The line through stamps; those that are rounded more count less."""
+    """Return the line through stamps; those that are rounded more count less."""
     weights = np.broadcast_to(1.0 / np.asarray(step), given.shape)
     return np.asarray(np.polyval(np.polyfit(index, given, 1, w=weights), index))
 
 
 def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
-    """True if a clock with such steps moves within half a period."""
+    """Return true if a clock with such steps moves within half a period."""
     periods = half_periods.dominant_periods(line, values)
     return bool(periods) and bool(np.max(step) < 0.5 * periods[0])
 
 
 def _in_packets(given: Array, line: Array, values: Array) -> bool:
-    """True if rows come at once, then late, and the signal moves as far between packets as within them."""
+    """Return true if rows come in packets, and the signal moves as much between packets as within them."""
     steps, moves = np.diff(given), np.abs(np.diff(values))
     at_once = steps < AT_ONCE * (line[1] - line[0])
     if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):

@@ -14,7 +14,7 @@ from sysid_trib.errors import RecordError
 from sysid_trib.records import units as lab
 from sysid_trib.records.signal import LARGEST_NUMBER
 
-# By what a clock counts (see `clock.CLOCKS`).
+# The clock by which a column counts (see `clock.CLOCKS`).
 ClockKind = Literal["dates", "universal", "day", "stamps", "rows"]
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
@@ -51,7 +51,7 @@ class Column:
 
     @classmethod
     def of_file(cls, name: str, cells: Any, source: str, unit: str = "") -> "Column":
-        """A column by its header, and the unit that the file states apart from it."""
+        """Return a column by its header, and the unit that the file states apart from it."""
         base, in_header = lab.split_header(name)
         # With the capitals that the header has: `mT`, where `split_header` says `mt`.
         at = name.lower().rfind(in_header)
@@ -81,7 +81,7 @@ class Column:
         wrong = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
         if wrong.size:
             row, infinite = wrong[0], np.isinf(values)
-            said = f"holds {values[row]:g}, too much for an oscillation or its time; scale it."
+            said = f"contains {values[row]:g}, too much for an oscillation or its time; scale it."
             if infinite[row]:
                 count = np.count_nonzero(infinite)
                 said = f"is infinite ({count} such rows); cut them out, or keep the part between them."
@@ -90,20 +90,20 @@ class Column:
 
     @cached_property
     def holds_instants(self) -> bool:
-        """Return true if its cells are dates of Python, pandas or NumPy."""
+        """True if its cells are dates of Python, pandas or NumPy."""
         instants = self.cells.dtype.kind == "O" and all(isinstance(value, datetime) for value in self.cells)
         return self.cells.dtype.kind == "M" or (instants and self.cells.size > 0)
 
     @cached_property
     def _instants(self) -> Any:
-        """Return its dates; those with a time zone in UTC."""
+        """Dates; those with a time zone in UTC."""
         if self.cells.dtype.kind == "M":
             return self.cells
         return pd.to_datetime(pd.Index(self.cells), utc=True).tz_localize(None).to_numpy()
 
     @cached_property
     def first_instant(self) -> tuple[ClockKind, int]:
-        """Return by which clock its numbers count (see `clock.CLOCKS`), and from when by that (ns)."""
+        """Clock by which its numbers count (see `clock.CLOCKS`), and its first instant (ns)."""
         if not self.is_dated or self.cells.dtype.kind == "m":
             return "stamps", 0
         if self.holds_instants:
@@ -131,7 +131,7 @@ class Column:
                 text = str(value).replace(",", ".").replace(MINUS, "-")
                 values.append(np.nan if is_missing(text) else float(text))
             except ValueError:
-                wrong = f"{self.source}: row {row} of column {self.name} holds {str(value)[:30]!r}"
+                wrong = f"{self.source}: row {row} of column {self.name} contains {str(value)[:30]!r}"
                 raise RecordError(f"{wrong}, not a number; correct it or cut it out.") from None
         return np.array(values)
 
@@ -141,7 +141,7 @@ class Column:
 
         A sentinel is one of theirs that no other value comes near.
         """
-        # What loggers write where they have no value: it is at least twice as large as any other value.
+        # Marks of loggers for a missing value: at least twice as large as any other value.
         for sentinel in (-999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -999.25):
             marked = self.numbers == sentinel
             others = np.abs(self.numbers[~marked & np.isfinite(self.numbers)])
@@ -242,13 +242,13 @@ class Column:
 
 
 def is_missing(text: str) -> bool:
-    """True if a text stands for a missing value: nothing, a usual word, or neither letter nor digit."""
+    """Return true if a text is a missing value: empty, a usual word, or neither letter nor digit."""
     plain = text.strip().lower()
     return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
 
 
 def is_number(value: object) -> bool:
-    """True if a text is a number, with a decimal point or comma."""
+    """Return true if a text is a number, with a decimal point or comma."""
     try:
         float(str(value).replace(",", ".", 1).replace(MINUS, "-"))
     except ValueError:
@@ -257,7 +257,7 @@ def is_number(value: object) -> bool:
 
 
 def _of_the_day(texts: list[str]) -> Array | None:
-    """Seconds of times such as `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`; else None."""
+    """Return seconds of times, `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`, or None."""
     matches = [_CLOCK_TIME.fullmatch(text) for text in texts]
     if not all(matches):
         return None
@@ -275,7 +275,7 @@ def _seconds(match: "re.Match[str]") -> float:
 
 
 def _of_dates(texts: list[str]) -> Array | None:
-    """Seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
+    """Return seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
     dates = _as_dates(texts)
     return None if dates is None else np.asarray((dates - dates[0]).total_seconds(), dtype=float)
 

@@ -35,7 +35,7 @@ class ChosenColumns(NamedTuple):
 
 # Advice where several modes oscillate together.
 ONE_MODE = (
-    "take one of them, from all sensors together (--mode 1, or one_mode in Python), or record one alone."
+    "separate one mode, from all sensors together (--mode 1, or one_mode in Python), or record only one mode."
 )
 
 
@@ -84,7 +84,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
         signals, acting = _without_drives(signals, times, table)
     if not signals:
         _refuse_levels(numeric)
-        raise RecordError(f"{table.source}: there is no column for the angle beside the time.")
+        raise RecordError(f"{table.source}: there is no column for the angle, only the time.")
     if not (how.sampling_rate or table.rate or times):
         # Without a clock it cannot be seen which column swings.
         raise RecordError(table.no_clock)
@@ -99,7 +99,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     first = runs[0][1]
     at = first.index(_chosen(table, first, times, how).signal) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
-    # Runs that hold no decay where others do are left out, and named.
+    # Runs without a decay are left out, and named, if others have one.
     swings = [signal for time, signal in pairs if _swings(signal, time)] or signals
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
@@ -112,18 +112,19 @@ def _refuse_levels(columns: list[Column]) -> None:
     if level is not None:
         raise RecordError(
             f"{level.source}: column {level.name} is a level in dB, the logarithm of an amplitude: it shows "
-            "how fast a motion fades, but holds no oscillation; record the signal itself, such as the sound "
+            "how fast a motion fades, but contains no oscillation; record the signal "
+            "itself, such as the sound "
             "pressure or the acceleration."
         )
 
 
 def own_time(table: FileTable, signal: Column) -> Column | None:
-    """The time column that belongs to a column; None if there is none."""
+    """Return the time column that belongs to a column; None if there is none."""
     return _time_of(table, signal, [time for time in table.times if time is not signal])
 
 
 def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | None:
-    """The time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
+    """Return the time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
     order = table.columns
     fitting = [time for time in times if time.cells.size == signal.cells.size] or times
     # Common part of the names after the first word.
@@ -140,12 +141,12 @@ def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | 
 
 
 def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[tuple[Column, list[Column]]]:
-    """Times and signals of each run side by side: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; else nothing.
+    """Return times and signals of runs side by side: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; else nothing.
 
     Each has as many columns as the others, of the same names but for their numbers or letters.
     """
     runs = [(time, [c for c in signals if _time_of(table, c, times) is time]) for time in times]
-    # What the columns of all runs are called: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
+    # Common name of the columns of all runs: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
     bare = re.compile(r"#?\d+|(?<=[ _])[a-d](?=$| )")
     patterns = {tuple(bare.sub("", c.base) for c in (time, *group)) for time, group in runs}
     fit = all(c.cells.size == time.cells.size for time, group in runs for c in group)
@@ -161,7 +162,7 @@ _RUN = re.compile(
 
 
 def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
-    """True if columns are those of several bodies in one run: groups of their own names over equal times."""
+    """Return true if columns are several bodies in one run: groups with their own names over equal times."""
     first, *others = (time for time, _ in runs)
     grouped = all(" " in time.base and not _RUN.search(time.base) for time, _ in runs)
     named_before = grouped and all(lab.is_time(time.base.rpartition(" ")[2], "") for time, _ in runs)
@@ -174,7 +175,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     # Columns that are looked at.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
     swings = {signal: swing for signal, swing in made.items() if swing is not None}
-    # Where each of them holds a text, the refusal says where.
+    # If each of them contains a text, the error says where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
     return ChosenColumns(own[chosen], chosen, why)
 
@@ -182,7 +183,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
 def _without_drives(
     signals: list[Column], times: list[Column], table: FileTable
 ) -> tuple[list[Column], list[Column]]:
-    """The columns without those that drive, and these; all, where what drives alone swings as a decay."""
+    """Return columns without those that drive, and these; all, where what drives alone swings as a decay."""
     acting = [c for c in signals if drives.is_named_as_drive(c)]
     others = [c for c in signals if c not in acting]
     if not acting or not any(drives.moves(c) for c in others):
@@ -197,14 +198,14 @@ def _without_drives(
 def _chosen_of_driven(
     table: FileTable, signals: list[Column], times: list[Column], acting: list[Column]
 ) -> ChosenColumns:
-    """The signal of a driven record: by its quantity, since no decay shows it; asked for if unclear."""
+    """Choose the signal of a driven record by its quantity; raise an error that asks if this is unclear."""
     pool = [c for c in signals if drives.moves(c) and not drives.is_named_as_drive(c)] or signals
     for quantity in ("angle", "displacement", "rate", "acceleration"):
         known = [c for c in pool if c.quantity == quantity]
         # A name says it where a unit is any number's: of a position in V no torque or temperature is one.
         named = [c for c in known if c.quantity == lab.names_quantity(c.base)] or known
         if len(named) == 1:
-            reason = f"the one {quantity} of {len(signals)} columns"
+            reason = f"the only {quantity} of {len(signals)} columns"
             return ChosenColumns(_time_of(table, named[0], times), named[0], reason)
         if len(named) > 1:
             pool = named
@@ -220,7 +221,7 @@ def _chosen_of_driven(
 
 
 def _swings(column: Column, time: Column | None) -> bool:
-    """True if a column swings as a free decay."""
+    """Return true if a column swings as a free decay."""
     tried = _swing_of(column, time)
     return tried is not None and tried.swing is not None
 
@@ -252,14 +253,16 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     pool = [c for c in moving if swings[c].swing] or moving
     if signal is not None:
         pool = [c for c in pool if c.quantity == signal] or pool
-    # A position is worth more than its rate, and that than its acceleration: what need not be integrated.
+    # A position is preferred to its rate, and that to its acceleration: they need fewer integrations.
     integrations = {c: lab.INTEGRATIONS.get(c.quantity, 0) for c in pool}
     pool = [c for c in pool if integrations[c] == min(integrations.values())]
     named = [c for c in pool if c.quantity == lab.names_quantity(c.base) == "angle"]
     others = f"of {len(swings)} columns" if len(swings) > 1 else ""
     if len(pool) == 1:
         _ask_of_larger(pool[0], moving, swings)
-        return pool[0], f"the one {others} that swings as a decay" if others and swings[pool[0]].swing else ""
+        return pool[0], f"the only one {others} that swings as a decay" if others and swings[
+            pool[0]
+        ].swing else ""
     if len(named) == 1:
         return named[0], f"named as an angle, {others}"
     axes = _without_smaller_axes(named or pool)
@@ -282,8 +285,8 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
             and "driven" not in reasons
         )
         driven = (
-            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); else switch the drive "
-            "off, and record what follows."
+            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
+            "the drive off, and record the free decay."
         )
         raise RecordError(
             f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
@@ -303,7 +306,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
 
 
 def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
-    """Ask which one is the signal where a column of the same kind that is no clean decay is far larger."""
+    """Raise an error that asks for the signal if a column that is no clean decay is far larger."""
     for other in moving:
         swing, reason = swings[other]
         alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)
@@ -339,7 +342,7 @@ def _without_copies(pool: list[Column], swings: Swings) -> list[Column]:
 
 
 def _is_rate_of(swing: equilibrium.Swing | None, other: equilibrium.Swing | None) -> bool:
-    """True if a swing is the derivative of another: a quarter of a period ahead, and w times as large."""
+    """Return true if a swing is the derivative of another: a quarter period ahead, and w times as large."""
     if swing is None or other is None or swing is other:
         return False
     mine, its = swing.oscillation, other.oscillation
@@ -365,13 +368,13 @@ _AXIS = re.compile(r"^[xyz](?=[ _-])|(?<![^\W\d_]{2})[xyz]$|(?<=[ _-])[xyz]$|(?<
 
 
 def _are_axes(first: str, second: str) -> bool:
-    """True if two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
+    """Return true if two names differ by their axis alone: `gyroscope x` and `gyroscope y`, `ax` and `az`."""
     plain = [_AXIS.sub("", name) for name in (first, second)]
     return first != second and plain[0] == plain[1] and first not in plain and second not in plain
 
 
 def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
-    """True if two columns are one motion, of either sign, but for their noise: by their correlation."""
+    """Return true if two columns are one motion, of either sign, up to noise: by their correlation."""
     if first.size != second.size:
         return False
     good = np.isfinite(first) & np.isfinite(second)
@@ -380,7 +383,7 @@ def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
 
 
 def _is_magnitude(values: Array) -> bool:
-    """True if a column is never negative but near zero to the end: a magnitude, not a signal with a sign."""
+    """Return true if a column is never negative but reaches zero to the end: a magnitude without sign."""
     good = values[np.isfinite(values)]
     if good.size < 2 or good.min() < 0.0:
         return False

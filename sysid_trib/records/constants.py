@@ -67,7 +67,9 @@ def _number(
     values = column.numbers[rows]
     known = values[np.isfinite(values)]
     if not known.size:
-        raise UsageError(f"{table.source}: column '{column.name}' holds no number for the constant {name}.")
+        raise UsageError(
+            f"{table.source}: column '{column.name}' contains no number for the constant {name}."
+        )
     if np.ptp(known) > CONSTANT_BUT_ROUNDED * np.max(np.abs(known)):
         finite = np.flatnonzero(np.isfinite(values))
         at = finite[np.flatnonzero(known != known[0])[0]]

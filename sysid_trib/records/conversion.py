@@ -18,7 +18,7 @@ class UnitSize(NamedTuple):
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 NEWTON = {"kg": 1, "m": 1, "s": -2}
 VOLT = {"kg": 1, "m": 2, "s": -3, "A": -1}
-# Units that have prefixes: sizes in SI, and powers of what they are made of.
+# Units that have prefixes: sizes in SI, and powers of their base units.
 WITH_PREFIXES: dict[str, UnitSize] = {
     "m": UnitSize(1.0, {"m": 1}),
     "s": UnitSize(1.0, {"s": 1}),

@@ -19,7 +19,7 @@ EXTREMUM_ERROR = 0.003
 
 
 def free_part(swing: Swing) -> Swing:
-    """The free part of a swing: what is cut of its piece before and after, and when it stopped for good."""
+    """Return the free part of a swing, the samples cut before and after it, and its final stop."""
     time, halves, run = swing.time, swing.halves, swing.run
     smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
     start, before = 0, ""
@@ -48,7 +48,7 @@ def free_part(swing: Swing) -> Swing:
 
 
 def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
-    """First sample at the extremum before the first zero crossing, 0 if the record is free before it, too.
+    """Return the extremum before the first zero crossing, or 0 if the record is free before it, too.
 
     Before that extremum a hand may hold the body, or move it to its release. Free motion takes a quarter
     period from the extremum to the crossing, a little more where it decays, and before the extremum it is the
@@ -79,7 +79,7 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
 
 
 def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
-    """True if an end of the record is the mirror image, through a zero crossing, of the swing next to it.
+    """Return true if an end of the record mirrors, through a zero crossing, the swing next to it.
 
     Free motion under odd forces is, up to the decay; motion held, driven or stopped by hand or by friction is
     not.
@@ -104,7 +104,7 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
 
 
 def _find_stop(swing: Swing) -> tuple[int, float]:
-    """First sample of the stuck tail, and its time; nan if the motion did not stop but fade or go on."""
+    """Return the first sample of the stuck tail, and its time; nan if the motion faded or went on."""
     time, angle = swing.time, swing.signal - swing.equilibrium
     halves, run = swing.halves, swing.run
     end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
@@ -114,7 +114,7 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
     rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
     # In the rest itself there may be no noise at all, and on the way to it no repeated value.
     noise = half_periods.noise_level(time[first:last], angle[first:last])
-    # Of the largest swing: what is as near to where it rests does not move, where there is no noise at all.
+    # In parts of the largest swing: samples this near to rest do not move, in a record without noise.
     still = 3e-9 * float(swing.peaks.max())
     allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
     # Motion that a single sample's noise hides still shows in the averages: a sample long after is noise.
@@ -139,7 +139,7 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
 
 
 def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
-    """The decay as a part of its record, on the record's own samples where nothing was changed.
+    """Return the decay as a part of its record, on the record's own samples where nothing was changed.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
 
 
 def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Dataset:
-    """The record's part at these times, with all its variables; of other times their coordinate alone."""
+    """Return record's part at these times, with all its variables; of other times their coordinate alone."""
     first = int(np.searchsorted(record["time"].to_numpy(), time[0]))
     part = record.isel(time=slice(first, first + time.size))
     if np.array_equal(part["time"].to_numpy(), time) and not bare:
@@ -202,7 +202,7 @@ def _sentence(swing: Swing, units: str, said: str) -> str:
 
 
 def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing:
-    """The swing of a piece about a given value, or about the constant of the damped sine that fits it best.
+    """Return the swing of a piece about a given value, or about the constant of the best damped sine.
 
     Raises
     ------
@@ -226,7 +226,7 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing
 
 
 def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, float] | None:
-    """Constant to which a damped sine is added, and its standard error; None if that is not what moves."""
+    """Return the constant below a damped sine, and its standard error; None if there is no damped sine."""
     w, size = 2.0 * np.pi / period, float(np.std(signal))
     at, y = w * (time - time[0]), signal / size
 
@@ -245,7 +245,7 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
         except (RuntimeError, ValueError):
             continue
     residuals = [float(np.std(y - motion(at, *values))) for values, _ in fits]
-    # Part of the motion that a damped sine may leave: what leaves more is no swing.
+    # Largest residual of a damped sine, relative to the motion: otherwise there is no swing.
     if not fits or min(residuals) > 0.5:
         return None
     values, covariance = fits[int(np.argmin(residuals))]

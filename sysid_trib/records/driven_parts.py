@@ -20,9 +20,11 @@ FEWEST_IN_PART, SHORTEST_RUN = 20, 2.0
 MOST_GAPS = 0.1
 # Degree of the spline through the samples that are there.
 DEGREE = 7
-# An input whose range is not so many times its noise is no smooth signal: none of its samples is an outlier.
+# An input is smooth if its range is more than so many times its noise; otherwise none of its samples is an
+# outlier.
 RANGE_OVER_NOISE = 15.0
-# An outlier leaps by so many times what any other sample is off the cubic through its neighbours.
+# An outlier deviates from the cubic through its neighbours by so many times the deviation of any other
+# sample.
 LEAP = 3.0
 # Samples at either end that have too few others beyond them to be filled: a bad one there is cut off.
 AT_END = 4
@@ -37,7 +39,7 @@ def driven_parts(
     keep_outliers: bool = False,
     across_gaps: bool = False,
 ) -> list[xr.Dataset]:
-    """Part a driven record within a window at its gaps, each part with a sentence on it (attrs `free_decay`).
+    """Divide a driven record within a window at its gaps; each part states what was done (`free_decay`).
 
     Parameters
     ----------
@@ -67,7 +69,7 @@ def driven_parts(
         return [record]
     part = _own_quantity_at_samples(record).sel(time=slice(*window))
     if part.sizes["time"] < FEWEST_SAMPLES:
-        raise DecayError(f"The window holds {part.sizes['time']} samples; give a longer one.")
+        raise DecayError(f"The window contains {part.sizes['time']} samples; give a longer one.")
     said: list[str] = []
     measured = _signal_names(part)[0]
     given = part.time.values.astype(float), part[measured].values.astype(float)
@@ -106,7 +108,7 @@ def driven_parts(
     return [_described(_own_quantity_apart(filled), [*said, *also]) for filled, also in whole]
 
 
-# What was measured of a driven record whose angle is its integral, and its times, as methods take them.
+# The measured quantity of a driven record whose angle is its integral, and its times, as methods take them.
 MEASURED_ITSELF, OWN_TIMES = "measured", "measured_time"
 
 
@@ -182,11 +184,11 @@ def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         if np.any(spikes < AT_END):
             low, said = (
                 AT_END,
-                [*said, f"the first {AT_END} samples cut off, of which one of {_shown(record, name)} leaps"],
+                [*said, f"the first {AT_END} samples cut off, because one of {_shown(record, name)} jumps"],
             )
         if np.any(spikes >= count - AT_END):
             high = count - AT_END
-            said.append(f"the last {AT_END} samples cut off, of which one of {_shown(record, name)} leaps")
+            said.append(f"the last {AT_END} samples cut off, because one of {_shown(record, name)} jumps")
     return record.isel(time=slice(low, high)), said
 
 

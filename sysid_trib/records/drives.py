@@ -30,7 +30,7 @@ def is_wanted(column: Column) -> bool:
 
 
 def _tokens(column: Column) -> set[str]:
-    """Words of a name in lower case: `pwm` and `duty` of `PWM duty`, `u` of `data.u[0]` and `u1`."""
+    """Return words of a name in lower case: `pwm` and `duty` of `PWM duty`, `u` of `data.u[0]` and `u1`."""
     last = re.sub(r"\[\d+\]", "", column.base).rpartition(".")[2]
     return {*re.findall(r"[^\W\d_]+", last)}
 

@@ -61,7 +61,7 @@ class Swing:
 
     @property
     def scatter(self) -> float:
-        """Generous for an extremum's own: noise that averages over a third of a period leave, and steps."""
+        """Upper estimate of an extremum's scatter: noise averaged over a third of a period, and steps."""
         return 3.0 * self.oscillation.smoothed_noise + 0.5 * self.oscillation.step
 
 
@@ -75,8 +75,8 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
     travels = max(swings, key=lambda swing: float(swing.peaks.sum()), default=None)
     if travels is None:
         return None
-    # Mains hum travels far on small ways: the swing is what moves several times as far as the line of the
-    # most travel, in some half periods.
+    # Mains hum has a long travel of small movements: the swing is the motion several times as large as the
+    # line of the most travel, in some half periods.
     period, far = travels.oscillation.period, 2.0 * _largest(travels)
     larger = [s for s in swings if s.peaks.size >= 5 and s.oscillation.period > period and _largest(s) > far]
     return max(larger, key=_largest, default=travels)
@@ -89,7 +89,7 @@ def _largest(swing: Swing) -> float:
 def with_half_periods(
     decay: xr.Dataset, fewest: int = 3, equilibrium: float | None = 0.0
 ) -> tuple[Array, Array, half_periods.HalfPeriods]:
-    """Times (s), angles (rad) and whole half periods of a centred decay.
+    """Return times (s), angles (rad) and whole half periods of a centred decay.
 
     Parameters
     ----------
@@ -149,7 +149,7 @@ def _split(oscillation: half_periods.Oscillation, centre: float) -> tuple[half_p
 
 
 def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
-    """Median weighted by the distance travelled: holding, resting and sticking do not count."""
+    """Return the median weighted by the distance travelled: holding, resting and sticking do not count."""
     middle = 0.5 * (oscillation.signal[1:] + oscillation.signal[:-1])
     distance = np.abs(np.diff(oscillation.signal))
     order = np.argsort(middle)
@@ -158,7 +158,7 @@ def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
 
 
 def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods) -> Array:
-    """Extremum of each half period of a roughly centred signal, from a cosine through its middle two thirds.
+    """Return the extremum of each half period of a roughly centred signal: a cosine fits its middle part.
 
     A remaining offset passes with gain one, up to the cosine's curvature.
     """
@@ -177,16 +177,16 @@ def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods)
 
 
 def samples_between(low: Index, high: Index) -> tuple[Index, Index, Index]:
-    """Samples of each half period, one after the other: their numbers, its number, and the first of each."""
+    """Return the samples of all half periods: their numbers, half periods, and the first of each."""
     count = high - low
     half, first = np.repeat(np.arange(count.size), count), np.cumsum(count) - count
     return np.arange(half.size) + (low - first)[half], half, first
 
 
 def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Array:
-    """Sums of cos cos, cos sin, sin sin, cos y and sin y over each half period, which starts at `first`."""
+    """Return sums of cos cos, cos sin, sin sin, cos y and sin y over half periods that start at `first`."""
     sums = np.empty((5, len(first)))
-    # Some at a time: what is between stays in the cache, however long the record is.
+    # In blocks: the intermediate arrays stay in the cache, however long the record is.
     for start in range(0, len(first), HALF_PERIODS_AT_ONCE):
         begin = first[start : start + HALF_PERIODS_AT_ONCE]
         # One without samples, as the next one starts where it does, takes the next one's first.
@@ -201,7 +201,7 @@ def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Ar
 
 
 def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
-    """Mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
+    """Return the mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
 
     Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second
     difference; the difference between extrema of one sign shows by how much: it is taken off (which makes the
@@ -235,7 +235,7 @@ def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
 
 
 def _drift_error(terms: Array, weights: Array, error: float) -> float:
-    """Error of the mean from eight successive blocks, where it is clearly larger: the equilibrium drifts."""
+    """Return the mean's error from eight blocks, if it is clearly larger: the equilibrium drifts."""
     if terms.size < 4 * DRIFT_BLOCKS:
         return 0.0
     bounds = np.arange(DRIFT_BLOCKS) * terms.size // DRIFT_BLOCKS

@@ -13,11 +13,11 @@ import pandas as pd
 from sysid_trib.errors import RecordError
 from sysid_trib.records.text import read_text, table_in
 
-# Attributes of HDF5 that hold a unit.
+# Attributes of HDF5 that contain a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
 # Vectors of fewer numbers are no signal.
 FEWEST_OF_A_RECORD = 20
-# Objects of MATLAB that hold no signal.
+# Objects of MATLAB without a signal.
 WITHOUT_NUMBERS = ("string", "categorical", "datetime", "duration", "function_handle", "containers.Map")
 # Texts of a list that are taken as a note.
 MOST_TEXTS = 100
@@ -51,7 +51,7 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
     """
     with path.open("rb") as file:
         head = file.read(1024)
-    # HDF5 may stand behind a block of 512 bytes.
+    # HDF5 may begin after a block of 512 bytes.
     head = head[512:] if head[512:516] == b"\x89HDF" else head
     if not head.strip():
         raise RecordError(f"{path.name}: the file is empty.")
@@ -74,7 +74,7 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
 
 
 def read_lines(path: Path) -> Contents:
-    """Tables in text, and JSON."""
+    """Return tables in text, and JSON."""
     content = _json_content(path)
     if content is None:
         return _from_frame(*read_text(path))
@@ -96,7 +96,7 @@ def _json_content(path: Path) -> Any:
 
 
 def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Columns of objects, of rows of objects or of cells, or of a plain list, named like `run.theta`."""
+    """Yield columns of objects, of rows of objects or cells, or of a plain list, named like `run.theta`."""
     if isinstance(value, dict):
         names, rows = value.get("columns"), value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
@@ -118,7 +118,7 @@ def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[str] = ()) -> Contents:
-    """Columns by their names, or else by number from 0."""
+    """Return columns by their names, or else by number from 0."""
     columns: dict[str, Any] = {}
     for index, name in zip(range(frame.shape[1]), names or map(str, range(frame.shape[1])), strict=False):
         columns[name if name and name not in columns else f"{name}#{index}"] = frame.iloc[:, index].to_numpy()
@@ -126,7 +126,7 @@ def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[st
 
 
 def read_excel(path: Path) -> Contents:
-    """The sheet with the most rows of numbers, read as text."""
+    """Return the sheet with the most rows of numbers, read as text."""
     tables = []
     for sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).values():
         cells = sheet.dropna(how="all").dropna(axis=1, how="all").to_numpy()
@@ -139,7 +139,7 @@ def read_excel(path: Path) -> Contents:
 
 
 def read_parquet(path: Path) -> Contents:
-    """The columns of a Parquet file."""
+    """Return the columns of a Parquet file."""
     frame = pd.read_parquet(path)
     # Times may be its index.
     frame = frame.reset_index(drop=isinstance(frame.index, pd.RangeIndex))
@@ -147,7 +147,7 @@ def read_parquet(path: Path) -> Contents:
 
 
 def read_netcdf(path: Path) -> Contents:
-    """The vectors of a netCDF file, of either version."""
+    """Return the vectors of a netCDF file, of either version."""
     import xarray as xr
 
     with path.open("rb") as file:
@@ -161,7 +161,7 @@ def read_netcdf(path: Path) -> Contents:
 
 
 def read_matlab(path: Path) -> Contents:
-    """The vectors in the variables of a MATLAB file."""
+    """Return the vectors in the variables of a MATLAB file."""
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadWarning
 
@@ -176,12 +176,12 @@ def read_matlab(path: Path) -> Contents:
 
 
 def _is_object(value: Any) -> bool:
-    """True if a value is an object of MATLAB, of which its files say no more than the class."""
+    """Return true if a value is an object of MATLAB, of which its files say no more than the class."""
     return isinstance(value, np.ndarray) and value.dtype.names == ("s0", "s1", "s2", "arr")
 
 
 def _classes_in(value: Any) -> Iterator[str]:
-    """Classes of the objects in a file of MATLAB."""
+    """Yield the classes of the objects in a file of MATLAB."""
     if _is_object(value):
         yield str(_plain(value["s2"].ravel()[0]))
     elif isinstance(value, dict):
@@ -193,7 +193,7 @@ def _classes_in(value: Any) -> Iterator[str]:
 
 
 def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any]) -> None:
-    """Refuse a file of MATLAB whose numbers are in objects, which nothing else can read.
+    """Raise an error for a file of MATLAB whose numbers are in objects, which only MATLAB can read.
 
     Raises
     ------
@@ -221,7 +221,7 @@ def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any])
 
 
 def read_numpy(path: Path) -> Contents:
-    """The vectors in the array of a .npy, or in the arrays of an .npz; what they pickled is not read."""
+    """Return vectors in the array of a .npy, or in the arrays of an .npz; what they pickled is not read."""
     loaded = np.load(path, allow_pickle=False)
     arrays = {"data": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
     scalars = {name: array.item() for name, array in arrays.items() if array.size == 1}
@@ -229,7 +229,7 @@ def read_numpy(path: Path) -> Contents:
 
 
 def _notes(content: Any, name: str = "") -> list[str]:
-    """Scalars and texts, as `name = value`."""
+    """Return scalars and texts, as `name = value`."""
     if isinstance(content, dict):
         return [note for key, item in content.items() for note in _notes(item, str(key))]
     if isinstance(content, list | np.ndarray) and 0 < len(np.atleast_1d(content)) <= MOST_TEXTS:
@@ -240,7 +240,7 @@ def _notes(content: Any, name: str = "") -> list[str]:
 
 
 def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Vectors in structs, cells and matrices, named like `data.Y[0]`; samples run along the longer side."""
+    """Yield vectors in structs, cells and matrices, named like `data.Y[0]`; the longer side is the time."""
     if _is_object(value):
         return
     if isinstance(value, np.ndarray) and value.dtype.names:
@@ -261,7 +261,7 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def read_hdf5(path: Path) -> Contents:
-    """The vectors in the datasets of an HDF5 file, MATLAB's 7.3 among them."""
+    """Return the vectors in the datasets of an HDF5 file, MATLAB's 7.3 among them."""
     import h5py
 
     units: dict[str, str] = {}
@@ -300,7 +300,7 @@ def _plain(value: Any) -> Any:
 
 
 def _named_columns(values: Any, attrs: Any) -> Any:
-    """The columns of a table by the names that an attribute of it lists; else the table."""
+    """Return the columns of a table by the names that an attribute of it lists; else the table."""
     for names in attrs.values():
         if np.ndim(values) == 2 and np.ndim(names) == 1 and np.asarray(names).dtype.kind in "OSU":
             for table in (values, values.T):
@@ -310,7 +310,7 @@ def _named_columns(values: Any, attrs: Any) -> Any:
 
 
 def read_tdms(path: Path) -> Contents:
-    """The channels of a TDMS file."""
+    """Return the channels of a TDMS file."""
     from nptdms import TdmsFile
 
     columns: dict[str, Any] = {}

@@ -18,8 +18,8 @@ from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
 
 # In any unit; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-150
-# What is left of a record is searched for another decay if it is of this part of the first one's amplitude,
-# of the same period, and lasts for some periods.
+# The rest of a record is searched for another decay if it has this part of the first amplitude, the same
+# period, and some periods.
 SMALLEST_FURTHER = 0.2
 
 
@@ -64,7 +64,7 @@ def free_decay(
     decays = free_decays(record, window=window, equilibrium=equilibrium, keep_outliers=keep_outliers)
     longest = max(decays, key=lambda decay: float(np.abs(np.diff(decay.angle.values)).sum()))
     if len(decays) > 1:
-        others = f" It is the one of {len(decays)} decays that travels farthest; free_decays gives all."
+        others = f" It is the decay of the longest travel among {len(decays)}; free_decays gives all."
         longest.attrs["free_decay"] += others
     return longest
 
@@ -77,7 +77,7 @@ def free_decays(
     keep_outliers: bool = False,
     as_it_is: bool = False,
 ) -> list[xr.Dataset]:
-    """Every free decay of a record, in order: parted by gaps, by hands, or by a new release.
+    """Return every free decay of a record, in order: parted by gaps, by hands, or by a new release.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def free_decays(
         longest = max(pieces, key=lambda piece: piece[0].size)
         decays = [short_decay(longest, value, refusal)]
         refused = re.split(";|, at least", str(refusal).removeprefix(f"{source}: "))[0].rstrip(".")
-        said.append(f"taken as it is, since its forces are named, though {refused}")
+        said.append(f"used uncut, because its forces are named, although {refused}")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
     datasets = [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]
@@ -140,7 +140,7 @@ def free_decays(
 def _pieces(
     time: Array, angle: Array, keep_outliers: bool = False, breaks: Array | tuple[()] = ()
 ) -> tuple[list[Piece], list[str]]:
-    """Pieces on a uniform clock of the samples that are kept, and sentences on the others."""
+    """Return pieces on a uniform clock of the samples that are kept, and sentences on the others."""
     kept, said = _kept_samples(time, angle, keep_outliers)
     time, angle = time[kept], angle[kept]
     periods = half_periods.dominant_periods(time, angle)
@@ -149,7 +149,7 @@ def _pieces(
 
 
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
-    """Indices of the samples that are kept, and sentences on the others."""
+    """Return the indices of the samples that are kept, and sentences on the others."""
     kept, said = np.arange(time.size), []
     frames = cleaning.new_frames(angle)
     if frames is not None:
@@ -170,7 +170,7 @@ def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index
 
 
 def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Swing]:
-    """The decays of all pieces; where there is none, the reason why the longest is none."""
+    """Return the decays of all pieces; where there is none, the reason why the longest is none."""
     longest = max(pieces, key=lambda piece: piece[0].size)
     waiting = [longest, *(piece for piece in pieces if piece is not longest)]
     decays: list[Swing] = []
@@ -215,13 +215,13 @@ def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
         return refusal
     reason = re.split(r";|, at least", said)[0].rstrip(".")
     return DecayError(
-        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); take one "
-        "of them (--mode 1, or one_mode in Python), or record one alone."
+        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); separate "
+        "one of them (--mode 1, or one_mode in Python), or record only one."
     )
 
 
 def _may_hold_another(time: Array, signal: Array, decays: list[Swing]) -> bool:
-    """True if a piece is long enough, and moves far enough, for a decay like the first one."""
+    """Return true if a piece is long enough, and moves far enough, for a decay like the first one."""
     if time.size < 20 or not decays:
         return time.size >= 20
     period = decays[0].oscillation.period
@@ -235,7 +235,7 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
-    """The swing that a piece holds, after what is clipped, or the reason why it holds none."""
+    """Return the swing that a piece holds, after what is clipped, or the reason why it holds none."""
     if cleaning.pulses(signal):
         wrong = f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier"
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
@@ -250,7 +250,7 @@ def _swing(time: Array, signal: Array, mended: str, value: float | None, source:
 
 
 def _free(swing: Swing, source: str) -> tuple[Swing | None, DecayError | None]:
-    """The free part of a swing, or why it is none."""
+    """Return the free part of a swing, or the reason why it has none."""
     try:
         return free_part(checks.after_the_largest(checks.after_the_drive(swing), source)), None
     except DecayError as refusal:
@@ -258,7 +258,7 @@ def _free(swing: Swing, source: str) -> tuple[Swing | None, DecayError | None]:
 
 
 def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
-    """The parts of a piece between half periods that its sensor shows wrongly.
+    """Return the parts of a piece between half periods that its sensor shows wrongly.
 
     Nothing where there are none, or where they keep no decay from being found from its start on.
     """
@@ -279,7 +279,7 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     )
     bounds = np.flatnonzero(np.diff(left_out)) + 1
     parts = [part for part in np.split(np.arange(swing.time.size), bounds) if not left_out[part[0]]]
-    # The part that is the likeliest to be a decay says it.
+    # The reason is that of the part that most resembles a decay.
     longest = max(range(len(parts)), key=lambda at: parts[at].size)
     mended = [swing.mended] * len(parts)
     mended[longest] = "; ".join(text for text in (swing.mended, said) if text)
@@ -288,7 +288,7 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
 
 
 def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
-    """The swing of a signal if it holds a free decay, else None and why; in a unit and times of any kind.
+    """Return the swing of a signal if it is a free decay, else None and the reason; in any unit and time.
 
     Parameters
     ----------
@@ -322,6 +322,6 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
         where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."
         if window == (None, None):
-            where = f"{np.ptp(time):.3g} s, of which no decay can be told; record longer."
+            where = f"{np.ptp(time):.3g} s, too short for a decay; record longer."
         raise DecayError(f"{source}: only {count} sample{'s' * (count != 1)} in {where}")
     return inside

@@ -10,7 +10,7 @@ from sysid_trib.records.equilibrium import Swing
 
 # Three full periods: five whole half periods and a part of one at either end.
 FEWEST_EXTREMA = 5
-# A drive holds the amplitude for so many half periods at least.
+# Least number of half periods in which a drive holds the amplitude.
 DRIVEN_HALF_PERIODS = 8
 # A beat rises over so many half periods at least.
 FEWEST_RISING = 5
@@ -29,7 +29,7 @@ def _held(peak: Array, scatter: float) -> tuple[int, float]:
 
 
 def _falls_away(peak: Array, count: int, allowed: float) -> bool:
-    """True if at the pace of these extrema the amplitude would fall by several times what is allowed."""
+    """Return true if extrema at this pace would fall by several times the permitted amount."""
     pace = -float(np.polyfit(np.arange(FEWEST_EXTREMA), peak[:FEWEST_EXTREMA], 1)[0])
     return pace * count >= 8.0 * allowed
 
@@ -48,7 +48,7 @@ def after_the_drive(swing: Swing) -> Swing:
 
 
 # Advice for a record that is no decay.
-AS_IT_IS = "name the forces that act (--forces) to take it as it is"
+AS_IT_IS = "name the forces that act (--forces) to use it uncut"
 
 
 def is_held(swing: Swing, decay: Swing) -> bool:
@@ -87,7 +87,10 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         raise DecayError(f"{wrong}, or {AS_IT_IS}.")
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
-        wrong = f"{source}: the oscillation does not decay: of {peak[first]:.3g}, {change:.2g} % a period"
+        wrong = (
+            f"{source}: the oscillation does not decay: from {peak[first]:.3g} on it changes "
+            f"by {change:+.2g} % a period"
+        )
         raise DecayError(f"{wrong}; is it driven? Name what drives it (--input), or give a free decay.")
     swing = _without_rises(peak[first:], replace(swing, run=slice(run.start + first, run.stop)), source)
     _refuse_beats(swing, source)
@@ -167,7 +170,7 @@ WRONG_OF, FEWEST_WRONG = 30, 4
 
 
 def wrong_swings(swing: Swing) -> Index:
-    """Half periods that a sensor shows wrongly, as a tracker that follows something else for a swing.
+    """Return half periods that a sensor shows wrongly, as a tracker that follows something else for a swing.
 
     Parameters
     ----------
@@ -217,7 +220,7 @@ def _deviation_from_decay(level: Array) -> Array:
 
 
 def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
-    """First sample after the last half period that the end of the sensor's range cuts off, and a sentence.
+    """Return the first sample after the last clipped half period, and a sentence.
 
     Returns
     -------
@@ -249,7 +252,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
 
 
 def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
-    """Half periods of one sign that reach the extreme value, if some stay there too long; that value.
+    """Return half periods of one sign that reach the extreme value, if some stay there too long; that value.
 
     Exactly, or within the noise, which may come after what clips.
     """
@@ -300,7 +303,7 @@ def before_the_hand(swing: Swing) -> slice | None:
 
 
 def _disturbed(swing: Swing, half: int) -> bool:
-    """True if amplitude or duration leave the course of the half periods of the same sign before."""
+    """Return true if amplitude or duration leave the course of the half periods of the same sign before."""
     peak, duration = swing.halves.peak, swing.halves.duration
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
     fall = peak[half - 4] - peak[half - 2]
@@ -313,7 +316,7 @@ def _disturbed(swing: Swing, half: int) -> bool:
 
 
 def _nearly_stopped(swing: Swing, half: int) -> bool:
-    """True if the amplitude, at its pace, is about to end or to be lost in the noise."""
+    """Return true if the amplitude, at its pace, is about to end or to be lost in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
     # Friction alone stops a swing that, at its last pace, would end within so many half periods.

@@ -71,17 +71,17 @@ class HalfPeriods:
         return np.diff(self.crossing)
 
     def select(self, part: slice) -> "HalfPeriods":
-        """The half periods ``part.start`` to ``part.stop - 1``."""
+        """Return the half periods ``part.start`` to ``part.stop - 1``."""
         return HalfPeriods(self.crossing[part.start : part.stop + 1], self.sign[part], self.peak[part])
 
     def samples(self, time: Array) -> tuple[Index, Index]:
-        """First sample of each half period, and one past its last."""
+        """Return the first sample of each half period, and one past its last."""
         bounds = np.searchsorted(time, self.crossing)
         return bounds[:-1], bounds[1:]
 
 
 def noise_level(time: Array, signal: Array) -> float:
-    """White noise of one sample, from sixth differences: a smooth motion leaves next to nothing in them.
+    """Return the white noise of one sample, from sixth differences, in which a smooth motion vanishes.
 
     Jittered times get divided differences: taken for even, they would turn motion into noise. Single spikes
     and the kinks of dry friction are left out.
@@ -100,7 +100,7 @@ def noise_level(time: Array, signal: Array) -> float:
 
 
 def _divided_difference(time: Array, signal: Array) -> Array:
-    """Size of the sixth divided differences, scaled to the noise of one sample."""
+    """Return the size of the sixth divided differences, scaled to the noise of one sample."""
     count = time.size - 6
     near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
     difference, squares = np.zeros(count), np.zeros(count)
@@ -113,7 +113,7 @@ def _divided_difference(time: Array, signal: Array) -> Array:
 
 
 def quantisation_step(signal: Array) -> float:
-    """Smallest spacing between values; that of continuous values is negligible by itself.
+    """Return the smallest spacing between values; that of continuous values is negligible by itself.
 
     Spacings below a millionth of the range are rounding of the quantised values, not their step.
     """
@@ -124,12 +124,12 @@ def quantisation_step(signal: Array) -> float:
 
 
 def noise_of_record(time: Array, signal: Array) -> float:
-    """Noise of one sample: white, or that of the quantisation where it is larger."""
+    """Return the noise of one sample: white, or that of the quantisation where it is larger."""
     return max(noise_level(time, signal), quantisation_step(signal) / np.sqrt(12.0))
 
 
 def dominant_periods(time: Array, signal: Array) -> list[float]:
-    """Periods of the line that is strongest by its rate and, if others, by the root of its rate or by itself.
+    """Return periods of the strongest line by its rate and, if others, by the rate's root and by itself.
 
     Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
     line stands out of the spectrum's median, as it does not in noise. Where none does in the whole, a swing
@@ -152,16 +152,16 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     return []
 
 
-# A record in which no line stands out is searched in parts that are so many times shorter each, down to so
-# many samples.
+# A record without a strong line is searched in parts that are so many times shorter each, down to so many
+# samples.
 PART, SHORTEST_PART = 4, 32
 
 
 def _periods_of_lines(signal: Array, interval: float) -> list[float]:
-    """Periods of `dominant_periods` of samples with so much time between them."""
+    """Return the periods of `dominant_periods` of samples with so much time between them."""
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
-    # Few lines stand out: what follows is done with these alone.
+    # Few lines are strong: the next steps are done with these only.
     out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
     spectrum, index = spectrum[out], out + 1
     if not spectrum.size:
@@ -216,7 +216,7 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
 
 
 def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) -> Array:
-    """Mean of the first and last zero crossing between the points ``before`` and ``after``."""
+    """Return the mean of the first and last zero crossing between the points ``before`` and ``after``."""
     change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
     low, high = signal[change], signal[change + 1]
     instant = time[change] + (time[change + 1] - time[change]) * low / (low - high)
@@ -226,7 +226,7 @@ def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) ->
 
 
 def regular_run(halves: HalfPeriods, period: float) -> slice:
-    """The run of whole half periods with steady durations that covers the most travel, of all of a record.
+    """Return run of whole half periods with steady durations that covers the most travel, of all of a record.
 
     Rest, lifting and holding last too long or too short to belong to it, as does a stuck tail.
     """
@@ -243,7 +243,7 @@ def regular_run(halves: HalfPeriods, period: float) -> slice:
 
 
 def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
-    """Extrema of the half periods, from lines through the log amplitude and the phase of the analytic signal.
+    """Return extrema of half periods by lines through log amplitude and phase of the analytic signal.
 
     Parameters
     ----------
@@ -272,19 +272,19 @@ def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
     # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half
-    # period alone has 1.77; it shares 7 % with either neighbour, and what varies slowly over many of them has
-    # 2.
+    # period by itself has 1.77; it shares 7 % with either neighbour, and a slow variation over many of them
+    # has 2.
     error: Array = np.sqrt(2.0 / samples)
     return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
 
 
 def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:
-    """Even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
+    """Return even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
     crossing = halves.crossing
     span = crossing[-1] - crossing[0]
     count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
     grid = crossing[0] + (np.arange(count) + 0.5) * span / count
-    # Steady amplitude first: what a decaying one would leak from the record's start to its end is gone.
+    # Steady amplitude first: this removes the leakage of a decaying one from the record's start to its end.
     trend = _log_trend(halves, grid)
     steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
     # Odd about both ends, as the motion itself is about a zero crossing but for its decay.
@@ -297,7 +297,7 @@ def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
 
 
 def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
-    """Smooth trend of the logarithm of the amplitude."""
+    """Return the smooth trend of the logarithm of the amplitude."""
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     degree = min(5, halves.sign.size - 2)
     trend = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
@@ -305,7 +305,7 @@ def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
 
 
 def _lines(s: Array, y: Array, half: Index, count: int) -> tuple[Array, Array]:
-    """Least-squares line y = level + slope s of each half period."""
+    """Return least-squares line y = level + slope s of each half period."""
     n, sx, sxx, sy, sxy = (np.bincount(half, w, count) for w in (np.ones_like(s), s, s * s, y, s * y))
     slope = (n * sxy - sx * sy) / (n * sxx - sx**2)
     return (sy - slope * sx) / n, slope

@@ -26,7 +26,7 @@ IMPULSE_SIZE = 1e-5
 
 
 def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
-    """Extrema of the half periods, from half-sines b cos(w (t - t_b)) through three or more, all at once.
+    """Fit the extrema of all half periods by half-sines b cos(w (t - t_b)) through three or more at once.
 
     The results are those of `analytic_extrema`. w is the frequency between the neighbouring extrema, the
     paper's w_i, found in a few rounds: a w free in each half period would cost precision of b and gain
@@ -57,7 +57,7 @@ def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[
 
 
 def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index]:
-    """Samples whose cells touch each half period: number, half period, part inside, first of each."""
+    """Return samples whose cells touch each half period: number, half period, part inside, first of each."""
     edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
     edge[0] -= 0.5 * (time[1] - time[0])
     edge[-1] += 0.5 * (time[-1] - time[-2])
@@ -111,7 +111,7 @@ EXTREMA: Mapping[str, Callable[[Array, Array, HalfPeriods], tuple[Array, Array, 
 
 
 def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Dataset:
-    """Envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
+    """Return the envelope and frequency of a decay from half-sines (Le Bot et al. 2019, Sec. 2.3).
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
 
 
 def _with_errors(b: Array, t: Array, errors: Sequence[Array], unit: str) -> Variables:
-    """Extrema, their times; amplitude, its rate, the frequency at all half periods but the first and last."""
+    """Return extrema, times; amplitude, rate and frequency at all half periods but the first and the last."""
     variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
     span = t[2:] - t[:-2]
     rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
@@ -212,7 +212,7 @@ def _with_errors(b: Array, t: Array, errors: Sequence[Array], unit: str) -> Vari
 
 @lru_cache(maxsize=2)
 def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
-    """The response of extrema of half-sines or of the analytic signal.
+    """Return the response of extrema of half-sines or of the analytic signal.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
 
 
 def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_matrix]:
-    """Response of extrema and times to impulses of density 1: (2 half periods, impulse) each.
+    """Return the response of extrema and times to impulses of density 1: (2 half periods, impulse) each.
 
     There is a lasting part, from one extremum to the next, and a transient part.
     """
@@ -269,7 +269,7 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     of_extremum = np.stack([np.ones(count), 1.0 / b])
 
     def matrix(offsets: Index, parts: Array) -> sp.csr_matrix:
-        """Responses (offset, impulse, 2) of the extremum so many behind the half period of an impulse."""
+        """Return responses (offset, impulse, 2) of the extremum `offset` half periods after an impulse."""
         # The half period between extrema i - 1 and i has the number i.
         half = np.arange(count) + 1 - offsets[:, None]
         which, extremum = np.nonzero((half >= 0) & (half <= count))

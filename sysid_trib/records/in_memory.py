@@ -19,7 +19,7 @@ GIVE_A_RECORD = "give (t, angle), a pandas Series or DataFrame with times, or a 
 
 
 def as_record(given: Any) -> Any:
-    """Turn what a user has in memory into a Dataset with `angle(time)`; dates become s from the first on.
+    """Convert an object in memory into a Dataset with `angle(time)`; dates become s from the first on.
 
     Parameters
     ----------
@@ -177,12 +177,14 @@ def _checked_record(given: Any, function: str) -> xr.Dataset:
         names = [str(name) for name, values in record.data_vars.items() if values.ndim == 1]
         remedy = f"rename its signal: record.rename({names[0] if len(names) == 1 else 'NAME'}='angle')"
         held = ", ".join(map(str, record.data_vars)) or "nothing"
-        raise UsageError(f"{function} takes a Dataset with angle(time), and this one holds {held}; {remedy}.")
+        raise UsageError(
+            f"{function} takes a Dataset with angle(time), and this one contains {held}; {remedy}."
+        )
     return record
 
 
 def _kind(given: Any) -> str:
-    """Name what was given in place of a record, in a few words."""
+    """Name the kind of object given in place of a record, in a few words."""
     if isinstance(given, xr.DataTree):
         return "a result"
     return f"an object of type {type(given).__name__}"
@@ -318,7 +320,7 @@ def _in_numbers(record: xr.Dataset) -> xr.Dataset:
     if dated and len(dated) < len(clocks):
         others = ", ".join(name for name in clocks if name not in dated)
         raise UsageError(
-            f"In this record {dated[0]} holds dates and {others} none: nothing says when these begin; give "
+            f"In this record {dated[0]} contains dates and {others} none: their start is unknown; give "
             "both in s from one instant."
         )
     made = {}

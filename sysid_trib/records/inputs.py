@@ -17,12 +17,12 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.records import half_periods
 from sysid_trib.records.signal import checked_signal, unit_of_signal
 
-# The input that acts by itself, an acceleration; every other one acts by the forces that hold its name.
+# The input that acts by itself, an acceleration; every other one acts through the forces with its name.
 INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # Suffix of the signal's unit in the unit of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
-# The library whose forces hold inputs.
+# The library of the forces of inputs.
 SHIPPED = "inputs"
 # attrs["role"] of a variable of a record that is an input.
 ROLE = "input"
@@ -81,11 +81,11 @@ class KnownInput:
         return np.asarray(self._polynomials[0].x[1:-1])
 
     def of(self, elapsed: ArrayLike, order: int = 0) -> Array:
-        """The input, or a derivative by time, at times since the first sample; at a jump the mean of both."""
+        """Return input, or a time derivative, at times since the first sample; at a jump the mean of both."""
         polynomial, degree = self._polynomials[order], BETWEEN_SAMPLES[self.between]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
         if degree > 1:
-            # A derivative at the last sample is that before it, not that of what is held from there on.
+            # A derivative at the last sample is that before it, not that of the held value after it.
             inside = np.where(inside == self.elapsed[-1], np.nextafter(inside, -np.inf), inside)
         values = polynomial(inside)
         if degree <= order:
@@ -93,7 +93,7 @@ class KnownInput:
         return np.asarray(values)
 
     def polynomials(self, knots: Array, frequency: float, order: int = 0) -> Array:
-        """Polynomials from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
+        """Return polynomials from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
         polynomial = self._polynomials[order]
         # Rounding must not take a knot for the polynomial that ends there.
         here = knots / frequency * (1.0 + 8e-16)
@@ -103,7 +103,7 @@ class KnownInput:
 
 
 def named_inputs(given: str | Sequence[str] | Mapping[str, str | int] | None) -> dict[str, str | int]:
-    """Columns of inputs by the names that forces hold: a single one is `u`, of several each `NAME=COLUMN`.
+    """Return input columns by names in forces: a single one is `u`, each of several `NAME=COLUMN`.
 
     Raises
     ------
@@ -141,7 +141,7 @@ def values_of_inputs(
 
 
 def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
-    """The inputs of a record by their names: `input(time)`, and variables with attrs["role"] = "input".
+    """Return inputs of a record by their names: `input(time)`, and variables with attrs["role"] = "input".
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
         raise DecayError(
-            f"The input {name} reaches from {reach}; cut the record (--window), or give all of the input."
+            f"The input {name} covers {reach}; cut the record (--window), or give all of the input."
         )
     values = given.values.astype(float)
     return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))
@@ -194,7 +194,7 @@ MOST_LEVELS = 8
 
 
 def usual_between(values: Array) -> str:
-    """Say what an input is between its samples where its user does not: smooth, or held if it moves in steps.
+    """Return the usual interpolation of an input: smooth, or held if it moves in steps.
 
     A held input stands still between most samples, and its changes are leaps: of more than a step of the
     sensor, or from one level to another of a few. A smooth signal in a coarse step, or a pulse, is smooth.
@@ -213,7 +213,7 @@ def usual_between(values: Array) -> str:
 
 
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
-    """The inputs of a record for the forces of a library.
+    """Return the inputs of a record for the forces of a library.
 
     Raises
     ------
@@ -227,7 +227,7 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
     refuse_unused(inputs, library)
     for force in library:
         if missing := [name for name in force.inputs if name not in inputs]:
-            wrong = f"Force '{force.symbol}' holds the input {missing[0]}, which this record lacks"
+            wrong = f"Force '{force.symbol}' contains the input {missing[0]}, which this record lacks"
             raise UsageError(
                 f"{wrong}; name its column (--input {missing[0]}=COLUMN; input= in Python), or leave the "
                 "force out."
@@ -242,7 +242,7 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
 
 
 def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
-    """Refuse an input that no force holds.
+    """Raise an error for an input that no force contains.
 
     Raises
     ------
@@ -251,20 +251,20 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
     """
     for name in inputs:
         if name != INPUT and name not in library.inputs:
-            held = f"they hold {', '.join(library.inputs)}" if library.inputs else "they hold none"
-            wrong = f"No force holds the input {name} ({held})"
+            held = f"they contain {', '.join(library.inputs)}" if library.inputs else "they contain none"
+            wrong = f"No force contains the input {name} ({held})"
             shipped = load_library(SHIPPED)
             taking = [force.symbol for force in shipped if force.inputs == (name,)]
             if taking:
                 offer = f"offer one that does (--forces {','.join([taking[0], *library.symbols])})"
             else:
                 known = ", ".join(shipped.inputs)
-                offer = f"call it {known} (--input u=COLUMN), or offer a force of your own that holds it"
+                offer = f"call it {known} (--input u=COLUMN), or offer a force of your own that contains it"
             raise UsageError(f"{wrong}; {offer}, or leave the input out.")
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
-    """Refuse a known input in what takes free motions alone.
+    """Raise an error for a known input in a function of free motions.
 
     Raises
     ------

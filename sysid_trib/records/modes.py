@@ -40,7 +40,7 @@ def modes(time: Array, signal: Array) -> list[float]:
     time, signal = time[start:], signal[start:]
     interval = (time[-1] - time[0]) / (time.size - 1)
     size = next_fast_len(signal.size, real=True)
-    # The end fades out: what is left there would leak.
+    # The end fades out: a jump there would leak.
     fade = np.ones(signal.size)
     fade[-(signal.size // 10) :] = 0.5 + 0.5 * np.cos(np.linspace(0.0, np.pi, signal.size // 10))
     spectrum = np.abs(rfft(signal * fade, size))[FIRST_LINE:]
@@ -78,13 +78,13 @@ def modes(time: Array, signal: Array) -> list[float]:
 
 
 def _is_multiple(ratio: float) -> bool:
-    """True of 2, 3, ... and their inverses: the harmonics of a swing that is not linear."""
+    """Return true of 2, 3, ... and their inverses: the harmonics of a swing that is not linear."""
     ratio = max(ratio, 1.0 / ratio)
     return ratio > 1.5 and abs(ratio / round(ratio) - 1.0) < NEAR_MULTIPLE
 
 
 def _falls(time: Array, signal: Array, frequency: float) -> bool:
-    """True if a line is smaller in the last third of a signal than in the first."""
+    """Return true if a line is smaller in the last third of a signal than in the first."""
     third = signal.size // 3
     window = np.hanning(third)
     sizes = []
@@ -95,6 +95,6 @@ def _falls(time: Array, signal: Array, frequency: float) -> bool:
 
 
 def listed(frequencies: list[float]) -> str:
-    """Frequencies of modes as a text, in Hz."""
+    """Return the frequencies of modes as a text, in Hz."""
     texts = [f"{frequency:.0f}" if frequency >= 1000.0 else f"{frequency:.3g}" for frequency in frequencies]
     return f"{', '.join(texts[:-1])} and {texts[-1]} Hz"

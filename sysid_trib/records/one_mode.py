@@ -136,7 +136,7 @@ def _place(
     if mode is not None:
         if not 1 <= mode <= len(modes):
             count = "1 mode" if len(modes) == 1 else f"{len(modes)} modes"
-            raise UsageError(f"{source}: --mode {mode} does not exist; it holds {count} ({listed}).")
+            raise UsageError(f"{source}: --mode {mode} does not exist; the record has {count} ({listed}).")
         return ringing.components.index(modes[mode - 1])
     assert band is not None
     low, high = 0.0 if band[0] is None else band[0], np.inf if band[1] is None else band[1]
@@ -144,7 +144,7 @@ def _place(
         raise UsageError(f"--band {low:g}:{high:g} must be LOW:HIGH in Hz, the lower one first.")
     inside = [component for component, value in zip(modes, frequencies, strict=True) if low <= value <= high]
     if not inside:
-        raise UsageError(f"{source}: no mode is in --band {low:g}:{high:g} Hz; it holds {listed}.")
+        raise UsageError(f"{source}: no mode is in --band {low:g}:{high:g} Hz; the record has {listed}.")
     strongest = max(
         inside,
         key=lambda component: float(np.max(np.abs(component.envelope_at(np.zeros(1)))) + component.level[0]),
@@ -159,7 +159,7 @@ def nothing_decays(ringing: Ringing, source: str) -> str:
     )
     if lines:
         return (
-            f"{source}: what oscillates in it, at {lines} Hz, keeps its amplitude to the end: it is driven, "
+            f"{source}: the oscillation at {lines} Hz keeps its amplitude to the end: it is driven, "
             "or the record is too short for its damping, or two modes beat more slowly; record longer."
         )
     return f"{source}: no mode rings and decays in it; check columns and window."
@@ -172,7 +172,7 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
     frequency, duration = central_frequency(own, interval), own.stop * interval
     if duration * frequency < FEWEST_PERIODS:
         raise DecayError(
-            f"{source}: the mode of {frequency:.4g} Hz stands out of the noise for "
+            f"{source}: the mode of {frequency:.4g} Hz exceeds the noise for "
             f"{duration * frequency:.2g} periods, fewer than {FEWEST_PERIODS:g}; strike harder, or where it "
             "moves more."
         )
@@ -195,9 +195,9 @@ def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, sourc
     above = float(ringing.residual[reference]) > UNEXPLAINED_NOISE * float(ringing.noise[reference])
     if separate.residual > MOST_OUT_OF_SHAPE or (above and unexplained > MOST_UNEXPLAINED):
         raise DecayError(
-            f"{source}: about {central_frequency(own, ringing.interval):.4g} Hz more than one mode rings, "
-            "too near to each other for this record: it does not separate them; record longer, or strike, or "
-            "measure, where one of them does not move."
+            f"{source}: about {central_frequency(own, ringing.interval):.4g} Hz several modes ring, too "
+            "close for this record to separate them; record longer, or strike, or measure, where one of them "
+            "does not move."
         )
 
 
@@ -424,8 +424,8 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
             f"{name} {value:.3f}" for name, value in zip(names, separate.shape.real, strict=True)
         )
         said.append(
-            f"{len(names)} sensors combined by the shape {shape}, which leaves "
-            f"{100 * separate.residual:.2g} % (their noise alone {100 * separate.expected:.2g} %)"
+            f"{len(names)} sensors combined by the shape {shape}, residual "
+            f"{100 * separate.residual:.2g} % ({100 * separate.expected:.2g} % from their noise alone)"
         )
         behind = float(np.max(np.abs(separate.shape.imag)))
         if behind > 0.05:
@@ -438,13 +438,13 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
     ]
     if large:
         said.append(
-            f"all modes together leave more than the white noise of the sensors (times {', '.join(large)})"
+            f"the residual of all modes exceeds the white noise of the sensors (times {', '.join(large)})"
         )
     return said
 
 
 def _close_modes(ringing: Ringing, place: int) -> list[str]:
-    """Warn of modes that are too close to this one to be separated with one sensor."""
+    """Warn about modes that are too close to this one to be separated with one sensor."""
     own = ringing.components[place]
     frequency = central_frequency(own, ringing.interval)
     others = [central_frequency(other, ringing.interval) for other in ringing.modes if other is not own]

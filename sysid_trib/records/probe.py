@@ -1,4 +1,4 @@
-"""Binary files are read by a process of their own first: code in C may hang on a damaged one, or crash.
+"""Test reading of binary files in a separate process: C code may hang or crash on a damaged file.
 
 `check_binary` asks a process that it starts once. For each file that process forks another one, which reads
 the file to its end within limits of time and memory, without leaving the file. What can be read there is then
@@ -99,14 +99,14 @@ def _ask(reader: str, path: Path) -> tuple[str, str]:
         pass
     finally:
         timer.cancel()
-        # One whose answer was not waited for is of no use: the next file would get that answer.
+        # A process whose answer was not awaited is of no use: the next file would get that answer.
         if not answer.endswith(b"\n"):
             _end(process, os.getpid())
     if answer.endswith(b"\n"):
         end, said = json.loads(answer)
         return str(end), str(said)
     late = monotonic() - began >= BUSY * seconds
-    return DAMAGED, "it takes far too long" if late else "its reader ends without a word"
+    return DAMAGED, "it takes far too long" if late else "its reader ends without a message"
 
 
 def _started() -> subprocess.Popen[bytes]:
@@ -123,7 +123,7 @@ def _started() -> subprocess.Popen[bytes]:
 
 
 def _kill(process: subprocess.Popen[bytes]) -> None:
-    """Kill it with the one that reads for it at the moment."""
+    """Kill the process and its present reader."""
     if sys.platform == "win32":
         process.kill()
         return
@@ -132,7 +132,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _end(process: subprocess.Popen[bytes], owner: int) -> None:
-    """End it, once it is of no use; that of another process is not ours to end."""
+    """End the process when it is no longer needed; leave one of another process alone."""
     if owner == os.getpid() and process.returncode is None:
         _kill(process)
         process.communicate()
@@ -176,11 +176,11 @@ def _answer(reader: str, path: str, seconds: float) -> tuple[str, str]:
     if said:
         return tuple(json.loads(said))
     late = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
-    return DAMAGED, "it takes far too long" if late else "its reader ends without a word"
+    return DAMAGED, "it takes far too long" if late else "its reader ends without a message"
 
 
 def _limit(seconds: float, memory: int) -> None:
-    """Most processor time and further address space of this process."""
+    """Limit processor time and further address space of this process."""
     import resource
 
     pages = int(Path("/proc/self/statm").read_text().split()[0]) if Path("/proc/self/statm").exists() else 0
@@ -195,7 +195,7 @@ def _limit(seconds: float, memory: int) -> None:
 
 
 def _read(reader: str, path: str) -> tuple[str, str]:
-    """Read a file; how, and what is wrong with it."""
+    """Read a file; return the reader used and the error message."""
     from sysid_trib.records import formats
 
     try:
@@ -205,10 +205,10 @@ def _read(reader: str, path: str) -> tuple[str, str]:
         if reader != "read_tree":
             getattr(formats, reader)(Path(path))
     except RecordError:
-        # The reader knows what is wrong: the process that asked meets it as well.
+        # The reader knows the fault: the process that asked meets it as well.
         return WHOLE, ""
     except MemoryError:
-        return DAMAGED, "it needs far more memory than its size lets expect"
+        return DAMAGED, "it needs far more memory than its size suggests"
     # Readers of foreign formats meet a damaged file with any exception at all.
     except Exception as error:
         return DAMAGED, next(iter(str(error).splitlines()), "")[:200] or type(error).__name__
@@ -216,7 +216,7 @@ def _read(reader: str, path: str) -> tuple[str, str]:
 
 
 def _walk(path: str, *, whole: bool) -> str:
-    """Look at all of an HDF5 file; what in it is outside of it or linked in circles, or nothing.
+    """Visit all of an HDF5 file; return its external or circular links, or nothing.
 
     The whole of a result is read by the library in C, no more: its 400 variables take xarray seconds.
     """

@@ -200,7 +200,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
 def _as_record(
     time: Array, values: Array, unit: lab.SignalUnit, attrs: Mapping[str, Any], how: reading.Reading
 ) -> xr.Dataset:
-    """The record of a signal: `angle(time)`, and what was measured if that is another quantity.
+    """Return the record of a signal: `angle(time)`, and what was measured if that is another quantity.
 
     A rate is integrated once, an acceleration twice, without the drift of a bias. An accelerometer on a
     pendulum feels g sin(x) + r x'' along its path; without friction x'' = -w^2 sin(x), so that to first order
@@ -239,7 +239,9 @@ def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict
     felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
     # An accelerometer that feels less of gravity than this part shows no angle.
     if felt < 0.02 * lab.STANDARD_GRAVITY:
-        wrong = f"{source}: at {distance:g} m from the axis an accelerometer feels next to nothing of a swing"
+        wrong = (
+            f"{source}: at {distance:g} m from the axis an accelerometer measures almost nothing of a swing"
+        )
         raise RecordError(f"{wrong} ({felt:.3g} m/s^2 of 9.81): correct --distance, or choose another axis.")
     made = "its angle by the arcsine, as if there were no friction"
     return {"integrations": 0, "distance": distance, "felt_per_sine": felt, "integration": made}

@@ -20,7 +20,7 @@ from sysid_trib.records.tables import FileTable
 
 # Variables of a record that no input may be.
 TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
-# Numbers that may be given: the least, the largest, and what is to be given.
+# Numbers that may be given: the least, the largest, and their description.
 GIVEN_NUMBERS = {
     "sampling_rate": (1e-9, 1e9, "a positive number of samples a second"),
     "length": (1e-300, 1e6, "the pendulum's length in m"),
@@ -83,7 +83,9 @@ class Reading:
             raise UsageError(f"{min(both)} is given as an input and as a constant; choose one.")
         for name in (*self.inputs, *self.constants):
             if not name.isidentifier() or name in TAKEN_NAMES:
-                raise UsageError(f"{name!r} cannot name an input; write u=COLUMN, as forces hold it.")
+                raise UsageError(
+                    f"{name!r} cannot name an input; write u=COLUMN, as in the formulas of forces."
+                )
         if self.time_units is not None and self.time_units not in lab.TIME_UNITS:
             raise UsageError(f"time units {self.time_units!r} are unknown: give {lab.OFFERED_TIME_UNITS}.")
         if self.units is not None and lab.signal_unit(self.units) is None:
@@ -106,12 +108,12 @@ class Reading:
 
 
 _STATED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)\s*")
-# How near to the factor between two units a factor is that stands for it.
+# Relative difference between a factor and the factor of two units for which it counts.
 CONVERTED = 2e-3
 
 
 def with_expression(table: FileTable, text: str, units: str | None) -> FileTable:
-    """The table with a further column, of which the expression is the name.
+    """Return the table with a further column, named by the expression.
 
     Parameters
     ----------
@@ -142,7 +144,7 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
 
 
 def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formula], dict[str, Column]]:
-    """A formula of columns: its values (row,), its parts, and the columns that it holds by their names.
+    """Evaluate a formula of columns: its values (row,), its parts, and its columns by name.
 
     Raises
     ------
@@ -162,11 +164,13 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
         for name, value in stated.items():
             parts = [with_instead(part, name, repr(value)) for part in parts]
     except LibraryError as error:
-        raise UsageError(f"{table.source}: {error} Columns that it may hold: {', '.join(names)}.") from None
+        raise UsageError(
+            f"{table.source}: {error} Columns that it may contain: {', '.join(names)}."
+        ) from None
     used = {name for part in parts for name in part.names & names.keys()}
     held = {name: _single(names[name], name, f"{flag} '{text}'") for name in sorted(used)}
     if not held:
-        wrong = f"{flag} '{text}' holds no column of numbers; it may hold {', '.join(names)}."
+        wrong = f"{flag} '{text}' contains no column of numbers; it may contain {', '.join(names)}."
         raise UsageError(f"{table.source}: {wrong}")
     columns = {name: column.numbers for name, column in held.items()}
     sizes = {column.size for column in columns.values()}
@@ -179,14 +183,14 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
 
 
 def is_expression(table: FileTable, wanted: str | int | None) -> bool:
-    """True if a text could be a formula of columns, and no column has that name."""
+    """Return true if a text could be a formula of columns, and no column has that name."""
     # Characters of an expression that names do not have.
     signs = isinstance(wanted, str) and re.search(r"[-+*/(]", wanted) is not None
     return signs and table.match(wanted) is None
 
 
 def _arguments(text: str) -> list[str]:
-    """The two arguments of an arc tangent of two, or the text itself."""
+    """Return the two arguments of an arc tangent of two, or the text itself."""
     with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
         match ast.parse(text.strip(), mode="eval").body:
             case ast.Call(func=ast.Name(id="atan2"), args=[first, second], keywords=[]):
@@ -195,20 +199,20 @@ def _arguments(text: str) -> list[str]:
 
 
 def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> dict[str, float]:
-    """Numbers that the notes of a file state as `name = value`, of the names in a formula."""
+    """Return numbers that the notes of a file state as `name = value`, of the names in a formula."""
     stated: dict[str, float] = {}
     # A name with arguments is a function.
     words = {*re.findall(r"\b\w+\b(?!\s*\()", text.lower())} - {*columns, "pi"}
     for match in filter(None, (_STATED.fullmatch(note.lower()) for note in table.notes)):
         name, value = match["name"], match["value"]
         if name in words and stated.setdefault(name, float(value)) != float(value):
-            wrong = f"{flag} '{text}' holds {name}, which the file states as {stated[name]:g} and {value}"
+            wrong = f"{flag} '{text}' contains {name}, which the file states as {stated[name]:g} and {value}"
             raise UsageError(f"{table.source}: {wrong}; write the number itself.")
     return stated
 
 
 def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
-    """The column of numbers that alone has a name; `expression` : the option and its formula."""
+    """Return the column of numbers that alone has a name; `expression` : the option and its formula."""
     if len(columns) > 1:
         listed = ", ".join(column.name for column in columns)
         raise UsageError(
@@ -216,13 +220,13 @@ def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
             "rename one in the file."
         )
     if not columns[0].is_numeric:
-        holds = f"column '{columns[0].name}' of {expression} holds no numbers."
+        holds = f"column '{columns[0].name}' of {expression} contains no numbers."
         raise UsageError(f"{columns[0].source}: {holds}")
     return columns[0]
 
 
 def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
-    """The unit of a formula, or of an arc tangent; empty where no column has one, None where none follows."""
+    """Return the unit of a formula, or an arc tangent; empty if no column has one, None if none follows."""
     if not any(units.values()):
         return "rad" if len(parts) == 2 else ""
     unit, *others = {*units.values()}
@@ -237,7 +241,7 @@ def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
 
 
 def _agreed(follows: str | None, given: str | None) -> str | None:
-    """The unit that follows, or the one given where none does, or one of another quantity."""
+    """Return the unit that follows, or the one given where none does, or one of another quantity."""
     of_columns, asked = lab.signal_unit(follows or ""), lab.signal_unit(given or "")
     if asked is None or (of_columns is not None and of_columns.quantity == asked.quantity):
         return follows
@@ -245,7 +249,7 @@ def _agreed(follows: str | None, given: str | None) -> str | None:
 
 
 def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
-    """True if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
+    """Return true if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
     of_unit = lab.signal_unit(unit)
     table = lab.RADIANS if of_unit and of_unit.position == "rad" else lab.METRES
     if of_unit is None or (table is lab.METRES and of_unit.position not in lab.METRES):
@@ -259,7 +263,7 @@ def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
 
 
 def _power(tree: ast.AST) -> float | None:
-    """Power of the columns' unit in a formula, 0 of a number; None of what has none."""
+    """Return the power of the columns' unit in a formula, 0 of a number; None of what has none."""
     match tree:
         case ast.Constant() | ast.Name(id="pi"):
             return 0.0

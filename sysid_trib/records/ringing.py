@@ -108,7 +108,7 @@ class Component:
 
 
 def _splines_at(position: Array, count: int) -> tuple[NDArray[np.intp], Array]:
-    """Uniform B-splines of degree five at positions in units of their knots."""
+    """Return the uniform B-splines of degree five at positions in units of their knots."""
     first = np.clip(np.floor(position).astype(np.intp), 0, count - SPLINE_ORDER)
     return first, SPLINE_POWERS @ np.vander(position - first, SPLINE_ORDER, increasing=True).T
 
@@ -168,7 +168,7 @@ def fit_envelopes(signals: Array, components: Sequence[Component]) -> list[Compo
 
 
 def with_common_part(component: Component, noise: Array) -> Component:
-    """Move what the envelopes of all sensors have in common to phase and level; the envelope stays as it was.
+    """Move the common part of all sensors' envelopes to phase and level; the amplitude is unchanged.
 
     `noise` : (sensor,) standard deviations, by which sensors count.
     """

@@ -48,7 +48,7 @@ def _with_rows(column: Column, rows: slice | Index) -> Column:
 
 
 def _bare_head(columns: Sequence[Column]) -> str:
-    """The first row if it is a head of bare numbers above a clock that rises evenly below it; or nothing."""
+    """Return the first row if it is a bare numeric head above an evenly rising clock; or nothing."""
     sizes = {column.cells.size for column in columns}
     if len(columns) < 2 or len(sizes) > 1 or max(sizes) < FEWEST_ROWS:
         return ""
@@ -64,7 +64,7 @@ def _bare_head(columns: Sequence[Column]) -> str:
 
 
 def _is_even(stamps: Array) -> bool:
-    """True if stamps rise in steps that are mostly alike."""
+    """Return true if stamps rise in steps that are mostly alike."""
     if stamps.size < FEWEST_ROWS or not np.isfinite(stamps).all():
         return False
     steps = np.diff(stamps)
@@ -75,7 +75,7 @@ def _is_even(stamps: Array) -> bool:
 
 
 def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
-    """The column of times by which rows are to be sorted; None if they are in order, or nothing shows it.
+    """Return column of times by which rows are to be sorted; None if they are in order, or nothing shows it.
 
     Values of a clock are evenly apart, in whatever order they stand. Where it jitters, its name and another
     column that is sorted show the same.
@@ -105,13 +105,13 @@ def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
 
 
 def _numbers_rows(column: Column) -> bool:
-    """True if a column holds the numbers 0, 1, 2, ... of its rows, in any order."""
+    """Return true if a column holds the numbers 0, 1, 2, ... of its rows, in any order."""
     ordered = np.sort(column.cells.astype(float))
     return bool(ordered[0] in (0.0, 1.0) and np.all(np.diff(ordered) == 1.0)) and not column.is_time
 
 
 def _is_shuffled(cells: Array) -> bool:
-    """True if a column goes back more often than a clock that is set back, with hardly a value twice."""
+    """Return true if a column falls more often than a clock that is set back, with few equal values."""
     back = np.count_nonzero(np.diff(cells) < 0.0)
     distinct = np.unique(cells).size
     often = back > min(MOST_SET_BACK, cells.size // 20)

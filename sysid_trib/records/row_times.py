@@ -64,7 +64,7 @@ class RowTimes(NamedTuple):
 
 
 def row_times(table: FileTable, time: Column | None, signal: Column, values: Array, how: Reading) -> RowTimes:
-    """Times of the rows of a signal.
+    """Return the times of the rows of a signal.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ def _check_rate(stamps: Array, given: float, time: Column) -> None:
 
 
 def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -> tuple[Index | None, str]:
-    """Numbers of the samples from 0 where a column counts them and some are lost, and a sentence on these.
+    """Return sample numbers from 0 if a column counts them and some are lost, and a sentence on these.
 
     A counter of packets has the same number for each row of one: all packets but the first and the last have
     as many rows. A counter that starts anew at a power of two is counted on.
@@ -164,7 +164,7 @@ def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -
 
 
 def _counted_on(column: Array) -> Index:
-    """Steps of a counter that may start anew after all values of so many bits."""
+    """Return the steps of a counter that may start anew after all values of so many bits."""
     whole = column.astype(np.int64)
     turn = 1 << int(whole.max()).bit_length()
     steps = np.diff(whole)
@@ -173,7 +173,7 @@ def _counted_on(column: Array) -> Index:
 
 
 def _of_packets(steps: Index) -> Index | None:
-    """Numbers of samples in packets of the same size; None where sizes differ."""
+    """Return numbers of samples in packets of the same size; None where sizes differ."""
     packet = np.append(0, np.cumsum(steps))
     _, begins, sizes = np.unique(packet, return_index=True, return_counts=True)
     # The first and the last may be cut.
@@ -188,13 +188,13 @@ def _of_packets(steps: Index) -> Index | None:
 
 
 def input_columns(inputs: Mapping[str, str | int], table: FileTable) -> list[Column]:
-    """The columns of a table that are inputs, and so no signal."""
+    """Return the columns of a table that are inputs, and so no signal."""
     own = [wanted for _, wanted, other in _sources(inputs) if other is None]
     return [table.find(wanted) for wanted in own if not is_expression(table, wanted)]
 
 
 def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
-    """Inputs of other files, looked for in its folder too; a `*` in a name stands for the record's own.
+    """Return inputs of other files, also in the record's folder; a `*` stands for the record's name.
 
     If several files match, as `*_y.mat`, the file with the longest common beginning of its name and the
     record's is taken. A UsageError is raised if there is none, or several are equal.
@@ -224,7 +224,7 @@ def _near(pattern: Path, record: Path) -> Path:
 def with_inputs(
     record: xr.Dataset, table: FileTable, rows: Index, how: Reading, origin: Origin
 ) -> xr.Dataset:
-    """A record with its inputs, each by its name.
+    """Return a record with its inputs, each by its name.
 
     Parameters
     ----------
@@ -282,7 +282,7 @@ def with_inputs(
 
 
 def _column(table: FileTable, wanted: str | int) -> tuple[Array, units.SignalUnit | None]:
-    """Values and unit of a column; of a formula of columns, `35.15*vir`, no unit follows."""
+    """Return values and unit of a column; of a formula of columns, `35.15*vir`, no unit follows."""
     if is_expression(table, wanted):
         return evaluated(table, str(wanted), "--input")[0], None
     column = table.find(wanted)
@@ -290,7 +290,7 @@ def _column(table: FileTable, wanted: str | int) -> tuple[Array, units.SignalUni
 
 
 def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, Path | None]]:
-    """Name, column, and the other file where it is of one."""
+    """Yield the name, column, and the other file where it is of one."""
     for name, wanted in inputs.items():
         file, colon, column = str(wanted).rpartition(":")
         yield (name, column, Path(file)) if colon and file else (name, wanted, None)

@@ -14,7 +14,7 @@ from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.signal import checked_signal
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
-# What may stand for a record in Python: a Dataset with angle(time), or times and angles in any usual form.
+# Forms of a record in Python: a Dataset with angle(time), or times and angles in any usual form.
 RecordLike: TypeAlias = (
     xr.Dataset
     | xr.DataArray
@@ -29,7 +29,7 @@ RecordsLike: TypeAlias = RecordLike | Iterable[RecordLike]
 
 
 def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
-    """The runs as a list, also if there is but one.
+    """Return the runs as a list, also if there is but one.
 
     Parameters
     ----------
@@ -76,5 +76,5 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
 
 
 def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
-    """The decay itself where there is but one."""
+    """Return the decay itself where there is but one."""
     return runs[0] if len(runs) == 1 else list(runs)

@@ -1,4 +1,4 @@
-"""The step of a sensor, and what rounding leaves where it is coarse compared with noise and motion."""
+"""Step of a sensor, and its rounding error if the step is coarse compared with noise and motion."""
 
 from collections.abc import Callable, Iterator
 
@@ -18,7 +18,7 @@ ROUNDED = 0.1
 
 
 def sensor_step(signal: Array) -> float:
-    """Largest spacing that explains the values of a sensor.
+    """Return the largest spacing that explains the values of a sensor.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def sensor_step(signal: Array) -> float:
 
 
 def _lattice(values: Array, fewest: int) -> float:
-    """Largest spacing that explains sorted values; nan if none does."""
+    """Return the largest spacing that explains sorted values; nan if none does."""
     first = max(0, (values.size - MOST_VALUES) // 2)
     values = values[first : first + MOST_VALUES]
     spacing = np.diff(values)
@@ -70,12 +70,12 @@ def _explains(step: float, spacing: Array, fewest: int) -> bool:
     return count.size >= fewest and bool(np.mean(whole & (count > ROUNDED)) >= 0.9)
 
 
-# Motions that are rounded to know what rounding leaves.
+# Motions that are rounded to simulate the rounding error.
 ROUNDED_MOTIONS = 40
 
 
 def coarse_step(decay: xr.Dataset, noise: float) -> float:
-    """Step of a sensor whose rounding shows; 0 where it is as good as white noise, or was integrated.
+    """Return the step of a sensor whose rounding shows; 0 if it is like white noise, or was integrated.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
     if int(decay.attrs.get("integrations", 0)):
         return 0.0
     signal = decay.angle.values.astype(float)
-    # Most values of a fine sensor differ from the last by more than what their spacing could be.
+    # Most values of a fine sensor differ from the last by more than the largest possible spacing.
     if not np.any(np.diff(signal) == 0.0):
         return 0.0
     step = sensor_step(signal)

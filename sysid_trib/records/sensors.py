@@ -160,7 +160,7 @@ def _columns(table: tables.FileTable, how: reading.Reading) -> list[Column]:
     ]
     numeric = [c for c in numeric if not drives.is_named_as_drive(c)] or numeric
     if not numeric:
-        raise RecordError(f"{table.source}: there is no column of a sensor beside the time.")
+        raise RecordError(f"{table.source}: there is no column of a sensor, only the time.")
     kinds = {column: _quantity(table, column, how) for column in numeric}
     chosen = next((kind for kind in SENSOR_QUANTITIES if kind in kinds.values()), "")
     return [column for column, kind in kinds.items() if kind == chosen]

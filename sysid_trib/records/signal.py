@@ -18,17 +18,17 @@ LARGEST_NUMBER = 1e75
 FEWEST_SAMPLES = 4
 ANGLE_UNIT = "rad"
 SPELT_SECONDS = ("", "1", "s", "sec", "second", "seconds")
-# Attribute with the name of the variable whose noise is white, of a record that was integrated from it.
+# Attribute with the name of the variable with white noise, of a record that was integrated from it.
 NOISE_IS_WHITE_IN = "white_noise_in"
 
 
 def unit_of_signal(record: xr.Dataset) -> str:
-    """Unit of the `angle` of a record or decay; rad where none is stated."""
+    """Return the unit of the `angle` of a record or decay; rad where none is stated."""
     return str(record["angle"].attrs.get("units") or ANGLE_UNIT)
 
 
 def checked_signal(record: Any, *names: str) -> None:
-    """Refuse what is no record.
+    """Raise an error for an object that is no record.
 
     Parameters
     ----------
@@ -54,14 +54,14 @@ def checked_signal(record: Any, *names: str) -> None:
         if variable is None or variable.dims != ("time",):
             raise UsageError(f"{source}: a record has {name}(time), one number a sample; this one has none.")
         if variable.dtype.kind not in "fiu":
-            raise UsageError(f"{source}: {name}(time) holds {variable.dtype}; give numbers in s and rad.")
+            raise UsageError(f"{source}: {name}(time) contains {variable.dtype}; give numbers in s and rad.")
         # A value that is not finite is not below the limit either.
         # In double precision: single has no numbers as large as the limit.
         bad = np.flatnonzero(~(np.abs(variable.values.astype(float)) <= LARGEST_NUMBER))
         if bad.size:
             first, instant = bad[0], record.variables["time"].values[bad[0]]
             where = f"sample {first + 1} of {name}" if name == "time" else f"{name} at {instant:g} s"
-            wrong = f"{source}: {where} is not a finite number, or vast ({variable.values[first]:g})"
+            wrong = f"{source}: {where} is not a finite number, or too large ({variable.values[first]:g})"
             raise DecayError(f"{wrong}; cut it out.")
     _check_units(record, source)
     if record.sizes["time"] < FEWEST_SAMPLES:
@@ -89,7 +89,7 @@ def _check_units(record: xr.Dataset, source: str) -> None:
         raise DecayError(f'{source}: its angle is in {angle_unit}, not in rad; convert it, with units="rad".')
 
 
-# A gap of more than this part of a period parts a record: no polynomial knows what was in it.
+# A gap of more than this part of a period divides a record: no polynomial predicts the motion in it.
 LONGEST_FILLED = 0.25
 FILL_DEGREE = 7
 # A step longer than this many usual ones has samples missing in it.
@@ -114,12 +114,12 @@ class Piece(NamedTuple):
 
 
 def usual_step(steps: Array) -> float:
-    """Mean of steps, without those that have samples missing in them."""
+    """Return the mean of steps, without those that have samples missing in them."""
     return float(np.mean(steps[steps <= PARTED_STEP * np.median(steps)]))
 
 
 def clamped_knots(time: Array, intervals: int, degree: int) -> Array:
-    """Uniform knots between the first and the last sample, so many intervals, of splines of a degree."""
+    """Return uniform knots from first to last sample, with a number of intervals, of splines of a degree."""
     inner = np.linspace(time[0], time[-1], max(1, intervals) + 1)
     return np.concatenate([np.full(degree, time[0]), inner, np.full(degree, time[-1])])
 
@@ -152,7 +152,7 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
 
 
 def is_uniform(time: Array) -> bool:
-    """True if all steps are within 2 % of the median (the limit itself is on the good side)."""
+    """Return true if all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
     # Deviation of a step from the usual one that the methods take as it is.
@@ -188,7 +188,7 @@ SMALLEST_PIVOT = 1e-13
 
 
 def integrated(time: Array, signal: Array, period: float) -> Array:
-    """Integral of an oscillation over time, about its slow mean.
+    """Return the integral of an oscillation over time, about its slow mean.
 
     Parameters
     ----------
@@ -230,14 +230,14 @@ def _drift(time: Array, signal: Array, period: float) -> Array:
     normal = design.T @ design
     width = len(waves) * (DRIFT_DEGREE + 1)
     band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(width)])
-    # Where samples are few a wave may be a sum of others: what is this small does not count.
+    # With few samples a wave may be a sum of others: smaller parts than this are ignored.
     band[0] += SMALLEST_PIVOT * band[0].max()
     solution = solveh_banded(band, design.T @ signal, lower=True)
     return np.asarray(slow @ solution[:: len(waves)])
 
 
 def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:
-    """Angle or displacement of what was measured about its mean, as the attrs of its record say it.
+    """Return angle or displacement of a measured quantity, about its mean, as the record's attrs state it.
 
     Parameters
     ----------

@@ -26,13 +26,13 @@ SAMPLES_PER_KNOT = 2
 MOST_KEPT = 100_000
 
 
-# What a sample moves of the spline falls by a third with each knot (the root -0.666 of the Euler-Frobenius
-# polynomial of degree 11): so many away it is below rounding.
+# The influence of a sample on the spline falls to a third with each knot (the root -0.666 of the
+# Euler-Frobenius polynomial of degree 11): so many knots away it is below rounding.
 FELT_KNOTS = 100
 
 
 def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
-    """Intervals of a twelfth of a period (2 pi in tau), of whole samples if possible, of so many at least."""
+    """Return the number of intervals of a twelfth of a period (2 pi in tau), whole samples if possible."""
     step = (tau[-1] - tau[0]) / (len(tau) - 1)
     per_knot = max(fewest, 2.0 * np.pi / KNOTS_PER_PERIOD / step)
     per_knot = round(per_knot) if per_knot >= SAMPLES_PER_KNOT else per_knot
@@ -40,12 +40,12 @@ def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
 
 
 def knot_sequence(tau: Array, intervals: int | None = None) -> Array:
-    """Clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
+    """Return the clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
     return signal.clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
 
 
 def least_squares_spline(tau: Array, values: Array, intervals: int | None = None) -> tuple[BSpline, Array]:
-    """The spline on a `knot_sequence` that is nearest to values, and what it is at their times.
+    """Return the spline on a `knot_sequence` that is nearest to values, and what it is at their times.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def least_squares_spline(tau: Array, values: Array, intervals: int | None = None
 
 
 def first_of_spline(tau: Array, values: Array) -> tuple[float, float]:
-    """First value and slope of `least_squares_spline`, by the samples that they depend on."""
+    """Return the first value and slope of `least_squares_spline`, by the samples that they depend on."""
     knots = knot_sequence(tau)
     if len(knots) > FELT_KNOTS + 2 * (SPLINE_DEGREE + 1):
         last = knots[SPLINE_DEGREE + FELT_KNOTS]
@@ -91,7 +91,7 @@ def _spline_on(knots: Array, tau: Array, values: Array) -> tuple[BSpline, Array]
 
 
 def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_array, Array]:
-    """B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
+    """Return B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
     tau, knots = np.frombuffer(tau_bytes), np.frombuffer(knots_bytes)
     if np.any(np.diff(tau) <= 0.0):
         raise ValueError("times that do not increase")
@@ -131,7 +131,7 @@ def smooth(tau: Array, angle: Array) -> tuple[Array, Array, Array, float]:
 
 
 def _noise_about(spline: BSpline, residual: Array) -> float:
-    """Standard deviation of a sample about a spline that was fitted to it."""
+    """Return the standard deviation of a sample about a spline that was fitted to it."""
     degrees_of_freedom = max(1, len(residual) - len(spline.c))
     return float(np.sqrt(np.sum(residual**2) / degrees_of_freedom))
 
@@ -154,13 +154,13 @@ class SplinesAt:
         return {}
 
     def design(self, order: int = 0) -> sp.csr_matrix:
-        """Values of every B-spline, or of a derivative of it, (point, spline); computed once."""
+        """Return values of every B-spline, or of a derivative of it, (point, spline); computed once."""
         if order not in self._designs:
             self._designs[order] = spline_design(self.points, self.knots, order)
         return self._designs[order]
 
     def of(self, spline: BSpline, order: int = 0) -> Array:
-        """A spline on these knots at the points or a derivative, (point,).
+        """Return a spline on these knots at the points or a derivative, (point,).
 
         At many points without the matrices, which would take more memory than records do.
         """
@@ -170,7 +170,7 @@ class SplinesAt:
 
 
 def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
-    """Values of the `order`-th derivative of every B-spline of `SPLINE_DEGREE` at points, (point, spline)."""
+    """Return the `order`-th derivative of all B-splines of `SPLINE_DEGREE` at points, (point, spline)."""
     # No point is beyond the knots: without extrapolation Python's own min and max look through all of them.
     lowest = knots[order : len(knots) - order]
     design = BSpline.design_matrix(tau, lowest, SPLINE_DEGREE - order, extrapolate=True)
@@ -186,7 +186,7 @@ def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
 
 
 def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float:
-    """Frequency of a decay by the median of its half periods, rad/s.
+    """Return the frequency of a decay by the median of its half periods, rad/s.
 
     Parameters
     ----------
@@ -209,7 +209,7 @@ def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float
 
 
 def first_frequency(runs: Sequence[xr.Dataset]) -> float:
-    """Frequency from which fits of runs begin, by the median of theirs, rad/s.
+    """Return the frequency from which fits of runs begin, by the median of theirs, rad/s.
 
     A driven body, as on a belt, may swing away from zero: its own middle is used then. A driven run that does
     not swing, as one that is lifted slowly, has no frequency beside others that do. If none swings, the
@@ -254,7 +254,7 @@ def nominal_frequency(frequency: float) -> float:
 
 
 def sensor_noise(decay: xr.Dataset) -> float:
-    """Standard deviation of a sample's noise, whatever the forces (rad).
+    """Return the standard deviation of a sample's noise, whatever the forces (rad).
 
     Parameters
     ----------
@@ -276,7 +276,8 @@ def sensor_noise(decay: xr.Dataset) -> float:
         by_spline = sensor_noise(xr.Dataset({"angle": measured.rename(measured_time="time")}))
         at, values = (of.values.astype(float) for of in (measured.measured_time, measured))
         by_differences = half_periods.noise_of_record(at, values)
-        # Dry friction makes an acceleration jump, which no spline follows: it leaves so many times the noise.
+        # Dry friction makes an acceleration jump, which no spline follows: its residual is so many times the
+        # noise.
         noise = by_spline if by_spline < 1.2 * by_differences else by_differences
         return float(noise / swing_frequency(decay) ** integrations)
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
@@ -289,7 +290,7 @@ def sensor_noise(decay: xr.Dataset) -> float:
 
 
 def _noise(tau: bytes, angle: bytes) -> float:
-    """`noise` of `smooth` by itself, without the derivatives of the motion."""
+    """Return `noise` of `smooth` by itself, without the derivatives of the motion."""
     values = np.frombuffer(angle)
     spline, x = least_squares_spline(np.frombuffer(tau), values)
     return _noise_about(spline, values - x)

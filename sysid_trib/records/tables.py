@@ -70,7 +70,7 @@ class FileTable:
         rising = [column for column in first if column.rises and not column.counts_rows]
         if not rising and filled and filled[0].starts_anew:
             return filled[:1]
-        # A number of the row stands before the time.
+        # A row number precedes the time.
         if len(rising) > 1 and len(filled) > 2 and np.median(np.diff(rising[0].cells.astype(float))) == 1:
             rising = rising[1:]
         return self._of_the_name(rising[0]) if rising else []
@@ -84,7 +84,7 @@ class FileTable:
         return [first, *(c for c in after if c.rises and _without_number(c.base) == bare)]
 
     def match(self, wanted: str | int | None) -> Column | None:
-        """The column of that name, or else of that number from 0; None if there is no single one."""
+        """Return the column of that name, or else of that number from 0; None if there is no single one."""
         name = str(wanted)
         for matches in (
             [column for column in self.columns if column.name == wanted],
@@ -98,7 +98,7 @@ class FileTable:
         return None
 
     def find(self, wanted: str | int) -> Column:
-        """The column of that name, or else of that number from 0.
+        """Return the column of that name, or else of that number from 0.
 
         Raises
         ------
@@ -138,7 +138,7 @@ def _without_number(base: str) -> str:
 
 
 def read_table(path: Path) -> FileTable:
-    """Read every column of a file, of what a .gz holds, or, by the path `-`, of standard input.
+    """Read every column of a file, of the content of a .gz or, for the path `-`, of standard input.
 
     Parameters
     ----------
@@ -186,12 +186,12 @@ def _contents(path: Path) -> formats.Contents:
 
 
 def _is_nested(values: Any) -> bool:
-    """True if the cells of a column are lists, as netCDF and Parquet can have them."""
+    """Return true if the cells of a column are lists, as netCDF and Parquet can have them."""
     return values.dtype.kind == "O" and any(isinstance(cell, np.ndarray | list | dict) for cell in values)
 
 
 def check_is_file(path: Path) -> None:
-    """Refuse what cannot be read, or what would be waited for without end.
+    """Raise an error for a path that cannot be read, or whose reading would never end.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def check_is_file(path: Path) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Path]:
-    """The file itself; of `-` what comes by standard input, of a .gz its content, in a folder of its own.
+    """Yield file itself; of `-` what comes by standard input, of a .gz its content, in a folder of its own.
 
     Raises
     ------
@@ -244,5 +244,5 @@ def _opened(path: Path) -> Iterator[Path]:
         except (OSError, EOFError, zlib.error) as error:
             raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
         if copy.stat().st_size > LARGEST_CONTENT:
-            raise RecordError(f"{name}: holds more than {LARGEST_CONTENT:,} bytes: no record does.")
+            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
         yield copy

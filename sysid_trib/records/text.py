@@ -23,11 +23,11 @@ from sysid_trib.records.units import (
 )
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
-# Rows in which facts may stand next to the numbers.
+# Rows in which facts may be next to the numbers.
 MOST_FACTS = 40
 DELIMITERS = (";", "\t", "|", ",", None)
-# Numbers that are written otherwise: what they look like, what the text must hold besides, or must not, and
-# the signs in them with what stands for these.
+# Numbers in other notations: their pattern, a pattern that the text must or must not contain, and their signs
+# with the replacements.
 _WRITTEN_OTHERWISE = (
     # Figures parted by narrow blanks or apostrophes; `"5,123"` alone may be a decimal comma.
     (r"(?<=\d)[\u00a0\u2009\u202f'’](?=\d{3}(?!\d))", "", None, r"\D", ""),
@@ -48,7 +48,7 @@ _DRESSED = re.compile(
 
 
 def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Rows of numbers of a text file, the names of their columns if it states them, and the lines above.
+    """Return a text file's rows of numbers, the names of their columns if stated, and the lines above.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
 
 
 def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
+    """Return rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
     lines = _without_labels(_plain_numbers(text).splitlines())
     delimiter, start = _find_block(lines)
     if start is None:
@@ -106,7 +106,7 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
 
 
 def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tuple[int, str]]:
-    """The rows of numbers with their numbers in the file, from 1."""
+    """Return the rows of numbers with their numbers in the file, from 1."""
     # A logger that is started anew writes its head again, its dates being others.
     head = {line.strip() for line in lines[max(0, start - 2) : start]} | {""}
     keys = {_fields(line, delimiter)[0] for line in lines[:start] if line.strip() and not _is_comment(line)}
@@ -126,7 +126,7 @@ def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tup
 
 
 def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
-    """True if the first cell of a line is one of these texts."""
+    """Return true if the first cell of a line is one of these texts."""
     first = next(iter(line.strip().split(delimiter, 1)), "")
     return not is_number(first) and first.strip(" \t\"'") in keys
 
@@ -134,7 +134,7 @@ def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
 def _as_frame(
     block: list[tuple[int, str]], delimiter: str | None, decimal: str, path: Path, names: int
 ) -> pd.DataFrame:
-    """Rows of text as a table.
+    """Return the rows of text as a table.
 
     Raises
     ------
@@ -163,7 +163,7 @@ def _as_frame(
 
 
 def _filled(line: str, delimiter: str | None) -> list[str]:
-    """Cells of a row up to the last one that is not empty."""
+    """Return the cells of a row up to the last one that is not empty."""
     cells = line.strip(" \r\n").split(delimiter)
     if '"' in line and delimiter is not None:
         cells = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), cells)
@@ -192,7 +192,7 @@ def check_width(path: Path, columns: int) -> None:
 
 
 def _plain_numbers(text: str) -> str:
-    """Text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
+    """Return text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
     text = text.replace(MINUS, "-")
     for pattern, needed, unless, sign, plain in _WRITTEN_OTHERWISE:
         if re.search(needed, text) and not (unless and re.search(unless, text)):
@@ -205,7 +205,7 @@ def _rewritten(text: str, pattern: str, sign: str, plain: str) -> str:
 
 
 def _without_labels(lines: list[str]) -> list[str]:
-    """Lines with bare numbers where each row has the same labels or units: the head has them instead."""
+    """Return lines with bare numbers if each row has the same labels or units, which the head then has."""
     # By a line in the middle: a logger may greet and say farewell.
     middle = lines[len(lines) // 2] if lines else ""
     for delimiter in DELIMITERS:
@@ -246,7 +246,7 @@ def _is_comment(line: str) -> bool:
 
 
 def _is_summary(row: list[str], usual: list[str]) -> bool:
-    """True if a row holds a text where the others hold a number."""
+    """Return true if a row holds a text where the others hold a number."""
     numbers = [is_number(item) for item in usual]
     texts = [not is_missing(item) and not is_number(item) for item in row]
     return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
@@ -263,7 +263,7 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
 
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
-    """Delimiter and first line of the numbers: the first line that is numbers alone, or else partly."""
+    """Return the delimiter and the first line of the numbers: all cells numbers, or else some of them."""
     for whole in (True, False):
         rows = ((at, line) for at, line in enumerate(lines) if line.strip() and not _is_comment(line))
         for (start, line), (_, below) in pairwise(chain(rows, [(0, "")])):
@@ -274,11 +274,11 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 # Cells may be empty, but for the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
-                # `data:` stands below a fact.
+                # `data:` below a fact.
                 goes_on = goes_on and not below.rstrip().endswith(":")
                 # A lone number above the header is no row.
                 single = len(fields) == 1 and any(sign in below for sign in ",;\t")
-                # Facts that stand above a head are no rows.
+                # Facts above a head are no rows.
                 partly = any(map(is_number, fields)) and (
                     not below or any(map(is_number, _fields(below, delimiter)))
                 )
@@ -307,12 +307,12 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
     return start
 
 
-# Lines above the numbers that may name columns: names, units, what they measure, and groups of them.
+# Lines above the numbers that may name columns: names, units, quantities, and groups of them.
 HEAD_LINES = 6
 
 
 def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
-    """Names from the lines above the numbers, with lines of units and of groups next to them."""
+    """Return names from the lines above the numbers, with lines of units and of groups next to them."""
     # A line of dashes below the names is none of them.
     lines = [line for line in before if any(map(str.isalnum, line)) or "°" in line][-HEAD_LINES:][::-1]
     lines = [line.lstrip("#%/! \t") if _is_comment(line) else line for line in lines]
@@ -335,13 +335,13 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
 
 
 def _states_a_fact(line: str, width: int) -> bool:
-    """True if a line above one column states a number, `sample_rate: 1000`, and names no column."""
+    """Return true if a line above one column states a number, `sample_rate: 1000`, and names no column."""
     stated = re.search(r"[:=,;\t]\s*[-+]?[\d.]", line) is not None
     return width == 1 and (stated or noted_rate([line], 1) is not None)
 
 
 def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) -> list[str] | None:
-    """Cells of a line above the numbers, one a column; None if it has another number of them."""
+    """Return the cells of a line above the numbers, one a column; None if it has another number of them."""
     separator = "," if delimiter is None and "," in line else delimiter
     fields = _fields(line, separator)
     if len(fields) != width and (delimiter is None or len(fields) == 1):
@@ -376,12 +376,12 @@ def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | Non
 
 
 def _are_names(row: list[str], others: list[str]) -> bool:
-    """True if a row could name the columns of another one."""
+    """Return true if a row could name the columns of another one."""
     return bool(row) and len(row) == len(others) and not any(map(is_number, row)) and bool(row[-1])
 
 
 def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool:
-    """True if a row holds units of named columns: that of the time below its name, or others with it."""
+    """Return true if a row holds units of named columns: that of the time, or others with it."""
     of_time = any(
         plain_unit(item.strip("[]() ")) in TIME_UNITS and is_time(*split_header(name))
         for item, name in zip(row, names, strict=True)
@@ -400,7 +400,7 @@ LONGEST_UNIT = 8
 
 
 def _with_unit(name: str, said: str) -> str:
-    """A name with what stands below it: its unit, or what is measured."""
+    """Return a name with what stands below it: its unit, or what is measured."""
     plain = said.strip().removeprefix("(").removesuffix(")") if said.count("(") == 1 else said.strip()
     plain = plain.strip("[] ")
     if is_missing(plain) or plain.lower() == "none" or split_header(name)[1]:
@@ -413,7 +413,7 @@ def _with_unit(name: str, said: str) -> str:
 
 
 def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> list[str]:
-    """Names that repeat with that of their group before them, which a line above has once for all of it."""
+    """Return repeated names with their group's name in front, which a line above states once."""
     repeated = [bool(name) and names.count(name) > 1 for name in names]
     if not any(repeated) or delimiter is None:
         return names
@@ -433,7 +433,7 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
 
 
 def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
-    """Cells of a line, each empty one as the one before it; nothing if they are too many."""
+    """Return the cells of a line, each empty one as the one before it; nothing if they are too many."""
     cells = [cell.strip().strip("\"'").strip() for cell in line.strip("\r\n").split(delimiter)]
     if len(cells) > width:
         cells = cells[:width] if not any(cells[width:]) else []
@@ -444,7 +444,7 @@ def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:
-    """True if a line holds units alone, one of them that of time; all of them known, or another one."""
+    """Return true if a line holds only units, one of them that of time; all known, or one other."""
     # Sketches call their columns so.
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False

@@ -16,7 +16,7 @@ LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encod
 
 
 def _by_spelling(kind: str) -> dict[str, str]:
-    """The name that results use of each spelling of a kind of unit."""
+    """Return the name that results use of each spelling of a kind of unit."""
     return {spelling: name for name, spellings in LAB_WORDS[kind].items() for spelling in spellings}
 
 
@@ -68,7 +68,7 @@ class SignalUnit:
 
 
 def signal_unit(text: str) -> SignalUnit | None:
-    """The unit that a text means; None of an empty one.
+    """Return the unit that a text means; None of an empty one.
 
     Parameters
     ----------
@@ -97,13 +97,13 @@ def signal_unit(text: str) -> SignalUnit | None:
 
 
 def is_known_unit(text: str) -> bool:
-    """True if a text means a unit of a signal that is listed here."""
+    """Return true if a text means a unit of a signal that is listed here."""
     unit = signal_unit(text)
     return unit is not None and unit.known
 
 
 def plain_unit(text: str) -> str:
-    """A unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
+    """Return a unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
     # Patterns take the square of the time for blanks in a row.
     plain = re.sub(r" since .*", "", " ".join(text.lower().split()).replace("μ", "µ"))
     plain = plain.replace("**", "^").translate(_SUPERSCRIPTS)
@@ -127,7 +127,7 @@ _NAMING_UNITS = {unit for unit in ANGLE_UNITS.keys() | POSITION_UNITS.keys() if 
 
 
 def split_header(name: str) -> tuple[str, str]:
-    """Name and unit of a header such as `angle (deg)`, `Time [ms]`, `t / s`, `time_ms` or `Winkel in Grad`.
+    """Split a header such as `angle (deg)`, `Time [ms]`, `t / s`, `time_ms` or `Winkel in Grad`.
 
     Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
     """
@@ -162,7 +162,7 @@ _NUMBERED_CHANNEL = re.compile(r"[va][ _]?\d+")
 
 
 def names_quantity(base: str) -> str:
-    """The quantity that a name usually means (`angle`, `rate`, ...), or nothing.
+    """Return the quantity that a name usually means (`angle`, `rate`, ...), or nothing.
 
     Parameters
     ----------
@@ -182,14 +182,14 @@ def names_quantity(base: str) -> str:
 
 
 def is_time(base: str, unit: str) -> bool:
-    """True if a header is that of a time column."""
+    """Return true if a header is that of a time column."""
     base = _without_accents(base)
     named = {re.sub(r"\s*\d+$", "", base), base} & set(LAB_WORDS["time"])
     return bool(named) or (unit in TIME_UNITS and base.startswith("time"))
 
 
 def _without_accents(text: str) -> str:
-    """Letters without their accents: `angulo` for `ángulo`."""
+    """Return letters without their accents: `angulo` for `ángulo`."""
     parted = unicodedata.normalize("NFD", text)
     return "".join(letter for letter in parted if not unicodedata.combining(letter))
 
@@ -198,7 +198,7 @@ _VALUE = r"(?P<value>\d[\d.]*(?:,\d+)?(?:e[+-]?\d+)?)"
 
 
 def _phrases(kind: str) -> str:
-    """A pattern of the spellings of some words, the longest first."""
+    """Return a pattern of the spellings of some words, the longest first."""
     words = sorted(map(_without_accents, LAB_WORDS[kind]), key=len, reverse=True)
     return "|".join(r"[\s_-]*".join(re.escape(part) for part in word.split()) for word in words)
 
@@ -226,11 +226,11 @@ _UNIT = r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:
 
 
 def noted_rate(notes: Sequence[str], rows: int) -> float | None:
-    """Sampling rate (Hz) that a file states, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
+    """Return the sampling rate (Hz) in a note, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
 
     So many rows have one over a duration that it states, too.
     """
-    # `dt:` may stand alone above its number.
+    # `dt:` may be alone above its number.
     two_lines = [f"{key} {value}" for key, value in pairwise(notes) if not re.search(r"\d", key)]
     for note in (_without_accents(note) for note in [*notes, *two_lines]):
         for pattern in _RATES:
@@ -246,7 +246,7 @@ def noted_rate(notes: Sequence[str], rows: int) -> float | None:
 
 
 def bare_rate(notes: Sequence[str], rows: int) -> float | None:
-    """Sampling rate (Hz) by a head of bare numbers, `90, 1000, 5.` above 5,000 rows; None without one.
+    """Return sampling rate (Hz) by a head of bare numbers, `90, 1000, 5.` above 5,000 rows; None without one.
 
     Two of the numbers are the rate and the duration if their product is the number of the rows; the larger
     one is the rate.
@@ -264,7 +264,7 @@ def bare_rate(notes: Sequence[str], rows: int) -> float | None:
 
 
 def _value(match: "re.Match[str] | None") -> float:
-    """The positive number that a note states; 0 where it states none."""
+    """Return the positive number that a note states; 0 where it states none."""
     try:
         # `1,000` is a thousand.
         text = re.sub(r"^([1-9]\d{0,2}),000$", r"\g<1>000", match["value"]) if match else "0"
@@ -274,13 +274,13 @@ def _value(match: "re.Match[str] | None") -> float:
 
 
 def _unit_of(match: "re.Match[str] | None", usual: str) -> str:
-    """The unit that stands behind a value, or in brackets before it."""
+    """Return the unit that stands behind a value, or in brackets before it."""
     units = match.groupdict() if match else {}
     return str(units.get("after") or units.get("before") or usual).lower()
 
 
 def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0) -> str:
-    """Unit of a signal that comments or texts of a file state, `unit: rad`; nothing where none does.
+    """Return unit of a signal that comments or texts of a file state, `unit: rad`; nothing where none does.
 
     Parameters
     ----------
@@ -299,13 +299,13 @@ def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0)
 
 
 def noted_time_unit(notes: Sequence[str]) -> str:
-    """Unit of the times that a list of units states, `units = ms, mm`; nothing where none does."""
+    """Return the unit of the times that a list of units states, `units = ms, mm`; nothing where none does."""
     times = (unit for units in _noted_units(notes) for unit in map(plain_unit, units) if unit in TIME_UNITS)
     return next(times, "")
 
 
 def _noted_units(notes: Sequence[str]) -> Iterator[list[str]]:
-    """Units that notes state, those of each."""
+    """Yield units that notes state, those of each."""
     for match in filter(None, (re.search(_UNIT, note, re.IGNORECASE) for note in notes)):
         items = (item.strip(" '\"[](){}") for item in re.split(r"[,;\t]", match["units"]))
         # `rad, as calibrated`
@@ -318,5 +318,5 @@ _LEVEL = re.compile(
 
 
 def is_level(text: str) -> bool:
-    """True if a unit or name is that of a level, `dB`, `dB(A)`, `SPL_dB`: the logarithm of an amplitude."""
+    """Return true if a unit or name is that of a level, `dB`, `dB(A)`, `SPL_dB`: a log amplitude."""
     return _LEVEL.search(text) is not None or text.strip().lower() in LAB_WORDS["levels"]

@@ -31,13 +31,12 @@ from sysid_trib.printing import (
 from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups
 
-# A part of a page as `page.html` reads it.
-# A section has a title, sentences, tables, figures.
-# Figures have one caption, which says what a footnote of theirs would say, and are drawn by Matplotlib.
-# A table has a title, heads, rows, and numbers, its columns that are set to the right.
+# A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
+# one caption, which includes the text of their footnotes, and are drawn by Matplotlib. A table has a title,
+# heads, rows, and the columns of numbers that are set to the right.
 Part = dict[str, Any]
 
-# After the caption of what is drawn over time.
+# After the caption of figures over time.
 DECIMATED = (
     "The curves are decimated: each is drawn by {points:,} of {samples:,} samples, the least and the largest "
     "of each stretch, so that none of its peaks is lost."
@@ -51,12 +50,12 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "driven": ("Forces of a driven record", driven.driven_blocks),
     "compare": (f"{TITLE}, method by method", comparison.comparison_blocks),
     "difference": ("Two samples held against each other", campaign.difference_blocks),
-    "discover": ("What a model lacks to explain a free decay", discovery.discovery_blocks),
+    "discover": ("Missing forces of a free decay", discovery.discovery_blocks),
 }
 
 
 def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
-    """Title of the page of a result, sentences above all sections, and sections."""
+    """Return the title of the page of a result, sentences above all sections, and sections."""
     tree = with_consequences(tree)
     title, blocks_of = PAGES[kind_of(tree)]
     return title, *sections_of(blocks_of(tree), _figures(tree))
@@ -65,7 +64,7 @@ def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
 def sections_of(
     blocks: Iterable[Block], figures: Mapping[str, Sequence[Part]]
 ) -> tuple[list[str], list[Part]]:
-    """Sentences of the blocks without a title, and the others as sections.
+    """Return the sentences of the blocks without a title, and the others as sections.
 
     Parameters
     ----------
@@ -97,7 +96,7 @@ def sections_of(
 
 
 def as_table(title: str, printed: Table) -> Part:
-    """The table that a command prints."""
+    """Return the table that a command prints."""
     cells = [[str(cell) for cell in column.cells] for column in printed.columns]
     return {
         "title": title,
@@ -108,7 +107,7 @@ def as_table(title: str, printed: Table) -> Part:
 
 
 def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
-    """The figures of a result by the title of the section that has them."""
+    """Return the figures of a result by the title of the section that has them."""
     made: dict[str, list[Part]] = {}
     records = record_groups(tree)
     for figure in figures_of(kind_of(tree)):
@@ -134,7 +133,7 @@ BY_MODEL = {"before": "of the start model", "after": "of the final model"}
 def campaign_contents(
     store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None, command: str = ""
 ) -> Part:
-    """The page of a campaign: what varies between the records, and every record a row, outliers first.
+    """Return the page of a campaign: the variation between records, and a row for each, outliers first.
 
     Parameters
     ----------
@@ -164,7 +163,7 @@ def campaign_contents(
 
 
 def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
-    """Every quantity against one condition."""
+    """Return every quantity against one condition."""
     caption = (
         f"Coefficients of all records against {name}, with standard errors; orange, by name where they are "
         f"few: more than {FAR:g} standard deviations from what the conditions let expect."
@@ -173,7 +172,7 @@ def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
 
 
 def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Part:
-    """Every record a row, those that are farthest off first."""
+    """Return every record a row, those that are farthest off first."""
     known = pd.DataFrame(index=range(store.sizes["record"])) if conditions is None else conditions
     largest = np.zeros(store.sizes["record"])
     if compared is not None:
@@ -194,7 +193,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
     title = f"Coefficients {by}; off by: distance from the others in standard deviations"
     numbers = range(2 + len(known.columns), len(heads) - 1)
     table = {"title": title, "heads": heads, "rows": rows, "numbers": numbers}
-    return {"title": "Records, those that stand out first", "sentences": said, "tables": [table]}
+    return {"title": "Records, outliers first", "sentences": said, "tables": [table]}
 
 
 def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
@@ -208,7 +207,7 @@ def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: lis
 
 
 def _thumbnail(record: xr.Dataset, name: str) -> str | Part:
-    """The record between its lowest and highest values, about its equilibrium."""
+    """Return the record between its lowest and highest values, about its equilibrium."""
     low, high = record.outline.transpose("edge", "part").values
     known = np.flatnonzero(np.isfinite(low))
     reach = float(np.max(np.abs([low[known], high[known]]), initial=0.0))

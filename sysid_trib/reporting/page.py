@@ -23,7 +23,7 @@ from sysid_trib.results.kinds import kind_of
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
 # Letters are outlines: they were placed by the widths of a font that few readers have.
 SETTINGS: dict[Any, Any] = {"svg.fonttype": "path", "path.simplify_threshold": 0.2}
-# Dots an inch of what is drawn as an image: cells of a map, each of one colour.
+# Dots an inch of parts drawn as an image: cells of a map, each of one colour.
 IMAGE_DPI = 200
 # Of a point; a figure as wide as the page has 518 of them.
 COORDINATE_DIGITS = 2
@@ -37,7 +37,7 @@ LEAST_PIXELS, MOST_PIXELS = 92, 138
 
 
 def inline_svg(figure: Figure, name: str, caption: str) -> str:
-    """A figure as an element `svg` of a page.
+    """Return a figure as an element `svg` of a page.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
         # By `savefig` a figure is drawn twice.
         FigureCanvasSVG(figure).print_svg(written, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())
-    # Who made it, and a style of all elements, which within a page is one of all that the page holds.
+    # The creator, and a style of all elements, which within a page would apply to the whole page.
     left_out = [root.find(f"{SVG}metadata"), root.find(f"{SVG}defs[{SVG}style]")]
     root[:] = [part for part in root if part not in left_out]
     for element in root.iter():
@@ -72,7 +72,7 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
 
 
 def _short(places: str) -> str:
-    """Coordinates with the digits that show; of a polygon only the first point needs a letter."""
+    """Return coordinates with the digits that show; of a polygon only the first point needs a letter."""
     rounded = DECIMAL.sub(
         lambda number: f"{float(number[0]):.{COORDINATE_DIGITS}f}".rstrip("0").rstrip("."), places
     )
@@ -82,7 +82,7 @@ def _short(places: str) -> str:
 
 
 def _rename(root: Element, name: str) -> None:
-    """Ids of this figure alone, where anything refers to them."""
+    """Rename the ids of this figure, and the references to them."""
     elements = list(root.iter())
     used = [ID_REFERENCE.search(element.get(key, "")) for element in elements for key in REFERRING]
     ids = dict.fromkeys(match[1] for match in used if match)
@@ -104,7 +104,7 @@ def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> No
     result : xr.DataTree or xr.Dataset
         Result of `cross_check`, `laws`, `compare`, `discover` or `identify`.
     path : path-like
-        The page, HTML. It asks the network for nothing, and holds no script.
+        The page, HTML. It loads nothing from the network, and contains no script.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def write_page(text: str, path: Path) -> None:
 
 
 def page(result: xr.DataTree | xr.Dataset) -> str:
-    """The page as text (see `report`)."""
+    """Return the page as text (see `report`)."""
     tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
     if not isinstance(tree, xr.DataTree) or not kind_of(tree):
         raise UsageError(
@@ -155,7 +155,7 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
 
 
 def rendered(content: Part) -> str:
-    """A page as text.
+    """Return a page as text.
 
     Parameters
     ----------

@@ -33,7 +33,7 @@ ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict",
 
 
 def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
-    """Attributes of the records that a result keeps, in the order of the runs."""
+    """Return the attributes of the records that a result keeps, in the order of the runs."""
     return [tree[group].attrs for group in record_groups(tree) if group in tree.children]
 
 
@@ -52,7 +52,7 @@ def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
 
 
 def method_table(tree: xr.DataTree) -> Part:
-    """Each identification with the options and remarks that it carries."""
+    """Return each identification with the options and remarks that it carries."""
     rows = []
     for name, result in identifications_of(tree).items():
         remarks = {
@@ -67,7 +67,7 @@ def method_table(tree: xr.DataTree) -> Part:
 
 
 def libraries(tree: xr.DataTree) -> dict[str, str]:
-    """Libraries whole, as text by title."""
+    """Return libraries whole, as text by title."""
     first = next(iter(identifications_of(tree).values())).attrs
     attrs: Mapping[Any, Any] = tree.attrs if "library" in tree.attrs else first
     texts = {f"Force library ({attrs['library_source']})": attrs["library"]}
@@ -75,13 +75,13 @@ def libraries(tree: xr.DataTree) -> dict[str, str]:
 
 
 def _options(text: str) -> str:
-    """Options as they are kept, without those that are not set."""
+    """Return options as they are kept, without those that are not set."""
     options = {k: v for k, v in json.loads(text).items() if not (isinstance(v, dict) and NOT_KEPT in v)}
     return ", ".join(f"{k} = {json.dumps(v)}" for k, v in options.items() if v not in (None, {}, []))
 
 
 def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Attributes as terms and texts; an empty one says nothing."""
+    """Return attributes as terms and texts; an empty one says nothing."""
     terms = []
     for key, value in attrs.items():
         text = "; ".join(filter(None, value)) if isinstance(value, list) else str(value)
@@ -91,7 +91,7 @@ def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
 
 
 def python_text(tree: xr.DataTree) -> str:
-    """Lines of Python that read the records and compute the result."""
+    """Return the lines of Python that read the records and compute the result."""
     kind, named = kind_of(tree), identifications_of(tree)
     checked = tree["judged"].attrs if kind in ("cross_check", "laws", "driven") else {}
     models = tree["judged"].model.values.tolist() if checked else [next(iter(named))]
@@ -132,7 +132,7 @@ def _asked(options: Mapping[str, Any]) -> str:
 
 def _decay(tree: xr.DataTree) -> list[str]:
     if kind_of(tree) == "identify":
-        # An identification alone keeps neither its record nor how it was cut.
+        # A single identification keeps neither its record nor the cut.
         reads = [f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"]]
     else:
         decays = (_one_decay(tree[group].to_dataset()) for group in record_groups(tree))
@@ -143,7 +143,7 @@ def _decay(tree: xr.DataTree) -> list[str]:
 
 
 def _one_decay(data: xr.Dataset) -> str:
-    """The record as it was read, and the part of it that was kept, about the equilibrium that was found."""
+    """Return the record as read, and the part that was kept, about its equilibrium."""
     attrs = data.attrs
     if not attrs.get("record_checksum"):
         synthetic = attrs.get("source") == paper_twin().attrs["source"]
@@ -151,7 +151,7 @@ def _one_decay(data: xr.Dataset) -> str:
         read = "st.records.paper_twin()" if synthetic else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
-    # The record of a discovery ends where what was held out begins.
+    # The record of a discovery ends where the held-out part begins.
     window = tuple(np.asarray(attrs.get("kept_window", data.time.values[[0, -1]])).tolist())
     if "input_columns" in attrs:
         first, last = window
@@ -192,7 +192,7 @@ def _library(attrs: Mapping[Any, Any]) -> str:
 
 
 def _method(result: xr.Dataset) -> str:
-    """The method with the options that are not the usual ones."""
+    """Return the method with the options that are not the usual ones."""
     try:
         method = method_of(result)
     except UsageError:
@@ -213,5 +213,5 @@ def _python(value: Any) -> Any:
 
 
 def _given(options: Mapping[str, Any], *first: str) -> str:
-    """Arguments of a call."""
+    """Return the arguments of a call."""
     return ", ".join([*map(repr, first), *(f"{key}={value!r}" for key, value in options.items())])

@@ -17,7 +17,7 @@ from sysid_trib.printing.written import blocks_of_layer, write_blocks
 from sysid_trib.reporting.contents import PAGES, as_table
 from sysid_trib.results.kinds import kind_of
 
-# Of what else than results is shown: variables by which it is known.
+# Datasets other than results that can be shown: variables by which they are recognised.
 CAMPAIGN, BACKBONE, RESPONSE = {"status", "message"}, {"damping_ratio", "dissipative_force"}, {"left_open"}
 
 
@@ -114,5 +114,5 @@ def _blocks_of(result: xr.Dataset | xr.DataTree | ForceLibrary) -> Iterable[Bloc
         return driven.response_blocks(data)
     names = ", ".join([*map(str, tree.children), *sorted(held)][:6]) or "nothing"
     raise UsageError(
-        f"show takes a result of identify, laws, compare, discover or difference; this one holds {names}."
+        f"show takes a result of identify, laws, compare, discover or difference; this one contains {names}."
     )

@@ -19,7 +19,7 @@ NAMED = 20.0
 
 
 def birge_ratio(chi_square: float, degrees_of_freedom: int) -> float:
-    """Root of the reduced chi-square (Birge 1932); 1 where the model leaves but the noise.
+    """Return the root of the reduced chi-square (Birge 1932); 1 if the residual is noise.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ BY_CHANCE = math.erfc(SIGNIFICANT_ERRORS / math.sqrt(2.0))
 
 
 def at_bound(result: xr.Dataset) -> list[str]:
-    """Coefficients that a fit holds at one of their bounds."""
+    """Return coefficients that a fit holds at one of their bounds."""
     if "constraint" not in result.coords:
         return []
     return [str(symbol) for symbol in result.force.values[result.constraint.values == "at its bound"]]
@@ -61,7 +61,7 @@ def significant(result: xr.Dataset) -> Mask:
 
 
 def determines(result: xr.Dataset) -> bool:
-    """True if the record decides anything of the forces: one coefficient, or all together, differ from zero.
+    """Return true if at least one coefficient, or all together, differ from zero.
 
     Forces that a record does not separate have errors as large as they are, though it needs one of them.
     """
@@ -69,7 +69,7 @@ def determines(result: xr.Dataset) -> bool:
 
 
 def sufficient_forces(result: xr.Dataset) -> list[dict[str, tuple[float, float]]]:
-    """The fewest forces that suffice: their coefficients and standard errors by symbol, the likeliest first.
+    """Return the fewest forces that suffice: coefficients and errors by symbol, the most likely first.
 
     Parameters
     ----------
@@ -114,19 +114,19 @@ def _where_others_are_zero(
 
 
 def candidates_of(tree: xr.DataTree) -> force.ForceLibrary:
-    """The candidates that were offered."""
+    """Return the candidates that were offered."""
     return library_of_text(tree.attrs["candidates"], "candidates")
 
 
 def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:
-    """The steps of a discovery, an effect each, in their order."""
+    """Return the steps of a discovery, an effect each, in their order."""
     # Without a step there is but the count.
     steps = tree["steps"].to_dataset()
     return [steps.isel(step=at) for at in range(steps.attrs["count"])]
 
 
 def added_effects(tree: xr.DataTree) -> list[str]:
-    """Symbols of the effects that were added, in the order of the steps."""
+    """Return the symbols of the effects that were added, in the order of the steps."""
     return [step.symbol.item() for step in steps_taken(tree)]
 
 
@@ -145,12 +145,12 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
 
 
 def error_widening(tree: xr.DataTree) -> float:
-    """Factor that the errors of the final model have in them."""
+    """Return the factor that the errors of the final model have in them."""
     return float(tree["omnibus"].widening[-1])
 
 
 def credible_set(step: xr.Dataset) -> dict[str, float]:
-    """The effect of a step and the candidates that may be the truth in its place, with their probabilities.
+    """Return the effect of a step and its competing candidates, with their probabilities.
 
     Parameters
     ----------
@@ -170,19 +170,19 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
 
 
 def replacing_pairs(step: xr.Dataset) -> list[str]:
-    """Pairs of candidates that cannot be separated from a step's effect, such as "lambda and delta"."""
+    """Return pairs of candidates that compete with a step's effect, such as "lambda and delta"."""
     text = str(step.pairs.item())
     return text.split(PAIRS) if text else []
 
 
 def alternatives_of(step: xr.Dataset) -> list[str]:
-    """Candidates, then pairs of them, that cannot be separated from the effect that has the name."""
+    """Return candidates, then pairs of them, that cannot be separated from the effect that has the name."""
     named = named_effect(step)
     return [*(symbol for symbol in credible_set(step) if symbol != named), *replacing_pairs(step)]
 
 
 def named_effect(step: xr.Dataset) -> str:
-    """The effect that has the name."""
+    """Return the effect that has the name."""
     symbol, likely = step.symbol.item(), credible_set(step)
     likeliest = max(likely, key=lambda name: likely[name])
     # Fits that are as good as each other have no order.
@@ -191,24 +191,24 @@ def named_effect(step: xr.Dataset) -> str:
 
 
 def tied_name(step: xr.Dataset, most: int) -> str:
-    """An effect or those that it cannot be separated from, `most` of them by name: "epsilon or 2 more"."""
+    """Name an effect or its competing effects, `most` of them by name: "epsilon or 2 more"."""
     return or_others([named_effect(step), *alternatives_of(step)], most)
 
 
 def or_others(symbols: Sequence[str], most: int) -> str:
-    """Symbols of which one is right, the first `most` by name; one more has its name too."""
+    """Return the symbols of which one is right, the first `most` by name; one more has its name too."""
     named = list(symbols[: most if len(symbols) > most + 1 else most + 1])
     more = len(symbols) - len(named)
     return " or ".join([*named, *([f"{more} more"] if more else [])])
 
 
 def failed_competitors(step: xr.Dataset) -> list[str]:
-    """Candidates that were tried in the place of a step's effect, but whose fits failed."""
+    """Return candidates that were tried in the place of a step's effect, but whose fits failed."""
     return step.candidate.values[np.isposinf(step.penalised_deviance.values)].tolist()
 
 
 def shapes_of(step: xr.Dataset, symbol: str, values: str = "shape") -> dict[str, float]:
-    """Shape parameters of one force, or their errors, by their names in the force.
+    """Return the shape parameters of one force, or their errors, by their names in the force.
 
     Parameters
     ----------
@@ -230,7 +230,7 @@ def shapes_of(step: xr.Dataset, symbol: str, values: str = "shape") -> dict[str,
 
 
 def strongest(ranking: xr.Dataset, count: int) -> list[str]:
-    """Candidates of the highest |z| at any selection step, ordered by that of the first."""
+    """Return the candidates of the highest |z| at any selection step, ordered by that of the first."""
     size = np.nan_to_num(np.abs(ranking.z.values), nan=-1.0)
     order = np.argsort(-size.max(axis=0), kind="stable")[:count].tolist()
     chosen = [i for i in order if size[:, i].max() >= 0.0]

@@ -149,7 +149,7 @@ def _clear(folder: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """True if a process of this machine goes on, as far as the system tells."""
+    """Return true if a process of this machine is running, as far as the system reports."""
     if sys.platform == "win32":
         return True
     try:
@@ -184,7 +184,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         raise UsageError(f"There is no file {path}.")
     if place.is_dir():
         raise RecordError(
-            f"{place.name}: a folder, no result in netCDF; the store of a campaign has its page beside it "
+            f"{place.name}: a folder, no result in netCDF; the store of a campaign has its page next to it "
             f"({place.stem}.html), and st.campaigns.open_store reads it."
         )
     tables.check_is_file(place)

@@ -39,7 +39,7 @@ def residual_of(tree: xr.DataTree, model: str) -> float:
 
 
 def record_noise(tree: xr.DataTree) -> float:
-    """The sensor's noise of the records in a result, rad: RMS over the runs."""
+    """Return the sensor's noise of the records in a result, rad: RMS over the runs."""
     return root_mean_square([tree[group].noise.item() for group in record_groups(tree)])
 
 
@@ -61,7 +61,7 @@ def held_out_excess(tree: xr.DataTree) -> float:
 
 
 def is_refitted(tree: xr.DataTree) -> bool:
-    """True if the models of a discovery were fitted to the whole records in the end."""
+    """Return true if the models of a discovery were fitted to the whole records in the end."""
     return bool(tree["refitted"])
 
 
@@ -71,12 +71,12 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 
 def follows(tree: xr.DataTree) -> bool:
-    """True if the preferred model follows the record: consequences of its coefficients are given."""
+    """Return true if the preferred model follows the record: only then consequences are computed."""
     return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
 
 
 def is_unexplained(tree: xr.DataTree) -> bool:
-    """True if the preferred model leaves more than noise."""
+    """Return true if the residual of the preferred model is more than noise."""
     return verdict_of(tree) in UNEXPLAINED
 
 
@@ -115,7 +115,7 @@ def preferred_result(tree: xr.DataTree) -> xr.Dataset | None:
 
 
 def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications that any result gives, by name: without methods that failed."""
+    """Return the identifications that any result gives, by name: without methods that failed."""
     if kind_of(tree) == "discover":
         return {"start model": tree["before"].to_dataset(), "final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
@@ -163,12 +163,12 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     else:
         preferred = main_result(result)
     if preferred is None:
-        raise UsageError("This result holds no preferred identification; give one of identify or laws.")
+        raise UsageError("This result contains no preferred identification; give one of identify or laws.")
     return preferred
 
 
 def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
-    """The fewest forces that suffice, see `sufficient_forces`, where no coefficient is known by itself."""
+    """Return fewest forces that suffice, see `sufficient_forces`, where no coefficient is known by itself."""
     result = preferred_result(tree)
     if result is None or not follows(tree) or significant(result).any():
         return []
@@ -176,26 +176,26 @@ def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
 
 
 def with_error_parts(result: xr.Dataset) -> xr.Dataset:
-    """An identification with `error_of_noise` and `error_of_model`, the parts of its standard errors."""
+    """Return an identification with both parts of its standard errors: `error_of_noise`, `error_of_model`."""
     noise, model = error_parts(result)
     return result.assign(error_of_noise=("force", noise), error_of_model=("force", model))
 
 
 def amplitudes(tree: xr.DataTree) -> Array:
-    """Amplitudes of the half periods of all runs, rad."""
+    """Return the amplitudes of the half periods of all runs, rad."""
     groups = group_names("envelope", len(record_groups(tree)))
     return np.concatenate([tree[group].amplitude.values for group in groups])
 
 
 def times_of_amplitudes(tree: xr.DataTree) -> Array:
-    """Since the first sample of their run, s: `t` of the formulas at each of the `amplitudes`."""
+    """Return the since the first sample of their run, s: `t` of the formulas at each of the `amplitudes`."""
     groups = record_groups(tree)
     pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
     return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])
 
 
 def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
-    """Errors of the coefficients by the noise and by the model, (force,) each."""
+    """Return the errors of the coefficients by the noise and by the model, (force,) each."""
     if "error_of_model" not in result:
         calibration = result["error_of_calibration"].values if "error_of_calibration" in result else 0.0
         stated = np.sqrt(np.maximum(result.standard_error.values**2 - calibration**2, 0.0))
@@ -204,7 +204,7 @@ def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
 
 
 def applied_methods(table: xr.Dataset) -> xr.Dataset:
-    """The methods of a comparison that gave a coefficient or a frequency, and whose models did not fail.
+    """Return methods of a comparison that gave a coefficient or a frequency, and whose models did not fail.
 
     The one that predicts best stays, whatever it does on the whole: the others are held against it.
     """
@@ -214,7 +214,7 @@ def applied_methods(table: xr.Dataset) -> xr.Dataset:
 
 
 def column_power(column: xr.Dataset) -> int:
-    """Power of ten of a column: of the best method's value or error, of all if it has none."""
+    """Return the power of ten of a column: of the best method's value or error, of all if it has none."""
     best = column.sel(model=column.attrs["best"])
     size = max(abs(best.coefficient.item()), best.standard_error.item())
     if not (np.isfinite(size) and size > 0.0):

@@ -4,7 +4,7 @@ import xarray as xr
 
 from sysid_trib.results.variables import record_groups
 
-# The preferred model in SI units, with what these were made with, and its coefficient of friction.
+# The preferred model in SI units, with the measured values used, and its coefficient of friction.
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
 CONSEQUENCES = "consequences"
@@ -33,18 +33,18 @@ def kind_of(tree: xr.DataTree) -> str:
 
 
 def is_of_driven(tree: xr.DataTree) -> bool:
-    """True if the records of a result are driven; an identification alone keeps none."""
+    """Return true if the records of a result are driven; an identification alone keeps none."""
     kept = (tree[group].to_dataset() for group in record_groups(tree) if group in tree.children)
     return any(map(has_input, kept))
 
 
 def has_input(record: xr.Dataset) -> bool:
-    """True if something that drives the motion was recorded with it."""
+    """Return true if something that drives the motion was recorded with it."""
     return any("input" in (name, record[name].attrs.get("role")) for name in record.variables)
 
 
 def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """The identifications of a result by name."""
+    """Return the identifications of a result by name."""
     if kind_of(tree) == "identify":
         return {tree.attrs["method"]: tree.to_dataset()}
     return {name: node.to_dataset() for name, node in tree.children.items() if "covariance" in node.ds}

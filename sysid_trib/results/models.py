@@ -8,13 +8,13 @@ from sysid_trib.forces.library import library_of_text
 
 
 def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
-    """The force library of an identification: the forces it holds, or the whole file it was read from."""
+    """Return force library of an identification: the forces it holds, or the whole file it was read from."""
     library = library_of_text(result.attrs["library"], result.attrs["library_source"])
     return library if whole else library.select(result.force.values.tolist())
 
 
 def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> dict[str, float]:
-    """Shape parameters of an identification by name, such as `dahl.s`; those of a library alone if given."""
+    """Return the shape parameters of an identification by name, such as `dahl.s`; of one library if given."""
     if "shape" not in result:
         return {}
     values = dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
@@ -22,11 +22,11 @@ def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> 
 
 
 def in_model(result: xr.Dataset, symbol: str) -> bool:
-    """True if a coefficient refers to the identification's own reference frequency."""
+    """Return true if a coefficient refers to the identification's own reference frequency."""
     return symbol in forces_in_model(result)
 
 
 def forces_in_model(result: xr.Dataset) -> list[str]:
-    """Forces whose coefficient refers to the identification's own reference frequency."""
+    """Return forces whose coefficient refers to the identification's own reference frequency."""
     own = np.isclose(result.refers_to.values, result.reference_frequency.item(), rtol=1e-12)
     return [str(symbol) for symbol in result.force.values[own]]

@@ -33,20 +33,20 @@ class RandomForce:
         return self.density > 0.0
 
     def relative(self, frequency: float) -> float:
-        """Root of the density over w^2, 1/sqrt(Hz), at a reference frequency w (rad/s)."""
+        """Return the root of the density over w^2, 1/sqrt(Hz), at a reference frequency w (rad/s)."""
         return float(np.sqrt(self.density)) / frequency**2
 
     def per_tau(self, frequency: float) -> float:
-        """Growth of the variance of v = theta'/w by a unit of tau = w t (rad^2): density/(2 w^3)."""
+        """Return growth of the variance of v = theta'/w by a unit of tau = w t (rad^2): density/(2 w^3)."""
         return 0.5 * self.density / frequency**3
 
     @staticmethod
     def density_of(per_tau: float, frequency: float) -> float:
-        """Density (rad/s^2)^2/Hz that makes the variance of v grow by `per_tau` (rad^2) a unit of tau."""
+        """Return density (rad/s^2)^2/Hz that makes v's variance grow by `per_tau` (rad^2) per unit of tau."""
         return 2.0 * per_tau * frequency**3
 
     def periods_to(self, size: float, frequency: float) -> float:
-        """Periods after which a motion that is known now has wandered by `size` (rad, RMS).
+        """Return periods after which a motion that is known now has wandered by `size` (rad, RMS).
 
         Half of the growth of v is in x: its variance is per_tau * tau / 2. Infinite without a random force.
         """
@@ -55,7 +55,7 @@ class RandomForce:
 
 
 def random_force_of(result: xr.Dataset, run: int | None = None) -> RandomForce:
-    """The random force of an identification, in one run or on the mean; none where it has no word of one."""
+    """Return the random force of an identification, in one run or on the mean; None if it states none."""
     if "random_force_density" not in result:
         return RandomForce()
     of_run = run is not None and "run_random_force_density" in result

@@ -17,7 +17,7 @@ ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 
 
 def comparable(*results: xr.Dataset) -> list[str]:
-    """Symbols of the forces in which identifications are compared, in the first's order.
+    """Return the symbols of the forces in which identifications are compared, in the first's order.
 
     Each has them in its model, and one at least leaves them free: what is fixed, tied or at a bound adds no
     difference of its own.
@@ -33,21 +33,21 @@ def comparable(*results: xr.Dataset) -> list[str]:
 
 
 def held(result: xr.Dataset) -> Mask:
-    """True where a coefficient is fixed, (force,): it stays as it is at every reference frequency."""
+    """Return true where a coefficient is fixed, (force,): it stays as it is at every reference frequency."""
     if "constraint" not in result.coords:
         return np.zeros(result.sizes["force"], dtype=bool)
     return np.asarray(result.constraint.values == "fixed", dtype=bool)
 
 
 def _constrained(result: xr.Dataset) -> list[str]:
-    """Forces whose coefficient is fixed, tied or at a bound."""
+    """Return forces whose coefficient is fixed, tied or at a bound."""
     if "constraint" not in result.coords:
         return []
     return [str(symbol) for symbol in result.force.values[result.constraint.values != ""]]
 
 
 def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Coefficients at one reference frequency, and the asymptotic frequency.
+    """Return coefficients at one reference frequency, and the asymptotic frequency.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float)
 
 
 def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Derivatives of `comparison_values` by the coefficients and the reference frequency.
+    """Return the derivatives of `comparison_values` by the coefficients and the reference frequency.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float)
 
 
 def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Factors of coefficients to a reference frequency (rad/s); 1 for forces that keep their own.
+    """Return the factors of coefficients to a reference frequency (rad/s); 1 for forces that keep their own.
 
     See `rescaling_factors`.
     """
@@ -101,7 +101,7 @@ def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float)
 
 
 def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
-    """Covariance that a method states, of the coefficients and the asymptotic frequency."""
+    """Return the covariance that a method states, of the coefficients and the asymptotic frequency."""
     symbols, count = list(kept), len(kept)
     covariance = np.empty((count + 1, count + 1))
     covariance[:count, :count] = result.covariance.sel(force=symbols, other_force=symbols)
@@ -111,7 +111,7 @@ def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
 
 
 def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Covariance of `comparison_values`: a coefficient that is converted has the frequency's error too."""
+    """Return the covariance of `comparison_values`; conversion adds the frequency's error."""
     factors, count = reference_factors(result, kept, frequency), len(kept)
     jacobian = np.diag(np.append(factors, 1.0))
     if result.reference_frequency_standard_error.item() > 0.0:
@@ -123,7 +123,7 @@ def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: fl
 
 
 def _of_each(result: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:
-    """The tree with each of its identifications changed."""
+    """Return the tree with each of its identifications changed."""
     named = kinds.identifications_of(result)
     return result.assign({name: xr.DataTree(change(own)) for name, own in named.items()})
 
@@ -188,7 +188,7 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
 
 
 def with_scale_error(result: Result, relative_error: float) -> Result:
-    """An identification whose errors hold that of the signal's calibration.
+    """Include the error of the signal's calibration in the errors of an identification.
 
     Parameters
     ----------

@@ -61,7 +61,7 @@ def identification(
     offered: ForceLibrary,
     active: Mask | None = None,
 ) -> xr.Dataset:
-    """The Dataset that every method returns, provenance in its attrs.
+    """Return the Dataset that every method returns, provenance in its attrs.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = Non
 
 
 def _shape_values(method: Any, library: ForceLibrary, estimate: Estimate) -> dict[str, Any]:
-    """Shape parameters and their errors; nothing where the forces have none (netCDF has no empty axis)."""
+    """Return shape parameters and their errors; nothing if there are none (netCDF has no empty axis)."""
     shapes = library.shape_values(dict(getattr(method, "shapes", {})))
     errors = [estimate.shape_errors.get(name, np.nan) for name in shapes]
     values = {"shape": list(shapes.values()), "shape_standard_error": errors}
@@ -168,7 +168,7 @@ def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, A
 
 
 def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: float) -> tuple[float, Array]:
-    """Frequency w sqrt(1 + alpha - zeta^2) at vanishing amplitude, and its gradient by (coefficients, w)."""
+    """Return w sqrt(1 + alpha - zeta^2), the frequency at rest, and its gradient by (coefficients, w)."""
     value = dict(zip(library.symbols, coefficients, strict=True))
     gradient = np.zeros(len(library) + 1)
     squared = 1.0
@@ -187,7 +187,7 @@ def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: 
 
 
 def covariance_with_frequency(result: xr.Dataset) -> Array:
-    """Covariance of the coefficients, and behind them the reference frequency: (force + 1, force + 1)."""
+    """Return the covariance of coefficients and, last, reference frequency: (force + 1, force + 1)."""
     count, w = result.sizes["force"], result.reference_frequency.item()
     covariance, error = result.covariance.values, result.reference_frequency_standard_error.item()
     whole = np.zeros((count + 1, count + 1))
@@ -206,7 +206,7 @@ def covariance_with_frequency(result: xr.Dataset) -> Array:
 
 
 def model_of(result: xr.Dataset, run: int = 0) -> Model:
-    """The identified model: active forces that refer to the reference frequency.
+    """Return the identified model: active forces that refer to the reference frequency.
 
     Parameters
     ----------

@@ -30,13 +30,13 @@ R = TypeVar("R")
 # rad; amplitudes for which a computation in radians loses no digit that counts.
 USUAL_ANGLES = 1e-4, 1e4
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2": 2, "(rad/s^2)^2/Hz": 2}
-# Units of what is counted by coefficients.
+# Units of variables over coefficients.
 PER_FORCE = (PER_FORCE_UNIT, "1; rad/s for the frequency")
 UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
 
 
 def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
-    """A function of decays, results and libraries that computes displacements in a unit of their motion.
+    """Return a function of decays, results and libraries that computes in a unit of the motion.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def _usual_forms(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def counts_angles(decay: xr.Dataset) -> bool:
-    """True if the signal of a decay is an angle in rad."""
+    """Return true if the signal of a decay is an angle in rad."""
     return unit_of_signal(decay) == ANGLE_UNIT
 
 
@@ -129,7 +129,7 @@ class _SignalScale:
         return self._method(given) if is_dataclass(given) and hasattr(given, "identify") else given
 
     def _dataset(self, data: xr.Dataset, inside: bool = False) -> xr.Dataset:
-        """Every variable that is a signal, or a coefficient, times its factor; other ones as they are."""
+        """Multiply every variable that is a signal or a coefficient by its factor; others are unchanged."""
         factor, old, new = self.size, ANGLE_UNIT, self.unit
         if inside:
             factor, old, new = 1.0 / factor, new, old
@@ -145,7 +145,7 @@ class _SignalScale:
                 values = variable.values * factor**power
                 changed[name] = (variable.dims, values, attrs | {"units": units.replace(old, new)})
             elif units in PER_FORCE or scaling in ("coefficient", "shape"):
-                # Of the shapes of what competes, those of each step are in one row.
+                # The shapes of competing effects of each step are in one row.
                 dims = variable.dims[-1:] if scaling == "shape" else variable.dims
                 changed[name] = (variable.dims, (variable * self._factors(data, dims, factor)).values, attrs)
         dims = data["unit"].dims if "unit" in data.variables else ()
@@ -159,7 +159,7 @@ class _SignalScale:
         return changed
 
     def _factors(self, data: xr.Dataset, dims: Sequence[Hashable], factor: float) -> Any:
-        """Factor of each coefficient along the dimensions that count forces: unit^(1-p)."""
+        """Return the factor of each coefficient along the dimensions that count forces: unit^(1-p)."""
         total: Any = 1.0
         for dim in dims:
             if (labels := _labels(data, str(dim))) is not None:
@@ -168,12 +168,12 @@ class _SignalScale:
         return total
 
     def _power_of(self, name: str) -> float:
-        """Power of the signal in a coefficient, or in a shape parameter as `dahl.s`."""
+        """Return the power of the signal in a coefficient, or in a shape parameter as `dahl.s`."""
         symbol, _, shape = name.partition(".")
         return self.degrees.get(symbol, {}).get(shape, 0.0)
 
     def _unit(self, symbol: str, unit: str, inside: bool) -> str:
-        """Unit of a coefficient: a power of the signal's, and of s where it drifts."""
+        """Return the unit of a coefficient: a power of the signal's, and of s where it drifts."""
         power = self._power_of(symbol)
         own, slash, of_inputs = unit.partition("/")
         time = next((part for part in own.split() if part.startswith("s-") or part == "s"), "")
@@ -183,7 +183,7 @@ class _SignalScale:
         return signal + slash + of_inputs
 
     def _method(self, method: Any) -> Any:
-        """A method whose options, given in the record's unit, are those of the scaled motion."""
+        """Return a method whose options, given in the record's unit, are those of the scaled motion."""
         given = {part.name: getattr(method, part.name) for part in fields(method)}
         changes: dict[str, Any] = {}
         if given.get("shapes"):
@@ -198,7 +198,7 @@ class _SignalScale:
         return replace(method, **changes) if changes else method
 
     def constraints(self, table: ConstraintTable) -> ConstraintTable:
-        """Constraints on the parameters of the scaled motion."""
+        """Return the constraints on the parameters of the scaled motion."""
         asked = Constraints(table)
         if asked.ties:
             raise UsageError(
@@ -211,7 +211,7 @@ class _SignalScale:
         return scaled
 
     def _parameters(self, values: Mapping[str, float]) -> dict[str, float]:
-        """Coefficients and shape parameters of the scaled motion."""
+        """Return the coefficients and shape parameters of the scaled motion."""
         return {name: value * self._of_parameter(name) for name, value in values.items()}
 
     def _of_parameter(self, name: str) -> float:
@@ -219,7 +219,7 @@ class _SignalScale:
 
 
 def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
-    """The scale of what is given: that of a result, or of the motions of decays; None of usual angles."""
+    """Return scale of what is given: that of a result, or of the motions of decays; None of usual angles."""
     datasets = [part for part in _parts(given) if isinstance(part, xr.Dataset)]
     known = [d for d in datasets if UNIT_ATTR in d.attrs]
     decays = [d for d in datasets if "angle" in d and UNIT_ATTR not in d.attrs]
@@ -264,7 +264,7 @@ def _refuse_mixed_units(units: Sequence[str]) -> None:
 
 
 def _degrees(given: Any) -> dict[str, notation.Powers]:
-    """Degree of each force that is given and has one, by symbol."""
+    """Return the degree of each force that is given and has one, by symbol."""
     return {force.symbol: degree for force in _forces(given) if (degree := notation.signal_powers(force))}
 
 
@@ -281,14 +281,14 @@ def _changed(given: Any, change: Callable[[Any], Any]) -> Any:
 
 
 def _parts(given: Any) -> list[Any]:
-    """The parts of trees, lists and dicts."""
+    """Return the parts of trees, lists and dicts."""
     parts: list[Any] = []
     _changed(given, parts.append)
     return parts
 
 
 def _forces(given: Any) -> Iterator[Force]:
-    """Forces of libraries that are given, and of those that results hold."""
+    """Yield the forces of libraries that are given, and of those that results hold."""
     for part in _parts(given):
         if isinstance(part, ForceLibrary):
             yield from part
@@ -299,12 +299,12 @@ def _forces(given: Any) -> Iterator[Force]:
 
 
 def _power(units: str, old: str) -> int:
-    """Power of the signal in a variable's unit."""
+    """Return the power of the signal in a variable's unit."""
     return POWERS.get(units.replace(old, ANGLE_UNIT), 0) if old in units else 0
 
 
 def _labels(data: xr.Dataset, dim: str) -> Any:
-    """Symbols of the forces along a dimension; None if it counts something else."""
+    """Return the symbols of the forces along a dimension; None if it counts something else."""
     counting = ("force", "other_force", "candidate", "quantity", "parameter")
     if (dim in counting or dim.endswith("shape_parameter")) and dim in data.coords:
         return data[dim].values

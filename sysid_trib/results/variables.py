@@ -57,7 +57,7 @@ def scaling_of(name: str) -> str:
 
 
 def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any]) -> Variables:
-    """Variables as a table describes them.
+    """Return variables as a table describes them.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any
 
 
 def refuse_whole_result(result: Any) -> None:
-    """Refuse a whole result where one identification is wanted.
+    """Raise an error for a whole result where one identification is needed.
 
     Raises
     ------
@@ -116,29 +116,29 @@ def start_variables(
 
 
 def noise_of_run(result: xr.Dataset, run: int) -> float:
-    """The sensor's noise in one run of an identification, rad."""
+    """Return the sensor's noise in one run of an identification, rad."""
     return float(result.run_noise.values[run]) if "run_noise" in result else float(result.noise)
 
 
 def group_names(name: str, count: int) -> list[str]:
-    """Names of the runs' groups in a tree: `record`, or `record_1`, `record_2`, ... of several."""
+    """Return the names of the runs' groups in a tree: `record`, or `record_1`, `record_2`, ... of several."""
     return [name] if count == 1 else [f"{name}_{at + 1}" for at in range(count)]
 
 
 def record_groups(tree: xr.DataTree) -> list[str]:
-    """Names of the records in a tree, in the order of the runs."""
+    """Return the names of the records in a tree, in the order of the runs."""
     count = 0
     while f"record_{count + 1}" in tree.children:
         count += 1
     return group_names("record", max(1, count))
 
 
-# Variables in the unit of the signal, one of which each part of a result has.
+# Variables in the unit of the signal; each part of a result has one of them.
 STATED_IN = ("angle", "noise", "innovation", "measured", "amplitude", "force")
 
 
 def signal_units(data: Any) -> str:
-    """Unit of the signal in a dataset, or in the records of a tree; rad where none is stated.
+    """Return the unit of the signal in a dataset, or in the records of a tree; rad where none is stated.
 
     Parameters
     ----------
@@ -152,7 +152,7 @@ def signal_units(data: Any) -> str:
 
 
 def small_units(units: str) -> tuple[float, str]:
-    """Factor and unit of what is small beside the signal: mrad for angles, else the same."""
+    """Return the factor and unit of what is small beside the signal: mrad for angles, else the same."""
     return (1e3, "mrad") if units == "rad" else (1.0, units)
 
 
@@ -162,5 +162,5 @@ def signal_label(units: str) -> str:
 
 
 def signal_symbol(units: str) -> str:
-    """The symbol of a signal in LaTeX."""
+    """Return the symbol of a signal in LaTeX."""
     return r"\theta" if units == "rad" else "x"

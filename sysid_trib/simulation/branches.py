@@ -39,7 +39,7 @@ def parameters_at(program, J, memory, signs):
 
 @inner
 def signs_of(program, J, out):
-    """Signs of the surfaces by their values; J holds the state at order 0."""
+    """Compute the signs of the surfaces from their values; J holds the state at order 0."""
     at_once_live(program, J, program.main)
     for m in range(len(program.signs)):
         out[m] = J[program.signs[m], 0]
@@ -47,7 +47,7 @@ def signs_of(program, J, out):
 
 @inner
 def rates_of(program, J, signs):
-    """The rates of the state in J on the branch of these signs, at order 0, into J."""
+    """Compute the rates of the state in J on the branch of these signs, at order 0, in J."""
     for m in range(len(program.signs)):
         J[program.signs[m], 0] = signs[m]
     at_once(program, J)
@@ -55,20 +55,20 @@ def rates_of(program, J, signs):
 
 @inner
 def by_nearness(values, near, far, out):
-    """The first sign for each surface that is near, else the second."""
+    """Choose the first sign for each surface that is near, else the second."""
     for m in range(len(out)):
         out[m] = near[m] if abs(values[m]) < at.NEAR_SURFACE else far[m]
 
 
 @inner
 def reverses(program):
-    """True if v is a surface of the motion: then it is the first of them."""
+    """Return true if v is a surface of the motion: then it is the first of them."""
     return len(program.surfaces) > 0 and program.surfaces[0] == 1
 
 
 @inner
 def signs_and_values(program, c, out):
-    """Signs of the surfaces in c.aside[at.TRIAL], and their values."""
+    """Compute the signs of the surfaces in c.aside[at.TRIAL], and their values."""
     signs_of(program, c.aside[at.TRIAL], out)
     for m in range(len(program.signs)):
         c.v[at.VALUES, m] = c.aside[at.TRIAL][program.surfaces[m], 0]
@@ -95,7 +95,7 @@ def signs_ahead(program, c):
 
 @inner
 def branch(program, c, way, memory, signs):
-    """Acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
+    """Return acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
     J, y, later, ahead = c.aside[at.TRIAL], c.v[at.STATE_AT_REST], c.v[at.STATE_LATER], c.v[at.SIGNS_AHEAD]
     put(c.v[at.STATE], y)
     y[1] = 0.0
@@ -129,7 +129,7 @@ def branch(program, c, way, memory, signs):
 
 @inner
 def settle(program, c):
-    """Set signs, and at a reversal the memory, for the motion from here; False if it sticks."""
+    """Set signs, and at a reversal the memory, for the motion from here; return False if it sticks."""
     speed = abs(c.v[at.STATE, 1])
     if speed <= at.SLOW:
         up = branch(program, c, 1.0, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
@@ -163,7 +163,7 @@ def grip_of(program, J, slot):
 
 @inner
 def held_by(program, c):
-    """The surface near which both sides push towards it, so that a motion stays there, or `FREE`.
+    """Return the surface near which both sides push towards it, so that a motion stays there, or `FREE`.
 
     The surface of v alone is rest, which `settle` decides. Most surfaces are crossed, which the first side
     shows.

@@ -31,7 +31,8 @@ NUMBA_OPTIONS: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "_nrt": False,
 }
-# Of what only compiled functions call: a way in from Python would take a third of the time to compile.
+# For functions that only compiled functions call: an entry from Python would take a third of the time to
+# compile.
 inner: Any = njit(**NUMBA_OPTIONS, fastmath={"contract"}, no_cpython_wrapper=True)
 
 
@@ -50,7 +51,7 @@ class _RebuiltCache(FunctionCache):
         except Exception:
             if sys.stderr.isatty():
                 print(_COMPILING, file=sys.stderr, flush=True)
-            # An index without entries: what is compiled now is written anew.
+            # An index without entries: functions compiled now are written anew.
             with suppress(OSError):
                 self.flush()
             return None
@@ -62,7 +63,7 @@ class _RebuiltCache(FunctionCache):
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """A function compiled when it is first called, and kept on disk where the user may write.
+    """Return a function compiled when it is first called, and kept on disk where the user may write.
 
     Numba looks at the file of the function alone; the folder is named by all of the engine's, so that nothing
     stale is run. Where nothing can be kept each process compiles anew.
@@ -87,7 +88,7 @@ def tell_of_compiling() -> None:
 
 @cache
 def _folder() -> Path:
-    """The folder of what is compiled, of this user and of these sources."""
+    """Return the folder of what is compiled, of this user and of these sources."""
     here = Path(__file__).parent
     texts = b"".join(file.read_bytes() for file in sorted(here.glob("*.py")))
     digest = hashlib.sha256(texts + numba.__version__.encode()).hexdigest()[:16]
@@ -100,11 +101,11 @@ def _folder() -> Path:
     return base / "sysid_trib" / f"engine-{digest}"
 
 
-# The functions below are called most often. They take the arrays that they need one by one: a call costs each
-# number of the tuples, of which there are seventy in a program.
+# The functions below are called most often. They take the arrays that they need one by one: a call takes
+# time for each entry of the tuples, and a program has seventy.
 @inner
 def _row_by_row(code, c, J, first, last, live):
-    """Slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
+    """Compute slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
     for s in range(first, last):
         o, p, q, d = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
         if o == op.ADD:
@@ -112,7 +113,7 @@ def _row_by_row(code, c, J, first, last, live):
         elif o == op.SUB:
             J[s, 0] = J[p, 0] - J[q, 0]
         elif o == op.LINEAR:
-            # What is off does not act even where it is singular.
+            # A branch that is off does not act even where it is singular.
             factor = c[s] * J[d, 0]
             J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
         elif o == op.SCALE:
@@ -143,19 +144,19 @@ def _row_by_row(code, c, J, first, last, live):
 
 @inner
 def at_once(program, J):
-    """All slots of a motion at order 0, on the branch of the signs in J."""
+    """Compute all slots of a motion at order 0, on the branch of the signs in J."""
     _row_by_row(program.code, program.c, J, program.inputs, program.main, False)
 
 
 @inner
 def at_once_live(program, J, last):
-    """Slots up to `last` at order 0; signs follow their surfaces."""
+    """Compute slots up to `last` at order 0; signs follow their surfaces."""
     _row_by_row(program.code, program.c, J, program.inputs, last, True)
 
 
 @inner
 def order(program, J, k):
-    """Order k >= 1 of the slots that change, from the orders below it."""
+    """Compute order k >= 1 of the slots that change, from the orders below it."""
     _order(program.code, program.c, program.rows, J, k)
 
 
@@ -221,7 +222,7 @@ def _order(code, c, rows, J, k):
 
 @inner
 def _derivatives(code, c, J, T, k, s):
-    """Order k of the derivatives of a slot, from the series and the orders below it."""
+    """Compute order k of the derivatives of a slot, from the series and the orders below it."""
     count = T.shape[2]
     o, p, q, r = code[s, 0], code[s, 1], code[s, 2], code[s, 3]
     here = T[s, k]
@@ -258,7 +259,7 @@ def _derivatives(code, c, J, T, k, s):
             here[i] = (here[i] + T[p, k, i] - w[0] * of_u[k, i]) / u[0]
         return
     for m in range(k + 1):
-        # What multiplies the derivatives of the operands, and of the slot itself, at order m.
+        # The factors of the derivatives of the operands, and of the slot itself, at order m.
         of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
         if o in (op.LOG, op.POWER):
             of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]
@@ -275,7 +276,7 @@ def _derivatives(code, c, J, T, k, s):
 
 @inner
 def derivatives_at_once(program, J, T, last):
-    """Derivatives of the slots up to `last` at order 0."""
+    """Compute derivatives of the slots up to `last` at order 0."""
     _at_order_0(program.code, program.c, J, T, program.inputs, last)
 
 
@@ -287,7 +288,7 @@ def _at_order_0(code, c, J, T, first, last):
 
 @inner
 def derivatives_of_order(program, J, T, k):
-    """Order k >= 1 of the derivatives of the slots that change."""
+    """Compute order k >= 1 of the derivatives of the slots that change."""
     _of_order(program.code, program.c, program.rows, J, T, k)
 
 

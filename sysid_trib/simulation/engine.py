@@ -15,7 +15,7 @@ from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_
 
 @inner
 def sampled(program, given, c, done, until, n, reach):
-    """Write the samples up to `reach` in tau since the clock; how many of the grid are done then."""
+    """Write the samples up to `reach` in tau since the clock; return how many of the grid are done."""
     states, held, kept, count = program.states, program.memory, program.inputs - program.memory, c.T.shape[2]
     while done < until:
         s = (given.grid[done] - c.v[at.CLOCK, 0]) - c.v[at.CLOCK, 1]
@@ -36,7 +36,7 @@ def sampled(program, given, c, done, until, n, reach):
 
 @inner
 def advance(program, c, n, h, held):
-    """Go a step on: the state, its derivatives and the clock; sums are compensated."""
+    """Advance the state, its derivatives and the clock by one step; sums are compensated."""
     for i in range(program.states):
         step = rest_of(c.J[i], n, h) + c.v[at.STATE_ROUNDING, i]
         new = c.v[at.STATE, i] + step

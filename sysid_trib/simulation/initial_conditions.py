@@ -44,7 +44,7 @@ FAR_START = 1e-2
 # with friction the start goes to and fro.
 NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
-# A direction that moves the motion by this part of what another does is not told from rounding.
+# A direction is lost in rounding if it moves the motion by this part of the other directions.
 SINGULAR = 1e-7
 # A motion that does not come near the record in so many rounds has slipped out of phase.
 NEARBY_ROUNDS = 4
@@ -86,13 +86,13 @@ class FittedMotion:
 
 
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
-    """Angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
+    """Return the angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
     value, slope = first_of_spline(frequency * (time - time[0]), angle)
     return value, slope * frequency
 
 
 def first_zero(model: Model) -> float | None:
-    """First guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
+    """Return first guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
 
     Nothing tells it from where such a body begins. A zero that is a term of the model is not fitted again.
     """
@@ -134,7 +134,7 @@ def fit_start(
     near: bool = False,
     most_steps: int = STEPS_A_PERIOD,
 ) -> FittedMotion:
-    """Least squares of a record on the initial conditions of a model's motion.
+    """Return the least squares of a record on the initial conditions of a model's motion.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def measured_motion(
     return motion, residual
 
 
-# A start whose motion leaves more than this part of the record's (RMS) may be in a local minimum.
+# A start may be in a local minimum if its residual (RMS) is more than this part of the record's.
 LOCAL_MINIMUM = 0.3
 # Sizes of the swing and phases of a period at which others then begin; the nearest of them are fitted.
 SWING_SIZES, START_PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
@@ -274,7 +274,7 @@ def fit_start_of_several(
     *,
     offset: float | None = 0.0,
 ) -> FittedMotion:
-    """`fit_start` from further first guesses where the motion from the first one misses the record.
+    """Return `fit_start` from further first guesses where the motion from the first one misses the record.
 
     Where the frequency of a model is a little off, its motion slips out of phase in a long record, and the
     sum of squares has a minimum for each slip. A better motion may begin at another phase, or with another
@@ -307,6 +307,6 @@ def fit_start_of_several(
 
 
 def _missed(motion: FittedMotion, angle: Array) -> float:
-    """RMS of a record minus a motion; infinite where that is no number."""
+    """Return the RMS of a record minus a motion; infinite where that is no number."""
     rms = float(np.sqrt(np.mean((angle - motion.offset - motion.x) ** 2)))
     return rms if np.isfinite(rms) else float("inf")

@@ -21,7 +21,7 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import Forcing, integrate
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
-# rad/s; at such a frequency `t` stands still, whatever the length of the motion.
+# rad/s; at such a frequency `t` is constant, whatever the length of the motion.
 FROZEN = 1e300
 
 
@@ -33,7 +33,7 @@ def watched(force: Force, shapes: ShapeValues | None, frequency: float) -> Model
 
 
 def begun_with(force: Force, values: Mapping[str, float]) -> Force:
-    """A force that begins with these states and memory."""
+    """Return a force that begins with these states and memory."""
     nothing = frozenset[str]()
     starts = {name: parse(repr(value), nothing, nothing, force.symbol) for name, value in values.items()}
     return replace(force, start=starts)
@@ -57,7 +57,7 @@ def states_along(
     *,
     time: ArrayLike = 0.0,
 ) -> dict[str, Array]:
-    """States and memory of a force along a given motion.
+    """Return the states and memory of a force along a given motion.
 
     Parameters
     ----------
@@ -89,7 +89,8 @@ def states_along(
         return {}
     if any(channel.name in f.names for channel in force.channels for f in force.formulas[1:]):
         raise LibraryError(
-            f"Force '{force.symbol}': its states hold an input, which only methods.Trajectory follows, from "
+            f"Force '{force.symbol}': its states contain an input, which only "
+            f"methods.Trajectory follows, from "
             "a start= that is given; take that method."
         )
     tau, x, v = (np.asarray(a, dtype=float) for a in (tau, x, v))
@@ -108,7 +109,7 @@ def states_along(
 def begun_after(
     force: Force, tau: ArrayLike, x: ArrayLike, v: ArrayLike, shapes: Mapping[str, float], time: ArrayLike
 ) -> Force:
-    """A force that begins with states and memory as they are at the end of a motion (see `states_along`).
+    """Return a force that begins with states and memory of the end of a motion (see `states_along`).
 
     As it was where it has none, or cannot be followed.
     """
@@ -120,7 +121,7 @@ def begun_after(
 
 
 def history_on_cycle(force: Force, phase: Array, a: float, shapes: ShapeValues | None) -> dict[str, Array]:
-    """States along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
+    """Return states along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
     start = a * float(np.cos(phase[0])), -a * float(np.sin(phase[0]))
     return _followed(force, watched(force, shapes, FROZEN), phase - phase[0], start, None)
 
@@ -141,7 +142,7 @@ def _followed(
 
 @lru_cache(maxsize=1024)
 def is_stepped(force: Force) -> bool:
-    """True if `values_along` can follow a force, by its formulas.
+    """Return true if `values_along` can follow a force, by its formulas.
 
     It has no memory that depends on a state, and one state, or several with constant coefficients.
     """

@@ -18,9 +18,10 @@ from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 
 Vector = NDArray[np.float64]
 RATE = parse("v", frozenset("v"), frozenset(), "v")
-# What a derivative can be by, besides symbols of forces and names of shape parameters: names with a space.
+# Names of parameters of derivatives other than symbols of forces and names of shape parameters: they have a
+# space.
 FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
-# What all rates are multiplied by: 1 but for its derivative, which is that by the frequency at given times.
+# Common factor of all rates: 1, but its derivative is that by the frequency at given times.
 PACE = "pace of time"
 
 
@@ -89,12 +90,12 @@ class Model:
         return replace(self, library=self.library.bound(self.coefficients))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
-        """The model with other coefficients."""
+        """Return the model with other coefficients."""
         return replace(self, coefficients=dict(coefficients))
 
 
 def rescaling_factors(forces: tuple[Force, ...], old: float, new: float) -> NDArray[np.float64]:
-    """Factor of each coefficient when the reference frequency changes from `old` to `new` (rad/s).
+    """Return the factor of each coefficient when the reference frequency changes from `old` to `new` (rad/s).
 
     A force homogeneous of degree q in v and without states gets (old/new)^(2 - q); NaN marks the others,
     which keep their reference, terms of the sensor among them.
@@ -187,7 +188,7 @@ class Motion:
         return {"v": (self.forces[0], RATE)} | switches if reverses else switches
 
     def start(self, model: Model, x: float, v: float, by: Sequence[str] = ()) -> tuple[Vector, Vector]:
-        """Values of the `names` where a motion of a model starts, (name,); derivatives, (name, parameter)."""
+        """Return initial values of the `names` for a model, (name,); derivatives, (name, parameter)."""
         w, place = model.reference_frequency, {name: at for at, name in enumerate(self.names)}
         given = {**model.coefficients, BY_ANGLE: x, BY_RATE: v, PACE: 1.0, "1/w": 1.0 / w}
         for force in self.forces:
@@ -229,13 +230,13 @@ class Motion:
         surfaces: list[int] = []
 
         def names(force: Force) -> dict[str, Any]:
-            """All that the formulas of a force hold."""
+            """Return the names in the formulas of a force."""
             its = (*force.state, *force.shape, *force.memory)
             used = {symbol: named.get(symbol, 0.0) for symbol in force.uses}
             return common | used | {k: named[f"{force.symbol}.{k}"] for k in its}
 
         def value(force: Force, formula: Formula) -> Any:
-            """Value of a formula of a force on the branch of the signs."""
+            """Return the value of a formula of a force on the branch of the signs."""
             # Inner surfaces come first: their signs are known where an outer one is reached.
             known = {s.text: signs.get(surface_key(force, s), 0.0) for s in force.surfaces}
             return formula.evaluate(names(force), FUNCTIONS, known)
@@ -260,11 +261,11 @@ class Motion:
 
 @lru_cache(maxsize=512)
 def motion_of(forces: tuple[Force, ...], *, forced: bool, paced: bool) -> Motion:
-    """The equations of motion under these forces (see `Motion`), whose program is kept."""
+    """Return the equations of motion under these forces (see `Motion`), whose program is kept."""
     return Motion(forces, forced, paced)
 
 
 def surface_key(force: Force, surface: Formula) -> str:
-    """Name of a force's surface: forces share those of x, v and t, and keep those of their own states."""
+    """Return the name of a force's surface: forces share those of x, v and t, not those of their states."""
     common = {"x", "v", "t", *(channel.name for channel in force.channels), *force.uses}
     return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"

@@ -87,7 +87,7 @@ class SimulatedMotion:
         return np.asarray(getattr(self, quantity))
 
     def shown_derivatives(self, quantity: str, distance: float = 0.0) -> Vector:
-        """Derivatives of that by the parameters, (sample, parameter)."""
+        """Return the derivatives of that by the parameters, (sample, parameter)."""
         if quantity == ACCELEROMETER:
             gravity = STANDARD_GRAVITY * np.cos(self.position)[:, None] * self.derivatives["position"]
             return distance * self.derivatives["acceleration"] + gravity
@@ -210,7 +210,7 @@ def _jumps(knots: Vector, held: Vector) -> Mask:
     steps = np.diff(knots)[:, None, None] ** np.arange(held.shape[2])
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
-    # Of what is given before and behind a knot: a larger difference is a jump.
+    # Relative difference of a value before and after a knot: a larger one is a jump.
     return np.append(False, (rises > 1e-9 * largest).any(axis=1))
 
 
@@ -263,7 +263,7 @@ def run(
     state.J[slots, 0] = state.aside[:, slots, 0] = parameters[0]
     state.T[slots, 0] = parameters[1]
     if FREQUENCY in by:
-        # What is seen over w^p is less by p/w of itself where w is larger.
+        # A quantity over w^p decreases by p/w of itself with w.
         powers = np.array([channel.power for channel in motion.channels])
         state.of_drive[:, by.index(FREQUENCY)] = -powers / model.reference_frequency
     turns, rest, outcome = _engine()(program, given, state, (DIVERGED, *limits))
@@ -274,7 +274,7 @@ def run(
 
 @cache
 def _engine() -> Callable[..., Any]:
-    """The compiled function, whose import takes its time."""
+    """Import and return the compiled function: the import is slow."""
     # The compiler ends the process where memory does; what is not there is missed here instead.
     np.empty(ENGINE_ROOM, np.uint8)
     from sysid_trib.simulation.compiled import tell_of_compiling
@@ -288,7 +288,7 @@ def _raise(outcome: int, elapsed: float) -> None:
     after = f"{elapsed:.4g} s after the start"
     if outcome == under_way.GROWS:
         raise SimulationError(
-            f"The motion diverges: |angle| passes {DIVERGED:g} rad by {after}; "
+            f"The motion diverges: |angle| exceeds {DIVERGED:g} rad {after}; "
             "check for negative damping or stiffness, a start far away, and a strong random force."
         )
     reason = {under_way.SWITCHES: "switches without end", under_way.STEPS: "needs too many steps"}

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from sysid_trib.forces.formulas import Functions, divided
 
-# Operations. PARTNER is the second of two rows that need each other: cos beside sin.
-# LINEAR is a + c d b with d that does not change: most of an equation of motion.
+# Operations. PARTNER is the second of two rows that need each other: cos with sin. LINEAR is a + c d b with
+# constant d: most of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
-# Below this distance from a surface (rad), what is infinite there is smoothed.
+# Below this distance from a surface (rad), infinite values are smoothed.
 SMOOTHED = 1e-9
-# What is given over time is a polynomial in tau between knots, of so many numbers at most.
+# A function of time is a polynomial in tau between knots, of so many numbers at most.
 FORCING_NUMBERS = 8
 
 
@@ -73,7 +73,7 @@ class Listing:
         self._known: dict[tuple[int, int, int, int, float], int] = {}
 
     def add(self, op: int, a: int = 0, b: int = 0, c: float = 0.0, d: int = 0) -> int:
-        """The slot of an operation, which is done once however often it is asked for."""
+        """Return the slot of an operation; equal operations share one slot."""
         row = (op, a, b, d, c)
         if row not in self._known:
             self.rows.append(row)
@@ -83,21 +83,21 @@ class Listing:
         return self._known[row]
 
     def pair(self, op: int, a: int, partner: Callable[[int], tuple[int, int, int]]) -> tuple[int, int]:
-        """Two rows of which the first reads the second."""
+        """Return two rows of which the first reads the second."""
         first = self.add(op, a, -1)
         if self.rows[first][2] < 0:
             self.rows[first] = (op, a, self.add(*partner(first)), 0, 0.0)
         return first, self.rows[first][2]
 
     def sum(self, a: int, b: int, way: float = 1.0) -> int:
-        """The slot of a + way b."""
+        """Return the slot of a + way b."""
         op, factor, of, *_ = self.rows[b]
         if op == SCALE:
             return self.add(LINEAR, a, of, way, factor)
         return self.add(ADD if way > 0.0 else SUB, a, b)
 
     def product(self, a: int, b: int) -> int:
-        """The slot of a b; of a factor that does not change it is a row of its own kind."""
+        """Return the slot of a b; of a factor that does not change it is a row of its own kind."""
         if self.still[b] and not self.still[a]:
             a, b = b, a
         if not self.still[a]:
@@ -108,25 +108,25 @@ class Listing:
         return self.add(SCALE, a, b)
 
     def quotient(self, a: int, b: int) -> int:
-        """The slot of a / b."""
+        """Return the slot of a / b."""
         if self.still[b] and not self.still[a]:
             return self.product(a, self.quotient(self.slot(1.0), b))
         return self.add(DIV, a, b)
 
     def circular(self, a: int) -> tuple[int, int]:
-        """The slots of sine and cosine."""
+        """Return the slots of sine and cosine."""
         return self.pair(SIN, a, lambda sine: (PARTNER, a, sine))
 
     def tanh(self, a: int) -> int:
-        """The slot of a hyperbolic tangent; its partner is the slope."""
+        """Return the slot of a hyperbolic tangent; its partner is the slope."""
         return self.pair(TANH, a, lambda tanh: (SUB, self.slot(1.0), self.product(tanh, tanh)))[0]
 
     def slot(self, value: Any) -> int:
-        """The slot of a value."""
+        """Return the slot of a value."""
         return value.index if isinstance(value, Slot) else self.add(CONST, c=float(value))
 
     def tidied(self, main: int, counts: tuple[int, int], outputs: tuple[list[int], ...]) -> Instructions:
-        """The program without rows that nothing needs; `main` is the first that only the memory may need."""
+        """Return the program without unused rows; only the memory needs rows from `main` on."""
         needed, further = set(range(self.inputs)), [i for output in outputs for i in output]
         while further:
             if (slot := further.pop()) not in needed:
@@ -135,7 +135,7 @@ class Listing:
         kept = np.array(sorted(needed))
         table = np.array(self.rows, dtype=float)[kept]
         code = table[:, :4].astype(np.int64)
-        # Where a slot stands among those that are kept.
+        # New place of a slot among the kept ones.
         code[:, 1:] = np.searchsorted(kept, code[:, 1:])
         changing = [i for i in kept if self.inputs <= i < main and not self.still[i]]
         places = [np.searchsorted(kept, output).astype(np.int64) for output in (changing, *outputs)]
@@ -151,7 +151,7 @@ class Listing:
         )
 
 
-# What NumPy's functions make of slots.
+# Results of NumPy's functions on slots.
 ROWS_OF: dict[np.ufunc, Callable[..., int]] = {
     np.add: Listing.sum,
     np.subtract: lambda rows, a, b: rows.sum(a, b, -1.0),
@@ -187,7 +187,7 @@ class Slot(NDArrayOperatorsMixin):
 
 
 def _power(base: Any, exponent: Any) -> Any:
-    """Whole powers as products; broken ones as b (b^2 + e^2)^((p-1)/2), analytic where b changes sign."""
+    """Return whole powers as products; others as b (b^2 + e^2)^((p-1)/2), analytic where b changes sign."""
     if isinstance(exponent, int | float) and float(exponent).is_integer():
         whole = _product(base, abs(int(exponent)))
         return whole if exponent >= 0 else divided(1.0, whole)

@@ -103,7 +103,7 @@ def _known(values: ArrayLike | KnownInput, time: Vector) -> KnownInput:
         values = np.asarray(values, dtype=float)
         values = KnownInput(time - time[0], values, usual_between(values))
     if not np.array_equal(values.elapsed, time - time[0]):
-        raise UsageError("A known input is to be sampled at the times of the simulation, from zero on.")
+        raise UsageError("A known input must be sampled at the times of the simulation, from zero on.")
     return values
 
 
@@ -148,7 +148,7 @@ def trajectory(
 
 
 def _checked(model: Model, time: Vector, angle: float, rate: float) -> Vector:
-    """Times of a simulation as w t from the first; refused where it cannot start."""
+    """Return the times of a simulation as w t from the first; raise an error if it cannot start."""
     if time.ndim != 1 or not len(time) or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0.0):
         raise SimulationError(
             "The times of a simulation must be finite and increase; sort them, drop repeats."
@@ -195,7 +195,7 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
 
 
 def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
-    """Instants at and between the samples, and what a random force has added to x and v by each of them."""
+    """Return instants at and between the samples, and the sums of random force in x and v up to each."""
     parts = np.maximum(1, np.ceil(np.diff(tau) * INCREMENTS_PER_PERIOD / (2.0 * np.pi))).astype(int)
     fractions = np.concatenate([np.arange(count) / count for count in parts])
     instants = np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
@@ -203,9 +203,9 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
     # A stream of its own: noise that is added with the same seed is independent of it.
     of_v, of_x = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
     increment_v = np.sqrt(per_tau * h) * of_v
-    # Of the variance h^3/3 of x three quarters are by what v gains, a quarter is its own.
+    # Three quarters of the variance h^3/3 of x are due to the gain of v, a quarter is independent.
     increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * of_x
-    # Nothing at the start, and what is added by the end comes too late.
+    # Nothing at the start; the increment at the end comes too late.
     added = np.pad(np.stack([increment_x, increment_v], axis=1), ((1, 0), (0, 0)))
     return instants[:-1], added[:-1]
 

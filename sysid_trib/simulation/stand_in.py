@@ -10,9 +10,10 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.under_way import STATE_PART
 
-# Powers of the speed and of the displacement that stand for curves, and places at which they are fitted.
+# Powers of the speed and of the displacement that replace curves, and places of their fit.
 FITTED_POWERS, FITTED_PLACES = (1, 3, 5, 7), 60
-# What a step of a motion along curves may leave of its series: thousands of them are far below any noise.
+# Truncation error of the series in a step of a motion along curves: thousands of them are far below any
+# noise.
 CURVE_PART = 1e-10
 
 

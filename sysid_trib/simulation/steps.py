@@ -149,7 +149,7 @@ def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Arra
 
 
 def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...] = ()) -> Steps:
-    """Exact motion over intervals of any length, with what a random force adds (see `steps_of`).
+    """Return the exact motion over intervals of any length, with what a random force adds (see `steps_of`).
 
     Parameters
     ----------
@@ -179,7 +179,7 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
     return whole
 
 
-# Speeds of equal probability that stand for the normal law.
+# Speeds of equal probability that represent the normal law.
 SPEEDS = 8
 _QUANTILES = ndtri((np.arange(SPEEDS) + 0.5) / SPEEDS)
 NORMAL = _QUANTILES / np.sqrt(np.mean(_QUANTILES**2))
@@ -190,7 +190,7 @@ ONE_SIGN = 4.0
 def expected_steps(
     model: Model, time: Array, states: Array, rate_error: Array | float, by: tuple[str, ...] = ()
 ) -> Steps:
-    """The motion over each interval between samples, of which v is known to a standard error alone.
+    """Return the motion over each interval between samples, of which v is known to a standard error alone.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_paramete
 PASSED = 1e-9
 # Of the size of the motion: no further from a surface than rounding.
 AT_ZERO = 1e-14
-# Of what is held, upwards and downwards: table, way, memory and signs.
+# For held bodies, upwards and downwards: table, way, memory and signs.
 HELD_SIDES = ((at.UP, 1.0, at.MEMORY_UP, at.SIGNS_UP), (at.DOWN, -1.0, at.MEMORY_DOWN, at.SIGNS_DOWN))
 # Rates of states that are less do not change them.
 UNCHANGED = 1e-14
@@ -102,7 +102,7 @@ def _pulls(program, c, other, n, memory, signs, grip):
 
 @inner
 def _is_still(program, c, n):
-    """True if nothing at rest changes: what would accelerate it, and its states."""
+    """Return true if nothing at rest changes: what would accelerate it, and its states."""
     for i in range(2, program.states):
         if abs(c.J[i, 1]) > UNCHANGED:
             return False
@@ -193,7 +193,7 @@ def _onto(program, c, held):
 
 @inner
 def after(program, c, moves, turned, held):
-    """Derivatives after a switching, whose instant `moves`; of the memory where it was replaced."""
+    """Compute the derivatives after a switching whose instant `moves`; of the memory if it was replaced."""
     J, T, size, kept, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
     first = program.inputs - kept
     state_at(program, c, J, c.v[at.STATE], 0.0)

@@ -15,7 +15,7 @@ MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
 
 @inner
 def value(series, n, h):
-    """Sum of a series up to order n at h."""
+    """Return the sum of a series up to order n at h."""
     t = series[n]
     for k in range(n - 1, -1, -1):
         t = t * h + series[k]
@@ -24,7 +24,7 @@ def value(series, n, h):
 
 @inner
 def of_parameter(T, s, p, n, h):
-    """Derivative of a slot by a parameter at h."""
+    """Return the derivative of a slot by a parameter at h."""
     t = T[s, n, p]
     for k in range(n - 1, -1, -1):
         t = t * h + T[s, k, p]
@@ -33,7 +33,7 @@ def of_parameter(T, s, p, n, h):
 
 @inner
 def rest_of(series, n, h):
-    """The sum of a series without order 0."""
+    """Return the sum of a series without order 0."""
     t = series[n]
     for k in range(n - 1, 0, -1):
         t = t * h + series[k]
@@ -42,7 +42,7 @@ def rest_of(series, n, h):
 
 @inner
 def slope(series, n, h):
-    """Derivative of a series at h."""
+    """Return the derivative of a series at h."""
     t = n * series[n]
     for k in range(n - 1, 0, -1):
         t = t * h + k * series[k]
@@ -51,7 +51,7 @@ def slope(series, n, h):
 
 @inner
 def _keeps_clear(g, n, low, high):
-    """True if a series is above zero from `low` to `high`, by its quadratic and a bound on the rest."""
+    """Return true if a series is positive from `low` to `high`, by its quadratic and a bound on the rest."""
     d = g[1] if n > 0 else 0.0
     q = g[2] if n > 1 else 0.0
     least = min(g[0] + low * (d + low * q), g[0] + high * (d + high * q))
@@ -79,8 +79,8 @@ def first_crossing(series, n, h, side, zero, work):
     n -= low
     start = 0.0
     if g[0] < 0.0:
-        # Where it goes is known before it has gone: just before its zero it is no longer on the wrong side,
-        # nor where it grazes the surface and is soon back.
+        # The side after the zero is known: just before its zero the series is no longer on the wrong side,
+        # nor where it grazes the surface and soon returns.
         if n == 0 or not g[1] > 0.0:
             return 0.0
         start = -2.0 * g[0] / g[1]
@@ -118,7 +118,7 @@ def first_crossing(series, n, h, side, zero, work):
 
 @inner
 def _reduced(series, n, h, side, zero, work):
-    """Order of the zero at 0; what it leaves in work[0], in units of the step. -1: a series of zeros."""
+    """Return order of the zero at 0, its cofactor in work[0], in units of the step; -1 for zeros alone."""
     near, known = zero
     size, scale = 0.0, 1.0
     for k in range(n + 1):
@@ -129,7 +129,7 @@ def _reduced(series, n, h, side, zero, work):
     if not 0.0 < size < np.inf:
         return -1
     low = 0
-    # `near` is what rounding leaves of a difference.
+    # `near` is the rounding error of a difference.
     while low < n and (low < known or abs(work[4, low]) <= ZERO_PART * size or abs(series[low]) <= near):
         low += 1
     for k in range(n - low + 1):
@@ -139,7 +139,7 @@ def _reduced(series, n, h, side, zero, work):
 
 @inner
 def _is_monotonic(g, n, half):
-    """True if a series only rises, or only falls, as far as `half` from 0."""
+    """Return true if a series only rises, or only falls, as far as `half` from 0."""
     rest, power = 0.0, half * half
     for k in range(3, n + 1):
         rest += k * abs(g[k]) * power
@@ -149,7 +149,7 @@ def _is_monotonic(g, n, half):
 
 @inner
 def _only_root(g, n, lo, hi):
-    """The only zero of a falling series between two points, by Newton's iteration, which halving guards."""
+    """Find the only zero of a falling series between two points, by Newton's iteration with bisection."""
     u = 0.5 * (lo + hi)
     for _ in range(80):
         f = value(g, n, u)
@@ -168,7 +168,7 @@ def _only_root(g, n, lo, hi):
 
 @inner
 def series(program, c, h, held):
-    """Series of all slots from here, to the order that a step of h needs; that order.
+    """Compute the series of all slots from here, to the order that a step of h needs; return that order.
 
     At rest x and v stay and the states go on; on another surface v keeps it at zero. Derivatives follow where
     there are any.
@@ -191,7 +191,7 @@ def series(program, c, h, held):
         derivatives_at_once(program, J, T, program.main)
     small, power = 0, h
     for k in range(at.ORDER):
-        # What would move it where it is held, which only the rates tell, needs all orders.
+        # The acceleration of a held body, which only the rates contain, needs all orders.
         ends = k > degree and held == at.FREE
         for i in range(size):
             stays, rate = held == at.RESTS and i < 2, program.rates[i]
@@ -220,7 +220,8 @@ def series(program, c, h, held):
         if small == 2:
             return k + 1
     if held != at.FREE:
-        # What friction holds is accelerated as its surface is, whatever the rates with these signs say.
+        # A body held by friction has the acceleration of its surface, whatever the rates with these signs
+        # are.
         for k in range(at.ORDER + 1):
             J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < at.ORDER else 0.0
             for q in range(count):
@@ -230,7 +231,7 @@ def series(program, c, h, held):
 
 @inner
 def radius(J, s, other, n, part):
-    """A step after which the series of two slots go on by less than this part of their first large term."""
+    """Return a step after which two slots' series change by less than this part of their first large term."""
     largest = 0.0
     for m in range(4):
         largest = max(largest, abs(J[s, m]), abs(J[other, m]))
@@ -247,7 +248,7 @@ def radius(J, s, other, n, part):
 
 @inner
 def _part_of_derivatives(program, c, k):
-    """The largest term of an order of the derivatives, over what that parameter has moved so far."""
+    """Return the largest term of an order of the derivatives, over what that parameter has moved so far."""
     largest = 0.0
     for q in range(c.T.shape[2]):
         scale, term = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.T[1, 1, q])), 0.0

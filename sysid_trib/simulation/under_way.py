@@ -10,9 +10,9 @@ import numpy as np
 from sysid_trib.simulation.program import FORCING_NUMBERS, Instructions
 
 ORDER = 18
-# How a motion stands.
+# States of a motion.
 MOVING, ENDED, GROWS, SWITCHES, STEPS, IS_NOT_FINITE = range(6)
-# Marks of knots: a motion ends there; what is given over time jumps there.
+# Marks of knots: the end of a motion; a jump of a function of time.
 MOTION_ENDS, INPUT_JUMPS = -2, -3
 # Rows of `v`: the state and what rounding has left of it; what is held between reversals, and the same before
 # it was replaced; sides of the surfaces, and of which order one is known to be zero here; memory and sides of
@@ -25,13 +25,13 @@ CLOCK, VALUES, SIGNS_FAR, SIGNS_AHEAD, STATE_LATER, LARGEST_DERIVATIVES, STATE_A
 SWITCHING_MOVES = 18
 # Tables of `aside`: slots at an instant that is tried; series at rest, were it to go upwards or downwards.
 TRIAL, UP, DOWN = range(3)
-# What a motion is held by, besides the number of a surface of which v is a part: nothing, rest.
+# Causes by which a motion is held, other than the number of a surface of v: nothing, rest.
 FREE, RESTS = -1, 0
 # Nearer than this to a surface, its sign is decided by where the motion is so much later (in tau).
 NEAR_SURFACE, LOOKAHEAD = 1e-9, 1e-5
 # In tau: as far as a motion is followed at once.
 FURTHEST_AT_ONCE = 16.0
-# What is left of a series after a step, of a state and of a surface or a derivative.
+# Truncation error of a series after a step, of a state and of a surface or a derivative.
 STATE_PART, SURFACE_PART = 1e-16, 1e-13
 # rad: a speed below which a motion may come to rest other than by v = 0; one that is rest; what a motion that
 # is taken as at rest may still have had to go.
@@ -106,7 +106,7 @@ class Given(NamedTuple):
 
 
 def new_state(program: Instructions, parameters: int) -> EngineState:
-    """Room for motions of a program, with so many derivatives."""
+    """Return the room for motions of a program, with so many derivatives."""
     slots, size = len(program.code), program.states
     width = max(size, program.memory, len(program.signs), parameters, 2)
     return EngineState(

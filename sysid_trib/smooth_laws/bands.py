@@ -143,7 +143,7 @@ def law_and_jacobian(
         return 1.0 / runs if run is None else float(force.run == run)
 
     def columns(frequency: float) -> Array:
-        """Forces over the inertia of coefficient 1, (place, force), rad/s^2."""
+        """Return the forces over the inertia of coefficient 1, (place, force), rad/s^2."""
         x, v = (0.0 * places, places / frequency) if of == "v" else (places, 0.0 * places)
         values = np.zeros((len(places), len(symbols)))
         for force in forces:

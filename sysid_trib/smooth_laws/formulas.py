@@ -3,7 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -48,8 +48,9 @@ def law_formulas(
         Over `alternative` (the fewest terms that suffice, then one more, each by information) and `force` the
         `coefficient`, nan of a force that is not in the formula, and its `standard_error`; `chi_square`,
         `information` (Akaike's, less the least), `largest_deviation` from the law over the half width of its
-        band. Empty over `alternative` where no formula of up to three terms stays inside. The fitted value of
-        a shape parameter is in the force's `formula`.
+        band; and the law by each formula, `friction(alternative, speed)` or `restoring(alternative,
+        displacement)`, over the inertia. Empty over `alternative` where no formula of up to three terms stays
+        inside. The fitted value of a shape parameter is in the force's `formula`.
 
     Raises
     ------
@@ -66,7 +67,7 @@ def law_formulas(
     if law not in VARIABLE_OF_LAW:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
     if law not in result:
-        raise DecayError("This identification holds no laws; make one by laws.")
+        raise DecayError("This identification contains no laws; identify them by laws.")
     variable = VARIABLE_OF_LAW[law]
     of = NAME_IN_FORMULAS[variable]
     part = result.isel({variable: np.flatnonzero(result[f"{variable}_visited"].values)})
@@ -79,11 +80,13 @@ def law_formulas(
         places=places,
         of=of,
         frequency=w,
-        target=part[law].values - (w**2 * places if of == "x" else 0.0),
+        known=w**2 * places if of == "x" else np.zeros_like(places),
+        law=part[law].values,
         half=0.5 * (part[f"{law}_high"].values - part[f"{law}_low"].values),
         whitening=_whitening(result[f"{law}_covariance"].values[np.ix_(at, at)]),
     )
-    return _as_dataset(problem.formulas_inside(_candidates(candidates, of)), law)
+    inside = problem.formulas_inside(_candidates(candidates, of))
+    return _as_dataset(inside, law, part[variable])
 
 
 def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
@@ -104,7 +107,7 @@ def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
         and len(force.shape) < 2
     ]
     if not kept:
-        raise UsageError(f"The candidates hold no force of {of} alone; offer some.")
+        raise UsageError(f"The candidates contain no force of {of} alone; offer some.")
     return kept
 
 
@@ -119,6 +122,8 @@ class LawFormula:
     coefficients, errors : (force,) array of float
     chi_square : float
         Of the law minus the formula, in the metric of the law's covariance.
+    values : (place,) array of float
+        The law by this formula over the inertia.
     deviation : float
         Largest deviation from the law, over the half width of its band.
     shapes : int
@@ -128,6 +133,7 @@ class LawFormula:
     forces: Sequence[Force]
     coefficients: Array
     errors: Array
+    values: Array
     chi_square: float
     deviation: float
     shapes: int = 0
@@ -163,8 +169,8 @@ class _LawProblem:
     of : {"v", "x"}
     frequency : float, rad/s
         w.
-    target, half : (place,) array of float, rad/s^2
-        The law without w^2 x, and the half width of its band.
+    law, known, half : (place,) array of float, rad/s^2
+        The law, what is known of it (w^2 x of a restoring force), and the half width of its band.
     whitening : (direction, place) array of float
     columns : dict of (str, float or None) to (place,) array of float
         Forces of coefficient 1 over the inertia by their symbols and the value of the shape parameter, as far
@@ -174,10 +180,16 @@ class _LawProblem:
     places: Array
     of: str
     frequency: float
-    target: Array
+    law: Array
+    known: Array
     half: Array
     whitening: Array
     columns: dict[tuple[str, float | None], Array] = field(default_factory=dict)
+
+    @property
+    def target(self) -> Array:
+        """The law without what is known of it, (place,)."""
+        return self.law - self.known
 
     def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
         """Return sums within the band, of the fewest terms and then of one more, each by information."""
@@ -269,10 +281,16 @@ class _LawProblem:
         coefficients = WhitenedLeastSquares().fit(white, white_target).coef_[0]
         residual = white_target - white @ coefficients
         errors = np.sqrt(np.diag(np.linalg.pinv(white.T @ white)))
-        deviation = np.abs(columns @ coefficients - self.target) / self.half
+        fitted = columns @ coefficients
+        deviation = np.abs(fitted - self.target) / self.half
         count = len(forces)
         return LawFormula(
-            forces, coefficients[:count], errors[:count], float(residual @ residual), float(deviation.max())
+            forces=forces,
+            coefficients=coefficients[:count],
+            errors=errors[:count],
+            values=fitted + self.known,
+            chi_square=float(residual @ residual),
+            deviation=float(deviation.max()),
         )
 
 
@@ -290,8 +308,16 @@ def _whitening(covariance: Array) -> Array:
     return np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None])
 
 
-def _as_dataset(inside: Sequence[LawFormula], law: str) -> xr.Dataset:
-    """Return the formulas by their distance from the law, over the forces that they hold."""
+def _as_dataset(inside: Sequence[LawFormula], law: str, places: xr.DataArray) -> xr.Dataset:
+    """Return the formulas by their distance from the law, over the forces that they hold.
+
+    Parameters
+    ----------
+    inside : sequence of LawFormula
+    law : {"friction", "restoring"}
+    places : (place,) DataArray
+        The visited speeds or displacements.
+    """
     listed = inside[:MOST_FORMULAS]
     forces: dict[str, Force] = {}
     names: list[list[str]] = []
@@ -309,8 +335,9 @@ def _as_dataset(inside: Sequence[LawFormula], law: str) -> xr.Dataset:
         names.append(of_formula)
     values, errors = np.full((2, len(listed), len(forces)), np.nan)
     for at, (formula, of_formula) in enumerate(zip(listed, names, strict=True)):
-        places = [list(forces).index(symbol) for symbol in of_formula]
-        values[at, places], errors[at, places] = formula.coefficients, formula.errors
+        columns = [list(forces).index(symbol) for symbol in of_formula]
+        values[at, columns] = formula.coefficients
+        errors[at, columns] = formula.errors
     information = np.array([formula.information for formula in listed])
     data = {
         "coefficient": values,
@@ -318,8 +345,10 @@ def _as_dataset(inside: Sequence[LawFormula], law: str) -> xr.Dataset:
         "chi_square": [formula.chi_square for formula in listed],
         "information": information - information.min() if len(listed) else information,
         "largest_deviation": [formula.deviation for formula in listed],
+        law: np.reshape([formula.values for formula in listed], (len(listed), places.size)),
     }
     library = ForceLibrary("forces of formulas", tuple(forces.values()))
-    coords = {"force": list(forces), **schema.force_labels(library.forces)}
+    coords: dict[str, Any] = {"force": list(forces), **schema.force_labels(library.forces)}
+    coords[str(places.name)] = places
     attrs = {"law": law, "library": library.to_toml() if forces else ""}
     return xr.Dataset(described("law_formulas", data), coords, attrs)

@@ -181,7 +181,7 @@ def _identified(
     failed = ""
     try:
         if model.own:
-            raise UsageError("averaging fits no law of each run's own")
+            raise UsageError("averaging cannot fit separate laws for each run")
         fits["averaging"] = fitted(runs, method, model.of_odd_forces, lowest)
     except (SysidTribError, np.linalg.LinAlgError) as error:
         failed = str(error)
@@ -207,7 +207,7 @@ def _identified(
         if products is not None:
             tree["interaction"] = xr.DataTree(products)
     if direct.model.odd and "interaction" not in tree.children:
-        tell("what the record tells apart")
+        tell("which readings the record separates")
         both = readings(direct, float(np.sqrt(amplitudes.min() * amplitudes.max())))
         if both is not None:
             tree["readings"] = xr.DataTree(both)

@@ -100,7 +100,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
     # Each row in units of its own error; one that nothing free moves cannot be met.
     size = np.linalg.norm(rows @ root, axis=1)
     if np.any((power < 0.0) & (size == 0.0)):
-        raise DecayError("Forces that are held feed energy in: no friction law is passive beside them.")
+        raise DecayError("Held forces feed energy in, so no friction law is passive together with them.")
     scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
     moves, needed = scale[:, None] * (rows @ root), -scale * power
     step, multipliers = _least_distance(moves, needed)

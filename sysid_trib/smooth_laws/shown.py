@@ -131,7 +131,7 @@ def curves_of(
 
 
 def _odd_curve(result: xr.Dataset, law: str) -> Curve:
-    """The odd part of a law, with a band as wide as that of the law in standard errors."""
+    """Return the odd part of a law, with a band as wide as that of the law in standard errors."""
     whole, odd = curve_of(result, law), bands.odd_part(result, law)
     at = whole.places > 0.0
     values, errors = odd[law].values, odd[f"{law}_standard_error"].values

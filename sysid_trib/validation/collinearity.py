@@ -15,9 +15,9 @@ from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.variables import described
 
 FREQUENCY_PARAMETER = "frequency"
-# Parameters whose errors are so many times those that they would have alone are not separated.
+# Parameters are not separated if their errors are so many times those with all others known.
 INSEPARABLE = 10.0
-# What is stated of an inflation that is larger: the columns are the same.
+# Value stated for a larger inflation: the columns are the same.
 MOST_INFLATED = 1e4
 # From this inflation on no number is stated.
 ALIKE_FROM = 1e3

@@ -32,7 +32,7 @@ from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import Trial, in_all_runs
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
-# What the group `judged` has of each method, and so the table of methods has not.
+# Variables of each method in the group `judged`, which the table of methods therefore lacks.
 JUDGED_VARIABLES = ["residual_rms", "residual_over_noise", "failure"]
 Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 
@@ -40,7 +40,7 @@ Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 def every_method(
     reference_frequency: float | None = None, shapes: Mapping[str, float] | None = None
 ) -> dict[str, Method]:
-    """Every method of the field by name, for `compare`.
+    """Return every method of the field by name, for `compare`.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ def _compared(
         kept = residuals.with_noise_and_models(run, list(trials), simulated).assign(noise=of_noise.noise)
         groups[name] = kept.assign(start)
     if driven:
-        # A driven motion may have what no spline follows: what is left at that noise need not be noise.
+        # A driven motion may contain parts that no spline follows: a residual of that size need not be noise.
         of_runs = [motion.residual.values for motion in of_best.get("residual", [])]
         p_value = len(runs) * min(map(white_p_value, of_runs), default=0.0)
         white = variables.described("comparison", {"white_residual": p_value >= WHITE_LEVEL})
@@ -243,12 +243,12 @@ def _try_method(
     contactless: tuple[float, float] | None,
     constraints: Constraints,
 ) -> Trial:
-    """A method on the training parts, on the parts held out, and on the whole.
+    """Identify by a method on the training parts, and on the whole; predict the parts held out.
 
     `parts` : each run, what models are identified from, what is held out, and the envelope.
     """
     runs, train, rest, envelopes = zip(*parts, strict=True)
-    # The part first: what is imported or compiled at first use is then not in the time of the whole.
+    # The part first: imports and compilation at first use are then not in the time of the whole.
     part, part_reason, _ = _identified(method, train, library, constraints)
     result, reason, seconds = _identified(method, runs, library, constraints)
     amplitude = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -262,7 +262,7 @@ def _try_method(
         return Trial(None, row | {"reason": reason}, {})
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if names_forces and not forces["neglects"]:
-        # Errors of what takes the place of neglected forces would hide its bias.
+        # The errors of forces that absorb neglected ones would hide their bias.
         held = constrained(method, constraints)
         followed = verdict.with_model_in_errors(followed, held, library)
     result, motions = followed.result, {"residual": in_all_runs(runs, followed.motions, envelopes)}
@@ -283,7 +283,7 @@ def _try_method(
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
-    """Describe why, and in which run, the motion does not follow the record; empty if all motions do."""
+    """Describe why, and in which run, the motion diverges from the record; empty if all motions follow it."""
     if not motions:
         return f"{subject} diverges"
     for at, motion in enumerate(motions):
@@ -299,8 +299,8 @@ def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
 def _identified(
     method: Method, decays: Sequence[xr.Dataset], library: ForceLibrary, constraints: Constraints
 ) -> tuple[xr.Dataset | None, str, float]:
-    """Identification, or why there is none; the time it took, s."""
-    # The row of a rule for one record is empty for no fault of its own, nor of the records.
+    """Identify, or return the reason of failure, and the time used, s."""
+    # The row of a rule for one record is empty without a fault of the rule or the records.
     if len(decays) > 1 and not scope_of(method).several_runs:
         return None, "takes one record at a time", float("nan")
     # Direct identifies driven records in its weak form.
@@ -322,7 +322,7 @@ def _identified(
 def _not_separable(
     runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset], library: ForceLibrary
 ) -> dict[str, str]:
-    """Forces that no method separates, or identifies, on these runs; as attrs."""
+    """Return forces that no method separates, or identifies, on these runs; as attrs."""
     widest = max(results, key=lambda result: result.sizes["force"])
     identified = {symbol for result in results for symbol in result.force.values.tolist()}
     force = library.role("x") or schema.library_of(widest, whole=True).role("x")

@@ -29,7 +29,7 @@ from sysid_trib.validation.verdict import decided, evidence_of_models, p_value_o
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
-    """Forces that averaging, or any method, cannot tell apart by principle."""
+    """Return forces that averaging, or any method, cannot tell apart by principle."""
     library = schema.library_of(result)
     shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -44,13 +44,13 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     }
 
 
-# Where models are incomplete averaging is immune to most of what they lack: the other method is the answer
-# where it predicts better by more than this.
+# If models are incomplete, averaging is insensitive to most missing forces: the other method is preferred
+# only if it predicts better by more than this.
 CLEARLY_BETTER = 1.1
 # Predictions are this far ahead at most, and this close to each other (periods).
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
-# Part of the first method's errors that stands for terms of second order: where two methods are nearly the
-# same to first order, these decide.
+# Part of the first method's errors that represents terms of second order: these dominate if two methods are
+# nearly the same to first order.
 SECOND_ORDER_PART = 0.1
 # Stated errors of so many times those by the noise allow for more than it.
 EXCESS = 1.5
@@ -59,7 +59,7 @@ HOMOGENEITY_LEVEL = 0.01
 
 
 def agreement_of(p_value: float) -> str:
-    """`disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
+    """Return `disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
     return "unknown" if np.isnan(p_value) else "agree" if p_value >= HOMOGENEITY_LEVEL else "disagree"
 
 
@@ -132,7 +132,7 @@ def identified_and_checked(
     *,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """The `cross_check` of two methods' `identifications`, which shares how these followed the runs."""
+    """Return `cross_check` of two methods' `identifications`, which shares how these followed the runs."""
     tell("identification")
     return _checked(decided(decay, library, methods), tell=tell)
 
@@ -152,7 +152,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     if moving and not biased:
         covariance, errors = _covariance(pair, moving[0], kept)
     error = np.sqrt(np.diag(covariance))
-    # Quantities that both hold do not differ.
+    # Quantities that both methods hold do not differ.
     z = np.divide(difference, error, out=np.zeros_like(difference), where=error != 0.0)
     chi_square = float("nan")
     if np.all(np.isfinite(covariance)):
@@ -167,7 +167,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
 
 
 def _covariance(pair: Sequence[FollowedRuns], truth: FollowedRuns, kept: Sequence[str]) -> tuple[Array, str]:
-    """Covariance of the difference of two identifications, and whether by `influence` or as `stated`."""
+    """Return the covariance of two identifications' difference, and if it is by `influence` or `stated`."""
     results = [followed.result for followed in pair]
     stated = [references.stated_covariance(result, kept) for result in results]
     complete = not any("error_of_model" in result for result in results)
@@ -212,7 +212,7 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
 
 
 def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Backbone of each run, and where the models leave it; none of a run with too few half periods."""
+    """Return backbone of each run, and where the models leave it; none of a run with too few half periods."""
     groups = {}
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
@@ -281,7 +281,7 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
 
 
 def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
-    """Periods ahead for which predictions are made."""
+    """Return periods ahead for which predictions are made."""
     period = 2.0 * np.pi / float(result.reference_frequency)
     length = float(decay.time.values[-1] - decay.time.values[0]) / period
     longest = min(LONGEST_PREDICTION, 0.5 * (length - bands.SETTLING_PERIODS))

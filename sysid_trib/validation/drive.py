@@ -25,7 +25,7 @@ OSCILLATORS = (
     ("sign(v)", "2*v", "x**3"),
     ("sign(v)", "2*v", "v*abs(v)", "x*abs(x)", "x**3"),
 )
-# A model of more forces is taken if it leaves less than this part of what the best of fewer leaves.
+# A model of more forces is taken if its residual is less than this part of that of the best with fewer.
 LESS = 0.8
 # Samples that are looked at: so many a period of the fastest motion, and so many in all.
 PER_PERIOD, MOST_OF_RECORD = 40, 3000

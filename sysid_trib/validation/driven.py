@@ -47,12 +47,12 @@ from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
 
-# A model that leaves more of the record than this has not followed it.
+# A model has not followed the record if its residual is more than this part of it.
 SLIPPED_PART = 0.3
 
 
 def is_driven(runs: Sequence[xr.Dataset]) -> bool:
-    """True if a record has an input."""
+    """Return true if a record has an input."""
     return any(inputs.inputs_of(run) for run in runs)
 
 
@@ -118,7 +118,7 @@ def identified_driven(
         best = min(pair, key=lambda of: _sizes(of)["tested_rms"])
     slipped, models = not _follows(best), {"direct": best}
     tell("trajectory")
-    # The errors of a fit of the free motion do not know a random force, whose effect lasts long.
+    # The errors of a fit of the free motion do not include a random force, whose effect lasts long.
     noise: RandomForceOption = "estimated" if random_explains else "off"
     begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force=noise)
     if not slipped and not trajectory.start:
@@ -134,7 +134,7 @@ def identified_driven(
             raise
     kept = {name: of for name, of in models.items() if _follows(of)}
     if own_quantity and "trajectory" in kept:
-        # Direct is of the integral, whose noise is not white.
+        # Direct uses the integral, whose noise is not white.
         kept = {"trajectory": kept["trajectory"]}
     if stochastic is not None and not random_explains and _follows(stochastic):
         for name, of in kept.items():
@@ -170,7 +170,7 @@ def _without_bias(run: xr.Dataset) -> xr.Dataset:
 
 
 def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, free: bool) -> None:
-    """Refuse a force of an input alone that is constant in each run: it is the sensor's zero.
+    """Raise an error for a force of an input alone that is constant in each run, like the sensor's zero.
 
     Raises
     ------
@@ -185,8 +185,8 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
             name, size = force.inputs[0], values[0][0]
             raise DecayError(
                 f"The input {name} is {size:g} throughout and drives nothing: force '{force.symbol}' cannot "
-                "be told from the sensor's zero. Name another column, or give forces that hold the input "
-                "with the motion, such as u*x."
+                "be separated from the sensor's zero. Name another column, or give forces that combine the "
+                "input with the motion, such as u*x."
             )
 
 
@@ -212,7 +212,7 @@ SIZES = ("tested_rms", "tested_over_noise", "residual_over_motion", "p_value")
 
 
 def _sizes(followed: FollowedRuns) -> dict[str, float]:
-    """`SIZES` of what the motions leave of all runs, infinite where one has none."""
+    """Return `SIZES` of the residuals of all runs, infinite where one has no motion."""
     return followed.once("sizes", lambda: dict(zip(SIZES, _sizes_of(followed), strict=True)))
 
 
@@ -311,7 +311,7 @@ def tested_driven(models: Mapping[str, FollowedRuns]) -> xr.Dataset:
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Differences of coefficients and the asymptotic frequency, at the second's reference frequency."""
+    """Return differences of coefficients and asymptotic frequency, at the second's reference frequency."""
     symbols = [s for s in first.force.values.tolist() if s in second.force.values]
     frequency = second.reference_frequency.item()
     difference = np.subtract(*(comparison_values(result, symbols, frequency) for result in (first, second)))
@@ -377,7 +377,7 @@ def predict(
     checked_signal(given)
     (whole,) = driven_parts(given, across_gaps=True)
     if starts == "measured" and warm_up is not None:
-        raise UsageError("A start that is measured needs no warm-up to be fitted to; leave one of both out.")
+        raise UsageError("A measured start needs no warm-up; leave one of both out.")
     return _predict(identified, _in_units_of(identified, whole), warm_up=warm_up, run=run, starts=starts)
 
 
@@ -432,15 +432,16 @@ def _predict(
     counted = time >= time[0] + (warm_up or 0.0)
     if warm_up is not None and not FEWEST_FITTED <= np.count_nonzero(~counted) < len(time):
         raise UsageError(
-            f"A warm-up of {warm_up:g} s holds {np.count_nonzero(~counted)} of {len(time)} samples; it takes "
-            f"{FEWEST_FITTED} or more, and not all."
+            f"A warm-up of {warm_up:g} s contains {np.count_nonzero(~counted)} of "
+            f"{len(time)} samples; it must "
+            f"contain {FEWEST_FITTED} or more, but not all."
         )
     angle = record.angle.values.astype(float)
     fitted = counted if warm_up is None else ~counted
     if starts == "measured":
         return _from_measured_start(record, model)
     model, record = with_own_sensor(result, model, record, fitted)
-    # A spline knows nothing of what is in a gap.
+    # A spline has no information in a gap.
     gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
     before = slice(gaps[0] + 1 if gaps.size else None)
     start = first_guess(time[before], angle[before], model.reference_frequency)

@@ -71,7 +71,7 @@ def _identified(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -
 
 
 def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) -> str:
-    """Forces left out, by what takes their place in the envelope or in the frequency."""
+    """List the neglected forces, with what absorbs them in the envelope or in the frequency."""
     by_place: dict[str, list[str]] = {}
     known = [s for s in fitted if s in parts]
     for symbol, (in_envelope, in_frequency) in parts.items():
@@ -80,13 +80,13 @@ def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) ->
         takers = [s for s in known if in_envelope and parts[s][0]]
         takers += [s for s in known if in_frequency and parts[s][1] and s not in takers]
         takers += ["the frequency"] if in_frequency else []
-        place = f" (taken for {' and '.join(takers)})" if takers else ""
+        place = f" (absorbed by {' and '.join(takers)})" if takers else ""
         by_place.setdefault(place, []).append(symbol)
     return "; ".join(f"{', '.join(symbols)}{place}" for place, symbols in by_place.items())
 
 
 def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> tuple[bool, bool]:
-    """Two truths: a force acts on the envelope, and on the frequency."""
+    """Return two truths: a force acts on the envelope, and on the frequency."""
     phase = np.linspace(0.0, 2.0 * np.pi, 64)
     try:
         sine, cosine = (abs(float(part[0])) for part in averages(force, np.array([amplitude]), shapes))

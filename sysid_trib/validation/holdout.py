@@ -22,7 +22,7 @@ TRAINING = 2.0 / 3.0
 
 
 def first_held_out(time: Array) -> int:
-    """Index of the first sample of the last third of a record, by time.
+    """Return the index of the first sample of the last third of a record, by time.
 
     Parameters
     ----------
@@ -33,18 +33,18 @@ def first_held_out(time: Array) -> int:
 
 
 def split(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
-    """The first two thirds of a decay by time, and the last."""
+    """Return the first two thirds of a decay by time, and the last."""
     first = first_held_out(decay.time.values.astype(float))
     return decay.isel(time=slice(0, first)), decay.isel(time=slice(first, None))
 
 
 def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
-    """The first two thirds of a decay and one sample, the first of the last third."""
+    """Return the first two thirds of a decay and one sample, the first of the last third."""
     return decay.isel(time=slice(0, first_held_out(decay.time.values.astype(float)) + 1))
 
 
 def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[FittedMotion | None]:
-    """Motion in the last third of each run of a model that was identified from the rest."""
+    """Return the motion in the last third of each run of a model that was identified from the rest."""
     library = schema.library_of(result, whole=True)
     pairs = [(split(run)[1], carried_on(result, library, up_to_held_out(run))) for run in runs]
     return [fitted_motion(rest, later, at) for at, (rest, later) in enumerate(pairs)]
@@ -53,7 +53,7 @@ def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[Fit
 def in_all_runs(
     runs: Sequence[xr.Dataset], motions: Sequence[FittedMotion | None], envelopes: Sequence[xr.Dataset]
 ) -> list[xr.Dataset]:
-    """`motion_residual` of a model in each run, or part of it; nothing where it diverges in one.
+    """Return `motion_residual` of a model in each run, or part of it; nothing where it diverges in one.
 
     `envelopes` : of the whole runs.
     """
@@ -102,7 +102,7 @@ def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) ->
 
 
 def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Sequence[int]) -> float:
-    """P-value of the ratio between two models' squared residuals (Diebold-Mariano test, two-sided).
+    """Return p-value of the ratio between two models' squared residuals (Diebold-Mariano test, two-sided).
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Seq
 
 
 def _block_losses(residual: Array, block: int) -> Array:
-    """Logarithm of the mean square of a residual over each whole block."""
+    """Return the logarithm of the mean square of a residual over each whole block."""
     count = len(residual) // block
     squares = np.mean(residual[: count * block].reshape(count, block) ** 2, axis=1)
     return np.asarray(np.log(np.maximum(squares, 1e-300)))
@@ -170,7 +170,7 @@ class Trial(NamedTuple):
 
 
 def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
-    """The group `comparison` (see `compare`).
+    """Return the group `comparison` (see `compare`).
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: S
 
 
 def _common_frequency(results: Results, labels: Sequence[str], whole: Array, best: int) -> tuple[float, str]:
-    """A frequency that was given to a method, else that of the best, rad/s; and whose it is.
+    """Return a frequency that was given to a method, else that of the best, rad/s; and whose it is.
 
     Where the best predicts by accident, as its model misses the record as a whole, it is that of the model
     that misses it least: its own may be far off. `whole` : residual of the whole record over the noise.
@@ -231,7 +231,7 @@ def _common_frequency(results: Results, labels: Sequence[str], whole: Array, bes
 
 
 def _forces(results: Results) -> xr.Dataset:
-    """The forces that any method found, in the order of the result with most of them."""
+    """Return the forces that any method found, in the order of the result with most of them."""
     known = sorted((result for result in results if result is not None), key=lambda r: -r.sizes["force"])
     labels = ["name", "formula", "unit"]
     of_forces = xr.concat([result.reset_coords()[labels] for result in known], "force")
@@ -239,7 +239,7 @@ def _forces(results: Results) -> xr.Dataset:
 
 
 def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tuple[Array, Array]:
-    """Coefficients and errors, (method, force), nan where a method has none.
+    """Return coefficients and errors, (method, force), nan where a method has none.
 
     Coefficients that refer to another frequency by definition, cannot be converted, or are held, keep their
     reference.
@@ -257,7 +257,7 @@ def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tup
 
 
 def contrast(values: Array, errors: Array, best: int) -> Array:
-    """Differences from the best method's row over the root of the sum of both variances."""
+    """Return differences from the best method's row over the root of the sum of both variances."""
     both = np.sqrt(errors**2 + errors[best] ** 2)
     z = np.divide(values - values[best], both, out=np.full_like(values, np.nan), where=both > 0.0)
     z[best, np.isfinite(values[best])] = 0.0
@@ -267,7 +267,7 @@ def contrast(values: Array, errors: Array, best: int) -> Array:
 def _residuals(
     motions: Sequence[Mapping[str, Sequence[xr.Dataset]]], noises: Sequence[float]
 ) -> dict[str, Any]:
-    """RMS of the simulated models' residuals, of several runs of each too, and their largest phase."""
+    """Return RMS of the simulated models' residuals, of several runs of each too, and their largest phase."""
     values: dict[str, Any] = {}
     nothing = np.full(len(noises), np.nan)
     for name in PARTS:

@@ -246,21 +246,21 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 
 
 def _tested(of: str, chi_square: ArrayLike, degrees_of_freedom: ArrayLike) -> dict[str, ArrayLike]:
-    """A chi-square with its p-value, by names that begin so."""
+    """Return a chi-square with its p-value, by names that begin so."""
     tested = {"chi_square": chi_square, "degrees_of_freedom": degrees_of_freedom}
     tested["p_value"] = scipy.stats.chi2.sf(chi_square, degrees_of_freedom)
     return {f"{of}{name}": value for name, value in tested.items()}
 
 
 def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
-    """Chi-square of (run, quantity) about their weighted mean, and degrees of freedom."""
+    """Return the chi-square of (run, quantity) about their weighted mean, and degrees of freedom."""
     if len(values) < 2:
         return np.nan, 0.0
     return random_effects.weighted_mean(values, covariances)[2], float((len(values) - 1) * values.shape[1])
 
 
 def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> dict[str, Any]:
-    """Test of the random force of `run_agreement`: whether its densities are the same in all runs.
+    """Test for `run_agreement` whether the random force has the same density in all runs.
 
     A ratio of variances is tested by its logarithm: a density has the relative error e, its logarithm the
     standard error e. Where the most likely density is zero the deviance rises from there by one within the

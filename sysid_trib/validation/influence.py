@@ -74,7 +74,7 @@ class RunNoise:
         return self.per_tau / self.level**2
 
     def white(self, columns: Array) -> Array:
-        """Columns (sample, column) as innovations, in units of the sensor's noise."""
+        """Return columns (sample, column) as innovations, in units of the sensor's noise."""
         if self.linear is None:
             return columns
         samples, size = self.linear.path.shape
@@ -94,7 +94,7 @@ class RunNoise:
         return weighted
 
     def covariance(self, influence: Array) -> Array:
-        """Covariance of numbers that the samples move so, (number, sample)."""
+        """Return the covariance of numbers that the samples move so, (number, sample)."""
         innovations = scipy.signal.lfilter([1.0], self.filter_, influence[:, ::-1], axis=1)
         covariance = self.level**2 * innovations @ innovations.T
         if self.linear is not None and self.per_tau:
@@ -122,7 +122,7 @@ class WeakRows:
     factor: Array
 
     def white(self, columns: Array) -> Array:
-        """Columns (sample, column) as white rows."""
+        """Return columns (sample, column) as white rows."""
         return whiten(self.factor, self.operator @ columns)
 
     def transposed_white(self, columns: Array) -> Array:
@@ -169,7 +169,7 @@ def covariances_of_difference(
 
 
 def _noise(truth: FollowedRuns, run: int) -> RunNoise:
-    """The noise of a run by an identification."""
+    """Return the noise of a run by an identification."""
     result, motion = truth.result, truth.motions[run]
     assert motion is not None
     sensor = sensor_noise_of(result, run)
@@ -283,12 +283,12 @@ def _influence(
 
 
 def _is_refined(method: Direct, result: xr.Dataset) -> bool:
-    """True if the rows are about the motion of the identified model."""
+    """Return true if the rows are about the motion of the identified model."""
     return method.form == "weak" and bool(result.get("refined", False))
 
 
 def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) -> tuple[Array, Array]:
-    """Derivatives of the angle by the free parameters, and by start and zero of the run itself."""
+    """Return the derivatives of the angle by the free parameters, and by start and zero of the run itself."""
     motion = followed.motions[run]
     assert isinstance(motion, FittedMotion)
     model = schema.model_of(followed.result, run)
@@ -304,7 +304,7 @@ def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) ->
 def _of_motion(
     followed: FollowedRuns, noises: Sequence[RunNoise], parameters: _Parameters, *, of_rows: bool
 ) -> list[Array] | None:
-    """Influence on the free parameters of least squares of the motion, (parameter, sample) of each run.
+    """Return the influence on the free parameters of a motion's least squares, (parameter, sample) by run.
 
     The fit uses all information of the samples, or only that in the rows of `Direct`.
     """
@@ -334,7 +334,7 @@ def _of_motion(
 
 
 def _weak_rows(followed: FollowedRuns, run: int, noise: RunNoise) -> WeakRows:
-    """The rows of `Direct` about the motion of its model in a run."""
+    """Return the rows of `Direct` about the motion of its model in a run."""
     decay, motion = followed.runs[run], followed.motions[run]
     assert motion is not None
     model = schema.model_of(followed.result, run)

@@ -1,4 +1,4 @@
-"""The judge: what each model of a result leaves of the records, and the verdict on it."""
+"""Judge of a result: the residual of each model on the records, and the verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from sysid_trib.results.variables import described
 
 # Significance level of a residual that is not white noise.
 RESIDUAL_LEVEL = 1e-3
-# A model is approximate that leaves no more than this part of the motion (RMS).
+# A model is approximate if its residual (RMS) is at most this part of the motion.
 APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
 # A motion that grows beyond so many times the largest angle of the record is none of it.
@@ -141,13 +141,13 @@ def with_verdicts(
 
 
 def _residual_rms(records: Sequence[xr.Dataset]) -> Array:
-    """RMS of record minus motion of each model over all runs, rad; nan without a motion."""
+    """Return the RMS of record minus motion of each model over all runs, rad; nan without a motion."""
     residuals = [(run.angle - run.simulated_angle).transpose("model", "time").values for run in records]
     return np.asarray(np.sqrt(np.mean(np.concatenate(residuals, axis=1) ** 2, axis=1)))
 
 
 def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
-    """RMS of record minus motion over that of the record, of each model; nan without a motion."""
+    """Return the RMS of record minus motion over that of the record, of each model; nan without a motion."""
     squares = sum(
         ((run.angle - run.simulated_angle) ** 2).sum("time", skipna=False).values for run in records
     )

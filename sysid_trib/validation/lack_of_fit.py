@@ -23,7 +23,7 @@ from sysid_trib.simulation.simulate import trajectory
 def lack_of_fit(
     decay: xr.Dataset, results: Mapping[str, xr.Dataset], curves: bands.Smoothed | None = None
 ) -> xr.Dataset:
-    """Models' frequency and damping ratio against the backbone of a record.
+    """Return the models' frequency and damping ratio against the backbone of a record.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def _with_departures(lack: xr.Dataset) -> xr.Dataset:
 def _against(
     backbone: xr.Dataset, weights: Mapping[str, Array], model: tuple[Array, Array, Array] | None
 ) -> dict[str, tuple[Array, Array]]:
-    """Each curve of a model, smoothed as the record's, and its deviation in half widths of the band."""
+    """Return a model's curves, smoothed like the record's, and deviations in half widths of the band."""
     log_amplitude = np.log(backbone.amplitude.values)
     nothing = np.full(len(log_amplitude), np.nan)
     if model is None:
@@ -123,7 +123,7 @@ def _against(
         difference = there - backbone[f"period_{name}"].values
         smoothed = weights[name] @ np.where(np.isfinite(difference), difference, 0.0)
         reached = (log_amplitude >= model[0][0]) & (log_amplitude <= model[0][-1])
-        # Both go through the same averages: what these leave open is the same of both.
+        # Both go through the same averages, which have the same error for both.
         half = bands.half_width(backbone, name) - bands.left_open(name, curve, backbone.damping_ratio.values)
         smoothed = np.where(reached, smoothed, np.nan)
         against[name] = curve + smoothed, smoothed / half
@@ -133,7 +133,7 @@ def _against(
 def _model_rows(
     decay: xr.Dataset, result: xr.Dataset, backbone: xr.Dataset
 ) -> tuple[Array, Array, Array] | None:
-    """Log amplitudes of a model's motion, increasing, with frequency and damping ratio; None without one."""
+    """Return increasing log amplitudes of a model's motion, frequency and damping ratio; None without one."""
     amplitude = backbone.period_amplitude
     top, low = float(np.log(amplitude.max())), float(np.log(amplitude.min()))
     # A model is released so many half periods above the record: its first ones are left out.
@@ -155,7 +155,7 @@ def _model_rows(
 def _motion_rows(
     decay: xr.Dataset, result: xr.Dataset, release: float, times: float
 ) -> tuple[Array, dict[str, smooth_curve.CurveRows]]:
-    """Periods of the motion from a release; amplitudes in parts of the record's largest signal."""
+    """Return the periods of the motion from a release; amplitudes in parts of the record's largest signal."""
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
     grid = np.arange(round(times * len(time))) * step
@@ -172,7 +172,7 @@ MOST_DRAWN, DRAWN_PER_KNOT = 20_000, 4
 
 
 def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
-    """Mean force that a model lacks in cells of angle and rate, by the record's own motion.
+    """Return the mean force that a model lacks in cells of angle and rate, by the record's own motion.
 
     Parameters
     ----------
@@ -219,7 +219,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
 
 
 def model_force(model: Model, tau: Array, x: Array, v: Array, time: Array) -> Array:
-    """Sum of coefficient times force along a motion, (sample,); terms of the sensor are no forces."""
+    """Return sum of coefficient times force along a motion, (sample,); terms of the sensor are no forces."""
     total = np.zeros_like(x)
     for force in model.library:
         if force.kind == "force" and (coefficient := model.coefficients.get(force.symbol, 0.0)):
@@ -230,7 +230,7 @@ def model_force(model: Model, tau: Array, x: Array, v: Array, time: Array) -> Ar
 
 
 def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
-    """Means over cells of the force (the first row) and their scatter over drawings (the others)."""
+    """Return means over cells of the force (the first row) and their scatter over drawings (the others)."""
     size = 1.001 * float(np.max(np.hypot(x, v)))
     edges = np.linspace(-size, size, SURFACE_CELLS + 1)
     means = {"force": scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic}
@@ -246,19 +246,19 @@ def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
 
 # The level about a line is that of so many neighbours on either side, beyond those into which it leaks.
 LEVEL_LINES, LEAK = 48, 4
-# Up to this harmonic what is left of a motion is the motion's.
+# Up to this harmonic the residual of a motion belongs to the motion.
 MOTION_HARMONICS = 7
 SLOWEST = 4.0
 NO_LINE = (float("nan"), float("nan"))
 # Significance level of a line.
 LINE_LEVEL = 1e-6
-# Of what harmonics leave, a line leaves no more than this part of the square; samples of the longest record
-# that is looked at so, and degrees of freedom at least.
+# Largest part of the square that remains after a line is removed from the residual without harmonics; samples
+# of the longest record that is searched, and least degrees of freedom.
 LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 
 
 def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
-    """Angular frequency (rad/s) and amplitude of a line in a residual; nan where there is none.
+    """Return the angular frequency (rad/s) and amplitude of a line in a residual; nan if there is none.
 
     Time is in s, the residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
 
@@ -287,13 +287,13 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     frequency = resolution * (at + (right / (peak + right) if right > left else -left / (peak + left)))
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
     line = waves @ np.linalg.lstsq(waves, residual, rcond=None)[0]
-    # A line counts whose RMS is beyond this part of that of the rest: a fainter one changes nothing.
+    # A line counts if its RMS is beyond this part of that of the rest: a weaker one changes nothing.
     marked = np.std(line) > 0.5 * np.std(residual - line)
     return (frequency, float(np.sqrt(2.0) * np.std(line))) if marked else NO_LINE
 
 
 def without_line(time: Array, residual: Array, frequency: float) -> Array:
-    """A residual without the line of this angular frequency (rad/s) and its mean."""
+    """Return a residual without the line of this angular frequency (rad/s) and its mean."""
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
     return np.asarray(residual - waves @ np.linalg.lstsq(waves, residual, rcond=None)[0])
 

@@ -27,7 +27,7 @@ STATED = ("standard_error", *(f"{name}_standard_error" for name in FREQUENCIES))
 def with_error_of_model(
     followed: FollowedRuns, method: Method, library: ForceLibrary, widening: float
 ) -> FollowedRuns:
-    """An identification whose errors allow for what its model lacks.
+    """Include in the errors of an identification the error of its model.
 
     Parameters
     ----------
@@ -148,7 +148,8 @@ def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], state
     stated : (number,) array of float
         Standard errors of the whole by the noise.
     """
-    # Each part counts by what it knows of a coefficient; one that a bound holds there has no error.
+    # Each part is weighted by its information on a coefficient; one that is held at a bound there has no
+    # error.
     largest = np.max(errors, axis=0)
     known = np.where(np.array(errors) > 0.0, errors, np.where(largest > 0.0, largest, 1.0))
     weights = 1.0 / known**2
@@ -164,13 +165,13 @@ def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], state
 def part_fit(
     method: Method, runs: RunList, library: ForceLibrary, limits: tuple[float, float], result: xr.Dataset
 ) -> xr.Dataset | None:
-    """The identification of a part of the time of each run; None where it cannot be, or has other forces."""
+    """Return the identification of a part of each run; None if it fails, or has other forces."""
     parts = [run.isel(time=refits.between(run, limits)) for run in runs]
     return _same_forces(refits.refit(method, parts, library, runs)[0], result)
 
 
 def _same_forces(part: xr.Dataset | None, result: xr.Dataset) -> xr.Dataset | None:
-    """The identification of a part where it has finite coefficients of the same forces as the result."""
+    """Return identification of a part where it has finite coefficients of the same forces as the result."""
     if part is None or part.force.values.tolist() != result.force.values.tolist():
         return None
     return part if np.all(np.isfinite(_numbers(part, ESTIMATED))) else None
@@ -183,11 +184,11 @@ def _held_out(
     limits: tuple[float, float],
     later_only: bool,
 ) -> Iterator[float]:
-    """RMS (rad) of what the model of a part leaves before and after it; nan without a motion."""
+    """Yield the RMS residual (rad) of the model of a part before and after it; nan without a motion."""
     kept, size = refits.between(run, limits), run.sizes["time"]
     earlier, later = slice(0, kept.start), slice(kept.stop, size)
     for held_out in (later,) if later_only else (earlier, later):
-        # Fewer samples tell nothing of a motion whose start and zero are fitted.
+        # Fewer samples do not test a motion whose start and zero are fitted.
         if held_out.stop - held_out.start < 8:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
@@ -209,7 +210,7 @@ def _numbers(result: xr.Dataset, names: Sequence[str]) -> Array:
 
 
 def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
-    """A result whose `STATED` errors are multiplied by factors, and have a covariance added."""
+    """Return a result whose `STATED` errors are multiplied by factors, and have a covariance added."""
     count = result.sizes["force"]
     of_forces, errors = factor[:count], np.hypot(factor * _numbers(result, STATED), np.sqrt(np.diag(added)))
     changed = {
@@ -222,7 +223,7 @@ def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
 
 
 def with_rounding(followed: FollowedRuns) -> FollowedRuns:
-    """An identification whose errors allow for the coarse step of a sensor, whose rounding is not white.
+    """Include the coarse step of a sensor, whose rounding is not white, in the errors of an identification.
 
     Least squares, to first order, of motions of the model, which is complete, that the sensor rounds with its
     zero anywhere.
@@ -244,7 +245,7 @@ def with_rounding(followed: FollowedRuns) -> FollowedRuns:
 def _squares_by_rounding(
     result: xr.Dataset, run: xr.Dataset, motion: initial_conditions.FittedMotion, noises: Iterable[Array]
 ) -> Array:
-    """Mean squares by which noises move the `ESTIMATED` in least squares of a motion; 0 if they do not."""
+    """Return mean squares by which noises move the `ESTIMATED` in least squares of a motion; 0 if unmoved."""
     model, free = schema.model_of(result), _numbers(result, STATED)[:-1] > 0.0
     squares = np.zeros(len(free) + 1)
     try:

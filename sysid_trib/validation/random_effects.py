@@ -40,7 +40,7 @@ class RandomEffects:
     scatter: float | Array = 0.0
 
     def with_scatter(self, tau: float | Array) -> "RandomEffects":
-        """Values and columns weighted with another tau, or with several."""
+        """Return values and columns weighted with another tau, or with several."""
         return replace(self, scatter=tau)
 
     @property
@@ -94,7 +94,7 @@ class RandomEffects:
         return float(scipy.stats.chi2.sf(self.chi_square, self.degrees_of_freedom))
 
     def _tau_of(self, chi_square: float) -> float:
-        """The scatter by which the residuals have a chi-square; 0 where none need be."""
+        """Return the scatter by which the residuals have a chi-square; 0 where none need be."""
 
         def excess(tau: float) -> float:
             return float(self.with_scatter(tau).chi_square) - chi_square
@@ -116,13 +116,13 @@ class RandomEffects:
         return np.asarray(scale * (self.root @ self.root.T))
 
     def p_value(self, columns: Index) -> float:
-        """p-value of no effect of some columns at all (F)."""
+        """Return the p-value of no effect of some columns at all (F)."""
         effects, covariance = self.effects[columns], self.widened_covariance[np.ix_(columns, columns)]
         statistic = float(effects @ np.linalg.solve(covariance, effects)) / len(columns)
         return float(scipy.stats.f.sf(statistic, len(columns), self.degrees_of_freedom))
 
     def deleted_residuals(self) -> Array:
-        """Distance of each value from what all others let expect, over scatter and error: (value,).
+        """Return distance of each value from its prediction by all others, over scatter and error: (value,).
 
         The scatter is that of the others, which one far value does not widen (externally standardised
         residuals; Viechtbauer and Cheung 2010). Where they scatter at all, few of them tell by how much: the
@@ -144,13 +144,13 @@ class RandomEffects:
         return np.where(scatters, np.copysign(scipy.stats.norm.isf(tail), size), size)
 
     def _of_fitted(self) -> Array:
-        """Variances of the fitted values, (value,)."""
+        """Return the variances of the fitted values, (value,)."""
         return np.asarray(np.sum((self.design @ self.root) ** 2, axis=-1))
 
     def _without_each(self) -> tuple[Array, Array]:
-        """Each value's distance from the fit of all others, standardised, and their chi-square."""
+        """Return each value's distance from the fit of all others, standardised, and their chi-square."""
         leverage = self.weights * self._of_fitted()
-        # A value whose leverage lacks this of one has no others that predict it.
+        # A value with a leverage this near to one is not predicted by the others.
         free = np.where(leverage < 1.0 - 1e-9, 1.0 - leverage, np.nan)
         size = (self.values - self.fitted) * np.sqrt(self.weights / free)
         return size, self.chi_square[..., None] - size**2
@@ -176,7 +176,7 @@ class RandomEffects:
 
 
 def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, float]:
-    """Mean of runs with correlated errors, its covariance, and chi-square about it.
+    """Return the mean of runs with correlated errors, its covariance, and chi-square about it.
 
     Parameters
     ----------
@@ -196,7 +196,7 @@ def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, floa
 
 
 def mean_of_runs(values: Array, covariances: Array) -> tuple[Array, Array, Array, Array]:
-    """Mean of runs whose quantities may scatter beyond their errors; arrays as of `weighted_mean`.
+    """Return the mean of runs whose quantities may scatter beyond their errors; arrays as of `weighted_mean`.
 
     Its covariance by the errors and that scatter; the standard deviation of the scatter (nan of a single
     run); degrees of freedom by which the errors are known (Satterthwaite 1946), infinite without a scatter. A
@@ -225,7 +225,7 @@ DEVIATIONS = ("repeatability", "between_laboratory", "reproducibility")
 
 
 def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
-    """Analysis of variance of results by laboratory.
+    """Return the analysis of variance of results by laboratory.
 
     Parameters
     ----------
@@ -254,8 +254,9 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     p, n = len(counts), len(values)
     if p < 2 or n == p:
         raise UsageError(
-            f"{n} results of {p} laboratories have no repeatability and reproducibility; name a column with "
-            "two laboratories at least, one of which has several runs."
+            f"{n} results of {p} laboratories do not determine repeatability and "
+            f"reproducibility; name a column "
+            "with at least two laboratories, one of which has several runs."
         )
     means = np.bincount(group, values) / counts
     within = float(np.sum((values - means[group]) ** 2)) / (n - p)
@@ -284,5 +285,5 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
 
 
 def _with_ends(mean: float, distances: Array) -> Array:
-    """A mean, and the ends of its interval at distances below and above."""
+    """Return a mean, and the ends of its interval at distances below and above."""
     return np.array([mean, mean - distances[0], mean + distances[1]])

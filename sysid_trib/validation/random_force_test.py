@@ -78,7 +78,7 @@ def random_force_dependence(
 
 
 def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.Dataset:
-    """`random_force_dependence`, of what is left of the motion even where the result has no random force.
+    """Compute `random_force_dependence` of the residual motion, even if the result has no random force.
 
     The test has a random force of its own in any case, besides the sensor's noise of the result's colour.
     """
@@ -121,7 +121,7 @@ def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
 
 
 def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> kalman.LinearModel:
-    """The record about the smoothed motion with columns for all that was free in the identification.
+    """Return the record about the smoothed motion with columns for all that was free in the identification.
 
     `stiffness` is what the acceleration -x adds to x and v by the end of a step, (step, 2, 1).
     """
@@ -152,7 +152,7 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
 
 
 def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.random.Generator) -> Array:
-    """Records of noise alone, (sample, draw), in units of the innovations of the sensor's noise."""
+    """Return records of noise alone, (sample, draw), in units of the innovations of the sensor's noise."""
     random_walk = linearised.random_walk_about(linear, ratio, random, NULL_DRAWS)
     # Coloured noise has a past before the first sample.
     past = sensor_noise.memory_samples(linear.sensor_filter)
@@ -176,14 +176,14 @@ class TrialModel(NamedTuple):
 
 
 def _white(trial: TrialModel, ratio: float) -> tuple[Array, Array, Array, float]:
-    """Rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
+    """Return rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
     rows = trial.linear.rows(ratio)
     nuisances, tried, draws = np.split(rows.design, trial.ends, axis=1)
     return nuisances, tried, np.column_stack([rows.target, draws]), rows.log_determinant
 
 
 def _deviances(trial: TrialModel, sets: Sequence[Index], ratio: float) -> Array:
-    """Minus twice the logarithm of the likelihood at a ratio, variance and columns profiled.
+    """Return minus twice the logarithm of the likelihood at a ratio, variance and columns profiled.
 
     Without the columns that are tried, then with each of the sets: (1 + set, 1 + draw).
     """
@@ -198,7 +198,7 @@ def _deviances(trial: TrialModel, sets: Sequence[Index], ratio: float) -> Array:
 
 
 def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) -> TrialModel:
-    """A record with columns that act in each step, (step, 2, column), and records (sample, draw)."""
+    """Return a record with columns that act in each step, (step, 2, column), and records (sample, draw)."""
     (size, nuisances), (_, states, tried), draws = linear.start.shape, by_column.shape, records.shape[1]
     by = np.pad(by_column, ((0, 0), (0, size - states), (0, draws)))
     whole = replace(
@@ -213,7 +213,7 @@ def trial_model(linear: kalman.LinearModel, by_column: Array, records: Array) ->
 def _likelihood_gains(
     trial: TrialModel, sets: Mapping[str, Index], null: variance_ratio.VarianceRatio
 ) -> dict[str, tuple[float, int, float]]:
-    """Chi-square of each set of columns over the nuisances alone, number of columns, p-value of no effect.
+    """Return chi-square of each set of columns given the nuisances, number of columns, p-value of no effect.
 
     The chi-square is the gain with the mean that it has (Bartlett 1937); columns count that are no
     combinations of the nuisances. `null` : of the model without them, by which the trial's records of noise
@@ -244,13 +244,13 @@ def _likelihood_gains(
 
 
 def orthonormal(columns: Array) -> Array:
-    """An orthonormal basis of the space of some columns."""
+    """Return an orthonormal basis of the space of some columns."""
     size = np.linalg.norm(columns, axis=0)
     return np.asarray(np.linalg.qr(columns / np.where(size > 0.0, size, 1.0))[0])
 
 
 def _least(logarithms: Array, table: Array) -> Array:
-    """Least of each curve over the ratios, by the parabola through its three lowest neighbours."""
+    """Return the least of each curve over the ratios, by the parabola through its three lowest neighbours."""
     at = np.clip(np.argmin(table, axis=0), 1, len(table) - 2)
     x = [logarithms[at + side] for side in (-1, 0, 1)]
     y = [np.take_along_axis(table, (at + side)[None], axis=0)[0] for side in (-1, 0, 1)]
@@ -264,7 +264,7 @@ def _least(logarithms: Array, table: Array) -> Array:
 
 
 def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, float]:
-    """P-values of a random force whose size depends on nothing, by what it may depend on, and of `any`.
+    """Return p-values of a random force of constant size, by what its size may depend on, and of `any`.
 
     The statistic is the mean of amplitude, speed over amplitude, or time, over the steps, each weighted by
     the squared smoothed disturbance r' Q r (Durbin and Koopman 2012, 4.5); together they make Hotelling's

@@ -43,7 +43,7 @@ class Refit(NamedTuple):
 def refit(
     method: Method, parts: Sequence[xr.Dataset], library: ForceLibrary, runs: Sequence[xr.Dataset] = ()
 ) -> tuple[xr.Dataset | None, str]:
-    """The identification of parts of runs, or why there is none.
+    """Identify parts of runs, or return the reason of failure.
 
     `t` of the formulas counts from the first sample of the `runs`, or where there are none of the parts.
     """
@@ -55,7 +55,7 @@ def refit(
 
 
 def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
-    """Samples between two parts of the time of a run."""
+    """Return the samples between two parts of the time of a run."""
     time = run.time.values.astype(float)
     ends = time[0] + np.array(limits) * (time[-1] - time[0])
     return slice(int(np.searchsorted(time, ends[0])), int(np.searchsorted(time, ends[1], side="right")))
@@ -81,14 +81,14 @@ def at_reference(
 
 
 def scalars_of(results: Sequence[xr.Dataset | None], name: str) -> Array:
-    """A scalar of each result, and its error, nan of one that failed: (2, result)."""
+    """Return a scalar of each result, and its error, nan of one that failed: (2, result)."""
     names = name, f"{name}_standard_error"
     return np.array([[np.nan if of is None else of[part].item() for of in results] for part in names])
 
 
 @signal_scale.in_units_of_the_motion
 def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr.Dataset:
-    """The coefficients of an identification by the same forces, fitted in every other defensible way.
+    """Return the coefficients of an identification by the same forces, fitted in every other defensible way.
 
     Parameters
     ----------
@@ -145,7 +145,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
 
 
 def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Iterator[Refit]:
-    """Every fit: what it is, and how it is made."""
+    """Yield every fit: its description and the function that computes it."""
     whole = list(runs)
     for name, limits in variables.PARTS_OF_RECORD.items():
         yield Refit("window", name, method, [run.isel(time=between(run, limits)) for run in runs])

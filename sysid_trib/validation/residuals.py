@@ -69,7 +69,7 @@ class FollowedRuns:
         )
 
     def tracked(self, run: int) -> TrackedRecord:
-        """A run as `track` follows it.
+        """Return a run as `track` follows it.
 
         Raises
         ------
@@ -84,7 +84,7 @@ class FollowedRuns:
 def fitted_motion(
     decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, most_steps: int = STEPS_A_PERIOD
 ) -> FittedMotion | None:
-    """Motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
+    """Return the motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
 
     `most_steps` : as that of `trajectory`.
     """
@@ -102,7 +102,7 @@ def fitted_motion(
 
 
 def with_motions(models: Mapping[str, FollowedRuns]) -> list[xr.Dataset]:
-    """Each run with the angle of every model, nan of one that diverges, and its noise."""
+    """Return each run with the angle of every model, nan of one that diverges, and its noise."""
     runs, records = next(iter(models.values())).runs.values(), []
     for run, *motions in zip(runs, *(followed.motions for followed in models.values()), strict=True):
         none = np.full(run.sizes["time"], np.nan)
@@ -126,7 +126,7 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
 
 
 def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.Dataset:
-    """Residual of each model: RMS, RMS over the noise, first departure, p-value of white noise.
+    """Return the residual of each model: RMS, RMS over the noise, first departure, p-value of white noise.
 
     Parameters
     ----------
@@ -226,7 +226,7 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
 
 
 def departure_time(time: Array, residual: Array, noise: float, width: int) -> float:
-    """First time at which the mean square over so many samples is beyond the noise's; nan if never."""
+    """Return first time at which the mean square over so many samples is beyond the noise's; nan if never."""
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = (total[width:] - total[:-width]) / width
     # A level that so many samples of noise pass once in a hundred records.
@@ -243,7 +243,7 @@ def _noise_p_value(
     fitted: int,
     noises: Iterable[Array] | None = None,
 ) -> float:
-    """P-value that a residual is noise, white or like the draws that are given, by two tests (Bonferroni).
+    """Return the p-value that a residual is noise, white or like given draws, by two tests (Bonferroni).
 
     The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means over
     twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
@@ -252,7 +252,7 @@ def _noise_p_value(
     width, (numbers, slow_square) = max(1, samples // 6), sensor.slow_part(*motion)
 
     def sizes(values: Array) -> Array:
-        """Squares of both parts over those of one sample's noise, (2,)."""
+        """Return the squares of both parts over those of one sample's noise, (2,)."""
         means = values[: len(values) // width * width].reshape(-1, width).mean(axis=1) / noise
         return np.array([width * np.sum(means**2), slow_square(values / noise)])
 
@@ -267,13 +267,13 @@ def _noise_p_value(
 
 
 def half_period(v: Array) -> int:
-    """Samples of a half period, by the changes of sign of the angle or the speed."""
+    """Return the samples of a half period, by the changes of sign of the angle or the speed."""
     turns = np.flatnonzero(np.diff(np.sign(v)) != 0)
     return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(v) // 10)
 
 
 def motion_residual(decay: xr.Dataset, motion: FittedMotion, envelope: xr.Dataset) -> xr.Dataset:
-    """Record minus the motion of a model, with the envelope of the record, whose extrema give its phase.
+    """Return record minus motion of a model, with the record's envelope, whose extrema give its phase.
 
     Returns
     -------
@@ -289,7 +289,7 @@ def motion_residual(decay: xr.Dataset, motion: FittedMotion, envelope: xr.Datase
 
 
 def _phase_error(time: Array, motion: FittedMotion, envelope: xr.Dataset) -> float:
-    """Largest angle (rad) between the phase of a motion and the record's, at the record's extrema."""
+    """Return largest angle (rad) between the phase of a motion and the record's, at the record's extrema."""
     inside = (envelope.extremum_time.values > time[0]) & (envelope.extremum_time.values < time[-1])
     turns, sign = envelope.extremum_time.values[inside], envelope.sign.values[inside]
     if not len(turns):

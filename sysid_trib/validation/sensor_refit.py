@@ -1,4 +1,4 @@
-"""Errors of the sensor in another record: they are those of its own run, and fitted to it."""
+"""Sensor errors of another record, fitted to that record."""
 
 from dataclasses import dataclass
 
@@ -22,7 +22,7 @@ PRIOR_SIZES = 3.0
 def with_own_sensor(
     result: xr.Dataset, model: Model, record: xr.Dataset, fitted: Mask
 ) -> tuple[Model, xr.Dataset]:
-    """Fit the sensor terms of a model to another record, as its start and zero are.
+    """Fit the sensor terms of a model to another record, like its start and zero.
 
     Parameters
     ----------

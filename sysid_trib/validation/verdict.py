@@ -147,7 +147,7 @@ def _unfound_random_force_hides_more(followed: FollowedRuns, run: int) -> bool:
 
 
 def p_value_of_dependence(tested: xr.Dataset) -> float:
-    """p-value of a random force that depends on nothing in all runs (Bonferroni); nan if untested."""
+    """Return p-value of a random force that depends on nothing in all runs (Bonferroni); nan if untested."""
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
 
 
@@ -224,7 +224,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
 
 
 def _depends_on_amplitude(followed: FollowedRuns) -> bool:
-    """True if the residual of the averages depends on the amplitude, as no random force does."""
+    """Return true if the residual of the averages depends on the amplitude, as no random force does."""
     moving = [motion for motion in followed.motions if motion is not None]
     if len(moving) < len(followed.motions):
         return False
@@ -253,7 +253,7 @@ def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceL
 def with_common_noise(
     decay: Decays, library: ForceLibrary, methods: Mapping[str, Method]
 ) -> dict[str, Method]:
-    """Methods by their name; those that leave it open have the noise that direct identification has.
+    """Return methods by name; those without a given noise have the noise of direct identification.
 
     Where none of them is direct the first decides; where that cannot identify the record it is the sensor's
     alone.
@@ -272,17 +272,17 @@ def _is_open(method: Method) -> bool:
 
 
 def with_noise(method: Method, option: RandomForceOption) -> Method:
-    """A method that leaves its noise open, with this one; any other as it is."""
+    """Return a method with this noise if its own is left open; unchanged otherwise."""
     return with_random_force(method, option) if _is_open(method) else method
 
 
 def has_white_residual(followed: FollowedRuns) -> bool:
-    """True if the residual of a model, with a random force its innovations, is white noise."""
+    """Return true if the residual of a model, with a random force its innovations, is white noise."""
     return _residual(followed)[0] >= RESIDUAL_LEVEL
 
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
-    """P-value that the residual of a model, with a random force its innovations, is white noise; its size."""
+    """Return p-value that a model's residual, or its innovations with a random force, is white; its size."""
     whole = followed.once("residual", lambda: residuals({"": followed}, followed.result))
     return float(whole.p_value.item()), float(whole.tested_over_noise.item())
 

@@ -95,7 +95,7 @@ def test_page_prints(opened, kind, tmp_path):
     if shutil.which("pdftotext"):
         told = ["pdftotext", tmp_path / "page.pdf", "-"]
         text = subprocess.run(told, capture_output=True, text=True, check=True)
-        assert "How to make it again" in text.stdout
+        assert "Reproduce this result" in text.stdout
         assert "zeta" in text.stdout
 
 

@@ -101,7 +101,7 @@ def test_ids_are_of_one_element_and_each_reference_finds_its_own(kind, pages):
 def test_headings(kind, pages):
     found = [html.unescape(heading) for heading in re.findall(r"<h2>(.*?)</h2>", pages[kind])]
     assert found[: len(HEADINGS[kind])] == HEADINGS[kind]
-    assert found[-2:] == ["Provenance", "How to make it again"]
+    assert found[-2:] == ["Provenance", "Reproduce this result"]
 
 
 @pytest.mark.parametrize("kind", ["cross_check", "runs", "compare", "discover"])

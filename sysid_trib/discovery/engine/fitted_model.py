@@ -91,7 +91,7 @@ class FittedModel:
 
     @cached_property
     def deviance(self) -> float:
-        """Minus twice the logarithm of the likelihood, with what rows of other models resolve otherwise."""
+        """Minus twice the log likelihood, corrected for a stiffness that the rows do not resolve."""
         excess = 0.0
         for rows, ratio in zip(self.rows, self.likelihood.ratios.tolist(), strict=True):
             if ratio > 0.0:
@@ -101,7 +101,7 @@ class FittedModel:
 
     @property
     def is_finite(self) -> bool:
-        """True if it and the steps of its shapes have a likelihood."""
+        """True if the model and the steps of its shapes have a finite likelihood."""
         return bool(np.isfinite(self.likelihood.deviance) and np.isfinite(self.stepped.deviance))
 
     @property
@@ -123,17 +123,17 @@ class FittedModel:
         return [(at, name, first + i) for i, (at, name) in enumerate(names)]
 
     def columns_of(self, symbol: str) -> list[int]:
-        """Columns of a force: its own and those of its shapes."""
+        """Return the columns of a force: its own and those of its shapes."""
         at = [trial.force.symbol for trial in self.trials].index(symbol)
         return [at, *(column for trial, _, column in self.shape_columns if trial == at)]
 
     def columns_without(self, symbols: Sequence[str]) -> list[int]:
-        """Columns of the tables, the target at 0, that stay without some forces."""
+        """Return the columns of the tables, the target at 0, that stay without some forces."""
         gone = {column for symbol in symbols for column in self.columns_of(symbol)}
         return [1 + column for column in range(self.columns) if column not in gone]
 
     def sensor(self, run: int) -> NoiseModel:
-        """Noise of the sensor in a run, its level that of what the smoothed motion leaves of the record."""
+        """Return the noise of the sensor in a run, with the level of the residual of the smoothed motion."""
         path = self.rows[run].path
         level = root_mean_square(path.angle - self.sensor_errors(run) - path.at_samples[0])
         filter_ = path.sensor.filter_
@@ -160,12 +160,12 @@ class FittedModel:
         return named or [trial.force.symbol for trial in self.trials]
 
     def sensor_errors(self, run: int) -> Array:
-        """Zero and errors of the sensor along a run's path, (sample,), rad."""
+        """Return zero and errors of the sensor along a run's path, (sample,), rad."""
         zero = self.likelihood.coefficients[len(self.trials) + self.frequency_free + run]
         return np.asarray(zero + self.rows[run].path.sensor_errors(self.terms))
 
     def covariance_with_frequency(self) -> Array:
-        """Covariance of the coefficients and the frequency (rad/s), of a fit whose paths have its frequency.
+        """Return covariance of coefficients and frequency (rad/s), of a fit whose paths have its frequency.
 
         A frequency that is a little higher has smaller coefficients give the same force.
         """
@@ -179,7 +179,7 @@ class FittedModel:
         return np.asarray(jacobian @ whole[: count + 1, : count + 1] @ jacobian.T)
 
     def without_zeros(self, rows: RunRows) -> tuple[Array, Array]:
-        """Columns of the parameters in the rows of any run, (row, parameter), and their covariance.
+        """Return columns of the parameters in the rows of any run, (row, parameter), and their covariance.
 
         Without the zeros of the sensor, which are each run's own.
         """
@@ -191,7 +191,7 @@ class FittedModel:
         return np.delete(table, first, axis=1), self.likelihood.covariance[np.ix_(kept, kept)]
 
     def shape_errors(self) -> dict[str, float]:
-        """Standard errors of the shape parameters, by their names."""
+        """Return the standard errors of the shape parameters, by their names."""
         errors, by_name = np.sqrt(np.diag(self.likelihood.covariance)), dict[str, float]()
         for at, name, column in self.shape_columns:
             trial = self.trials[at]
@@ -200,11 +200,11 @@ class FittedModel:
         return by_name
 
     def white_residuals(self) -> list[Array]:
-        """Residuals, white and of unit variance."""
+        """Return the residuals, white and of unit variance."""
         return [table[:, 0] - table[:, 1:] @ self.likelihood.coefficients for table in self.white_tables()]
 
     def white_tables(self) -> list[Array]:
-        """Target and columns of each run, (row, 1 + column), its noises white and of unit variance."""
+        """Return target and columns of each run, (row, 1 + column), its noises white and of unit variance."""
         return [
             rows.whitened(np.column_stack([rows.target, table]), self.likelihood, at)
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
@@ -246,7 +246,7 @@ class FittedModel:
         return rows_of_runs
 
     def next_steps(self, reach: float) -> Array:
-        """Steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
+        """Return the steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
 
         No step changes an effect by more than its own size, beyond which its tangent is not valid. For a
         frequency the limit is a phase of one radian over the record.
@@ -260,7 +260,7 @@ class FittedModel:
         return np.array(steps)
 
     def next_trials(self, steps: Array) -> list[TrialEffect]:
-        """The trials with their shapes so many steps further, (shape,), within their ranges."""
+        """Return the trials with their shapes so many steps further, (shape,), within their ranges."""
         trials = list(self.trials)
         for (at, name, _), step in zip(self.shape_columns, steps.tolist(), strict=True):
             trials[at] = trials[at].stepped(name, step)
@@ -268,7 +268,7 @@ class FittedModel:
 
 
 def table_of(rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect]) -> Array:
-    """Columns of trials, of the stiffness and of each run's zero, and the slopes by shapes of the trials."""
+    """Return columns of trials, of the stiffness and of each run's zero, and slopes of trials by shapes."""
     # A little aside, towards the middle of its range.
     deviated = [
         (at, name, SHAPE_DIFFERENCE if trial.part(name) < 0.5 else -SHAPE_DIFFERENCE)

@@ -73,7 +73,7 @@ class Likelihood:
 
 
 def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihood:
-    """Maximum likelihood of the model of these columns, the variances of each run profiled.
+    """Return the maximum likelihood of the model of these columns, the variances of each run profiled.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     """
     places = np.asarray(columns, dtype=int)
     squares = sum(np.einsum("gii->i", run.of(places)) for run in runs)
-    # A column without effect keeps its size; the ridge holds it.
+    # A column without effect keeps its size; the ridge bounds it.
     size = np.where(squares > 0.0, np.sqrt(np.maximum(squares, 0.0)), 1.0)
     size[0] = 1.0
     parts = [run.of(places) / np.outer(size, size) for run in runs]
@@ -119,7 +119,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
 def _settled(
     runs: Sequence[RunProducts], parts: Sequence[Array], at: list[int], variances: list[float]
 ) -> tuple[float, list[int], list[float]]:
-    """The least deviance, and the place of the ratio and the variance of each run with it."""
+    """Return the least deviance, and the place of the ratio and the variance of each run with it."""
     best = np.inf
     for _ in range(RATIO_ROUNDS):
         before = best
@@ -134,7 +134,7 @@ def _settled(
 
 
 def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array, Array]:
-    """Coefficients and their covariance by the products of each run."""
+    """Return coefficients and their covariance by the products of each run."""
     total = np.sum([part / variance for part, variance in zip(parts, variances, strict=True)], axis=0)
     diagonal = np.diag(total)[1:]
     information = total[1:, 1:] + RIDGE * np.diag(diagonal + np.max(diagonal, initial=1e-300))
@@ -143,7 +143,7 @@ def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array
 
 
 def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike) -> Array:
-    """The most likely variance of a run by the squares that are left of its rows and those of the target.
+    """Return the most likely variance of a run by the residual squares of its rows and the target's squares.
 
     The residual of a completely explained target is rounding.
     """
@@ -154,7 +154,7 @@ def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike
 def _over_ratios(
     runs: Sequence[RunProducts], parts: Sequence[Array], at: Sequence[int], variances: Sequence[float], r: int
 ) -> tuple[Array, Array]:
-    """Deviance for each ratio of one run, and the variances of all runs, (run, ratio)."""
+    """Return the deviance for each ratio of one run, and the variances of all runs, (run, ratio)."""
     of_run = parts[r]
     others = [q for q in range(len(runs)) if q != r]
     information = of_run[:, 1:, 1:] / variances[r]
@@ -194,7 +194,7 @@ def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, flo
 
 # Of a likely ratio, 0 where none is known; see `products_of`.
 ProductsNear: TypeAlias = Callable[[float], RunProducts]
-# Rounds in which the likeliest ratios of several runs are looked for together.
+# Rounds of the joint search for the most likely ratios of several runs.
 TURNS = 6
 
 

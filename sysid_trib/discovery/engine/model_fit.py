@@ -22,8 +22,8 @@ WHOLE_STEPS = 3
 ROUNDS_AGREE = 1.0
 # Last rounds of a fit that does not come to rest, which are alike but for the errors of its parameters.
 LAST_ROUNDS = 4
-# Parts of the random force by which paths are smoothed at first where an error of the sensor is new: beside
-# all of it a path follows the record, errors and all, and a strong one is taken for forces.
+# Parts of the random force by which paths are first smoothed after an error of the sensor was added: with all
+# of it a path follows the record and its errors, and a large error is mistaken for forces.
 CONTINUATION = (1e-2, 1e-4, 1e-6, 1e-8)
 # A path runs away to where nothing is finite, or rows say nothing: there is no fit.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
@@ -69,7 +69,7 @@ def fit_model(
     # Largest step of a shape in a round, in parts of its range.
     reach = longest = part * settings.shape_step
     rounds, before, unphysical = list[FittedModel](), 0.0, 0
-    # Has it an error of the sensor of which nothing is known yet?
+    # True if it has an error of the sensor that no fit has estimated yet.
     if any(t.force.kind == "sensor" and not c for t, c in zip(trials, guess[:-1], strict=True)):
         model = _continued(model, reach, part, worst)
         if not model.settled:
@@ -78,7 +78,7 @@ def fit_model(
         guess = guess + part * (model.estimate - guess) if turn else model.estimate
         after = _next_round(model, guess, reach, part, of_any_ratio=turn + 1 < WHOLE_STEPS)
         if after is None:
-            # The likeliest round of a path that ran away.
+            # The most likely round of a path that diverged.
             best = min([*rounds, model], key=lambda fitted: fitted.likelihood.deviance)
             return replace(best, settled=False)
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
@@ -102,7 +102,7 @@ def fit_model(
 
 
 def _cannot_reach(worst: float, model: FittedModel, fall: float) -> bool:
-    """True if a fit whose last round lowered the deviance by so much will not reach `worst`."""
+    """Return true if the last decrease of the deviance is too small for the fit to reach `worst`."""
     return model.stepped.deviance - 2.0 * abs(fall) > worst
 
 
@@ -115,7 +115,7 @@ def _next_round(
     of_any_ratio: bool = True,
     random_force: float = 1.0,
 ) -> FittedModel | None:
-    """The model along its next paths, with the next shapes; None where there is no fit."""
+    """Return the model along its next paths, with the next shapes; None where there is no fit."""
     paths, steps = model.next_paths(guess[:-1], part, random_force), model.next_steps(reach)
     nearer = _of_any_ratio(paths) if of_any_ratio else paths
     try:
@@ -160,7 +160,7 @@ def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
 
 
 def _agree(rounds: Sequence[FittedModel]) -> bool:
-    """True if no coefficient or shape differs between rounds by more than its standard error."""
+    """Return true if no coefficient or shape differs between rounds by more than its standard error."""
     shapes = [[trial.part(name) for trial in of.trials for name in trial.force.shape] for of in rounds]
     ranges = [np.ptp([fitted.likelihood.coefficients for fitted in rounds], axis=0), np.ptp(shapes, axis=0)]
     errors = np.sqrt(np.diag(rounds[-1].likelihood.covariance))
@@ -169,7 +169,7 @@ def _agree(rounds: Sequence[FittedModel]) -> bool:
 
 
 def fitted_along(paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array) -> FittedModel:
-    """The most likely coefficients along paths that are held, and steps of the shapes with them.
+    """Return the most likely coefficients along paths that are held, and steps of the shapes with them.
 
     Tangents are those at these coefficients (variable projection: Golub, Pereyra 1973).
     """

@@ -99,7 +99,7 @@ class RecordPath:
         return self.time - self.origin
 
     def elapsed_at(self, tau: Array) -> Array:
-        """The `t` of formulas, (point,), s."""
+        """Return the `t` of formulas, (point,), s."""
         return tau / self.frequency + float(self.time[0]) - self.origin
 
     def given_at(self, trials: Iterable[TrialEffect], tau: Array) -> dict[str, Array]:
@@ -113,7 +113,7 @@ class RecordPath:
         return self._at(self.form.splines), self._at(self.form.splines, 1)
 
     def _at(self, splines: SplinesAt, order: int = 0) -> Array:
-        """The path or a derivative by tau at points that many paths have in common, (point,), rad."""
+        """Return the path or a derivative by tau at points that many paths have in common, (point,), rad."""
         return splines.of(self.spline, order) + self.fine(splines.points, order)
 
     @cached_property
@@ -163,7 +163,7 @@ class RecordPath:
         return np.asarray(self.integrals @ (self.points[1] + self._force(self.held)))
 
     def tangent(self, terms: Terms, stiffness: float) -> tuple[Array, Array]:
-        """Stiffness and damping of small deviations of the motion from that of a model, (point,) each."""
+        """Return stiffness and damping of small deviations of the motion from a model's, (point,) each."""
         acting = [*terms, *((trial, (1.0 + stiffness) * c) for trial, c in self.held)]
         tau, x, v, time = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
@@ -177,7 +177,7 @@ class RecordPath:
         return 1.0 + stiffness + of_x, of_v
 
     def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
-        """The operator of small deviations of a motion, (row, sample).
+        """Return the operator of small deviations of a motion, (row, sample).
 
         It uses means of stiffness and damping about each sample, because they may jump between samples.
         """
@@ -189,7 +189,7 @@ class RecordPath:
         return weak_form.noise_operator(self.form, *(np.asarray(mean[::parts]) for mean in means))
 
     def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
-        """Rows of each trial with a coefficient of 1, (row, trial); nan where it cannot be followed."""
+        """Return the rows of each trial of coefficient 1, (row, trial); nan if it cannot be followed."""
         columns = np.empty((self.form.rows, len(trials)))
         of_force = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         few = max(1, NUMBERS_AT_ONCE // len(self.points[0]))
@@ -201,7 +201,7 @@ class RecordPath:
         return columns
 
     def sensor_errors(self, terms: Terms) -> Array:
-        """Errors of the sensor at the samples, (sample,), rad."""
+        """Return the errors of the sensor at the samples, (sample,), rad."""
         errors = np.zeros(len(self.time))
         for trial, c in terms:
             if trial.force.kind == "sensor":
@@ -214,12 +214,12 @@ class RecordPath:
         return force_columns.derivatives_along(forces, (self.elapsed, *self.at_samples), kind="sensor")
 
     def _force(self, terms: Terms) -> Array:
-        """Sum of the forces of a model along the path, (point,), rad."""
+        """Return the sum of the forces of a model along the path, (point,), rad."""
         acting = [(trial, c) for trial, c in terms if trial.force.kind == "force"]
         return self.force_values([trial for trial, _ in acting]) @ np.array([c for _, c in acting])
 
     def force_values(self, trials: Sequence[TrialEffect]) -> Array:
-        """Forces of coefficient 1 along the path, (point, trial), rad; nan where one cannot be followed."""
+        """Return forces of coefficient 1 along the path, (point, trial), rad; nan where one fails."""
         values = np.full((len(self.points[0]), len(trials)), np.nan)
         with_past: dict[str, list[int]] = {}
         for at, trial in enumerate(trials):
@@ -281,7 +281,7 @@ class RecordPath:
         return replace(self, fine=fine).through(motion)
 
     def rescaled(self, frequency: float) -> "RecordPath":
-        """The rows with coefficients that refer to another frequency."""
+        """Return the rows with coefficients that refer to another frequency."""
         form = weak_form.build_weak_form(frequency * (self.time - self.time[0]), self.intervals)
         part = frequency / self.frequency
         fine = PPoly(self.fine.c / part ** np.array([[2], [1], [0]]), part * self.fine.x)
@@ -290,7 +290,7 @@ class RecordPath:
         return path.through(self.at_samples[0])
 
     def through(self, motion: Array) -> "RecordPath":
-        """The path through a motion at the samples, (sample,), rad."""
+        """Return the path through a motion at the samples, (sample,), rad."""
         tau = self.form.tau
         spline, _ = least_squares_spline(tau, motion - self.fine(tau), self.intervals)
         return replace(self, spline=spline)

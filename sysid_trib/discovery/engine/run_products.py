@@ -52,11 +52,11 @@ class RunProducts:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Rows, with those that the level counts."""
+        """Number of rows and of those that the prior of the level adds."""
         return self.rows + self.level_rows
 
     def at(self, ratio: float, columns: Array) -> "RunProducts":
-        """Products of the target and some columns in the covariance of any ratio alone.
+        """Return the products of the target and some columns in the covariance of any ratio alone.
 
         A spline over those tried: each is the same sum, so that a target which the columns explain stays
         explained.
@@ -67,12 +67,12 @@ class RunProducts:
         return replace(self, products=products, log_determinant=determinant, ratios=np.array([ratio]))
 
     def block(self, ratio: float, rows: Array, columns: Array) -> Array:
-        """Products of any columns, the target among them, with others, (row, column)."""
+        """Return the products of any columns, the target among them, with others, (row, column)."""
         at, weights = self._weighed(ratio)
         return np.asarray(np.tensordot(weights, self.products[np.ix_(at, rows, columns)], 1))
 
     def squares(self, ratio: float, columns: Array) -> Array:
-        """Products of columns with themselves, (column,)."""
+        """Return the products of columns with themselves, (column,)."""
         at, weights = self._weighed(ratio)
         return np.asarray(weights @ self.products[at[:, None], columns, columns])
 
@@ -83,7 +83,7 @@ class RunProducts:
         return bool(not ratio or logs[above] - logs[above - 1] < CLOSE)
 
     def scaled(self, factors: Array) -> "RunProducts":
-        """The products of columns times factors, (column,)."""
+        """Return the products of columns times factors, (column,)."""
         with_target = np.concatenate([[1.0], factors])
         return replace(self, products=self.products * np.outer(with_target, with_target))
 
@@ -96,13 +96,13 @@ class RunProducts:
         return np.arange(1, len(self.ratios)), np.asarray(spline(np.log(ratio)))
 
     def of(self, columns: Array) -> Array:
-        """Products of the target and some columns, (ratio, column + 1, column + 1)."""
+        """Return the products of the target and some columns, (ratio, column + 1, column + 1)."""
         at = np.concatenate([[0], columns])
         return self.products[:, at[:, None], at]
 
 
 def spline_over_ratios(ratios: Array, values: Array) -> PPoly:
-    """Spline of values at ratios (ratio,), but at the first, 0, over their logarithms."""
+    """Return the spline of values at ratios (ratio,), but at the first, 0, over their logarithms."""
     cardinal = _cardinal_splines(ratios.tobytes())
     return PPoly(cardinal.c @ values[1:], cardinal.x)
 
@@ -115,7 +115,7 @@ def _cardinal_splines(ratios: bytes) -> CubicSpline:
 
 
 def products_of(band: Array, gram: Array, table: Array, ratios: Array) -> tuple[Array, Array]:
-    """Products of a run's columns, (ratio, column, column), and the log determinant of their covariance.
+    """Return products of a run's columns, (ratio, column, column), and their covariance's log determinant.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def products_of(band: Array, gram: Array, table: Array, ratios: Array) -> tuple[
 
 
 def tried_ratios(tau: Array, step: float, near: float | None) -> Array:
-    """Ratios that are tried, 0 among them; `near` as of `RunRows.products`."""
+    """Return ratios that are tried, 0 among them; `near` as of `RunRows.products`."""
     span = np.log(ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau)))))
     logs = np.arange(span[0], span[1], step)
     if near:
@@ -199,7 +199,7 @@ def unresolved(
 
 
 def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Array) -> float:
-    """Log determinant of the Gram matrix of the free motions with unit angle and unit rate."""
+    """Return the log determinant of the Gram matrix of the free motions with unit angle and unit rate."""
     step, count = tau[1] - tau[0], len(tau)
     half = 0.5 * step * damping
     # Central differences, each angle from the two before it: a lower triangular band.

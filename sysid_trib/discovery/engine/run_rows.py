@@ -21,14 +21,14 @@ from sysid_trib.records import equilibrium, sensor, signal, smoothing
 
 # Samples per period that are kept at least for a sensor with coarse steps.
 FEWEST_PER_PERIOD = 10
-# Least rise of what a sensor shows with the angle.
+# Least slope of the sensor's reading with the angle.
 LEAST_SENSOR_GAIN = 0.05
 # Variance, over the largest by the sensor's noise, of rows that say nothing.
 SAYS_NOTHING = 1e8
 
 
 def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) -> xr.Dataset:
-    """The decay with some `per_period` samples a period, each from a parabola through its neighbours.
+    """Return the decay with some `per_period` samples a period, each from a parabola through its neighbours.
 
     A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
     and no sample enters two of them: noise stays white, and its level falls. The rounding of a sensor of
@@ -103,7 +103,7 @@ class RunRows:
         return -(self.operator @ (self.path.angle - self.path.at_samples[0])) - self.path.known_part
 
     def columns(self, trials: Sequence[TrialEffect]) -> Array:
-        """The column of each trial, (row, trial)."""
+        """Return the column of each trial, (row, trial)."""
         return self.path.columns(trials, self.operator)
 
     def coarse_columns(self, trials: Sequence[TrialEffect]) -> Array:
@@ -116,7 +116,7 @@ class RunRows:
     def products(
         self, columns: Array, near: float | None = None, *, colour: Array | None = None
     ) -> RunProducts:
-        """Products of the target and columns, (row, column), for ratios of both noises.
+        """Return the products of the target and columns, (row, column), for ratios of both noises.
 
         Parameters
         ----------
@@ -139,11 +139,11 @@ class RunRows:
         return RunProducts(products, determinants - white, ratios, said, path.sensor.innovation, level_rows)
 
     def factor(self, ratio: float) -> Array:
-        """Cholesky factor of the covariance of the rows, in units of the variance of the sensor's noise."""
+        """Return the Cholesky factor of the rows' covariance, in units of the sensor noise's variance."""
         return cholesky_factor(self.band, self.path.form.gram, ratio)
 
     def whitened(self, table: Array, likelihood: Likelihood, run: int) -> Array:
-        """Columns (row, column) in which the noises of a run are white and of unit variance."""
+        """Return columns (row, column) in which the noises of a run are white and of unit variance."""
         return whiten(self.factor(float(likelihood.ratios[run])), table) / np.sqrt(likelihood.variances[run])
 
     def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
@@ -159,7 +159,7 @@ class RunRows:
     def smoothed_motion(
         self, residual: Array, errors: Array, slopes: tuple[Array, Array], ratio: float, part: float = 1.0
     ) -> Array:
-        """The most likely motion at the samples, (sample,), or a part of the way there from the path.
+        """Return the most likely motion at the samples, (sample,), or a part of the way there from the path.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class RunRows:
     def _most_likely(
         self, innovations: Array, force: Array, slopes: tuple[Array, Array], ratio: float
     ) -> Array:
-        """The most likely spline at the samples by innovations (sample,) and integrals of a force (row,)."""
+        """Return most likely spline at the samples by innovations (sample,) and force integrals (row,)."""
         splines = self.path.form.splines
         basis = seen = splines.design()
         if np.any(slopes):
@@ -235,12 +235,12 @@ class RunRows:
 
 
 def _banded(diagonals: Array, count: int) -> sp.dia_array:
-    """A lower triangle of the diagonal and those below it, each of one value or of many."""
+    """Return a lower triangle of the diagonal and those below it, each of one value or of many."""
     return sp.diags_array(diagonals, offsets=-np.arange(len(diagonals)), shape=(count, count))
 
 
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
-    """The rows of a run with a model of coefficients and stiffness `guess`, (trial + 1,)."""
+    """Return the rows of a run with a model of coefficients and stiffness `guess`, (trial + 1,)."""
     *coefficients, stiffness = guess.tolist()
     model = list(zip(trials, coefficients, strict=True))
     operator = path.operator(path.tangent(model, stiffness))

@@ -20,13 +20,13 @@ from sysid_trib.records.inputs import inputs_of, values_of_inputs
 
 # Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
-# Factor by which the reference changes at most in each. A model whose own frequency is lower than by that, or
-# none at all since forces of the motion hold it up, keeps the reference.
+# Factor by which the reference changes at most in each. A model with a lower frequency, or with none because
+# forces of the motion provide the stiffness, keeps the reference.
 MOST_RESCALED = 2.0
 
 
 def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
-    """The model fitted again, with its frequency as the reference.
+    """Return the model fitted again, with its frequency as the reference.
 
     `paths` : of the same frequency as the model's; by default the model's.
     """
@@ -58,9 +58,11 @@ ABOVE = 0.5 * smoothing.KNOTS_PER_PERIOD + 2.0
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
 # By which a partial autocorrelation is changed for the slope of the deviance.
 LITTLE_COLOUR = 0.05
-# Of the sensor's noise: what the rates of a motion and of a surface that it sticks to may differ by (rad).
+# In units of the sensor's noise: largest difference of the rates of a motion and of the surface to which it
+# sticks (rad).
 STICKING_ERRORS = 3.0
-# Of the motion's RMS rate: the least acceleration (of tau) of what passes the rate of a surface.
+# In units of the motion's RMS rate: least acceleration (by tau) of a motion that crosses the rate of a
+# surface.
 PASSING = 0.2
 
 
@@ -113,7 +115,7 @@ def fit_start_model(
 
 
 def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedModel:
-    """The model with noise of the sensor of the colour that makes its rows likeliest.
+    """Return the model with the sensor's noise of the most likely colour.
 
     Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
     tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
@@ -126,13 +128,13 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
 
 
 def with_sensor_noises(model: FittedModel, sensors: Sequence[sensor_noise.NoiseModel]) -> FittedModel:
-    """The model fitted with other noises of the sensor, one of each run."""
+    """Return the model fitted with other noises of the sensor, one of each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
     return refitted(model_fit.fit_model(paths, model.trials, model.estimate))
 
 
 def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> sensor_noise.NoiseModel:
-    """Noise of a run of the likeliest colour, of the order that its rows ask for."""
+    """Return a run's noise of the most likely colour, with the order that its rows require."""
     path = model.rows[run].path
     known, samples = path.sensor.filter_, len(path.time)
     by_colour = _likelihood_by_colour(model, run)
@@ -157,14 +159,14 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
                 best, filter_ = score, tried
             elif order >= len(known):
                 break
-    # An autoregression may be the likeliest of its kind where noise is as 1/f.
+    # An autoregression may be the most likely one of its kind for 1/f noise.
     if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
     return sensor_noise.NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
 
 
 def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], likelihood.Likelihood]:
-    """Maximum likelihood of a run's rows with noise of a whitening filter (tap,)."""
+    """Return the maximum likelihood of a run's rows with noise of a whitening filter (tap,)."""
     columns, near = range(1, 1 + model.columns), model.likelihood.ratios[[run]]
 
     def by_filter(filter_: Array) -> likelihood.Likelihood:
@@ -178,7 +180,7 @@ def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], lik
 
 
 def _flicker_filter(path: RecordPath) -> Array:
-    """Whitening filter of 1/f noise, (tap,): the coefficients of (1 - B)^d (Hosking 1981)."""
+    """Return the whitening filter of 1/f noise, (tap,): the coefficients of (1 - B)^d (Hosking 1981)."""
     per_period = 2.0 * np.pi / float(np.median(np.diff(path.form.tau)))
     k = np.arange(1, max(2 + colour.MAX_COLOUR, round(FLICKER_PERIODS * per_period)))
     return np.concatenate([[1.0], np.cumprod((k - 1.0 - FLICKER) / k)])
@@ -213,7 +215,7 @@ def _parameters_of(sensor: sensor_noise.NoiseModel) -> int:
 
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
-    """A run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
+    """Return a run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
     tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
     sensor = colour.colour_above(angle - smoothing.smooth(tau, angle)[0], tau, ABOVE)
     return _path_of(run, frequency, sensor, float(run.time.values[0]), settings)
@@ -222,7 +224,7 @@ def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> Record
 def path_like(
     near: RecordPath, run: xr.Dataset, frequency: float, origin: float, before: xr.Dataset | None = None
 ) -> RecordPath:
-    """The path of another run of the same sensor and the same held forces as one.
+    """Return another run as a path with the sensor and the held forces of a given path.
 
     `origin`, `before` : as of `RecordPath`.
     """
@@ -251,7 +253,7 @@ def _path_of(
 
 
 def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
-    """Rows in which the motion has the rate of a surface and does not pass it, (row,).
+    """Return rows in which the motion has the rate of a surface and does not pass it, (row,).
 
     Friction that holds takes any value up to its largest (Leine and Nijmeijer 2004, chapter 4): no column
     has it, and such rows say nothing of the forces.
@@ -267,7 +269,7 @@ def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
         first, end = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).T
         stay = tau[end - 1] - tau[first]
         stays = np.abs(slip[end - 1] - slip[first]) < slowest * stay
-        # A surface that moves is known to be there; what never rests for long only turns slowly.
+        # A moving surface is known to exist; a body that never rests for long only reverses slowly.
         if stay[stays].max(initial=0.0) > shortest:
             for begin, after in zip(first[stays], end[stays], strict=True):
                 sticking[begin:after] = True
@@ -275,5 +277,5 @@ def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
 
 
 def default_shapes(force: Force) -> dict[str, float]:
-    """Shape parameters of a force by their names, `dahl.s`."""
+    """Return the shape parameters of a force by their names, `dahl.s`."""
     return {f"{force.symbol}.{name}": shape.default for name, shape in force.shape.items()}

@@ -1,4 +1,4 @@
-"""Values of a history-dependent force along a given motion by linear steps: fast, for many shapes.
+"""Return values of a history-dependent force along a motion for many values of its shapes, fast.
 
 One state may have any rate: its whole course is linearised, and where the rate is not linear solved again
 until it settles. Several states follow one after another where their rates are linear with constant
@@ -19,14 +19,14 @@ from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Names
 from sysid_trib.simulation.internal_states import is_linear, is_stepped
 
-# Part by which a motion is larger, of which a force changes to this order.
+# Relative increase of the motion, in which a force changes to this order.
 LARGER = 1e-5
 # Radau's method of order 3 (Hairer and Wanner 1996, IV.5): stages at a third and at the end of a step. It is
 # stiffly accurate: a state that follows at once is followed.
 RADAU_STAGES = (1.0 / 3.0, 1.0)
 RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
-# Newton's iteration ends where what is not linear moves the state by less than this part of its size; the
-# steps themselves are not as good.
+# Newton's iteration ends if the nonlinear part moves the state by less than this part of its size; the error
+# of the steps is larger.
 NEWTON_TOLERANCE, MAX_NEWTON = 1e-6, 60
 # LAPACK's, of banded triangular systems of real and of complex numbers.
 TRIANGULAR_SOLVERS = {kind: get_lapack_funcs("tbtrs", dtype=kind) for kind in "dD"}
@@ -61,7 +61,7 @@ class GivenMotion:
         return GivenMotion(self.tau, x, v, self.time)
 
     def names(self, tau: Array) -> dict[str, Any]:
-        """Variables of the formulas that the motion gives."""
+        """Return the variables of the formulas that the motion gives."""
         return {"x": self.x(tau), "v": self.v(tau), "t": np.interp(tau, self.tau, self.time)}
 
     @cached_property
@@ -76,7 +76,7 @@ class GivenMotion:
 
 
 def _zeros(spline: PPoly) -> Array:
-    """Zeros of a continuous spline of cubics, (zero,), between its ends.
+    """Return the zeros of a continuous spline of cubics, (zero,), between its ends.
 
     Looked for where the spline's Bernstein coefficients, between which it lies, differ in sign: in one step
     of dozens, where a motion is followed closely.
@@ -86,7 +86,7 @@ def _zeros(spline: PPoly) -> Array:
     bounds = [value, value + slope / 3.0, value + (2.0 * slope + square) / 3.0]
     bounds.append(value + slope + square + cubic)
     at = np.flatnonzero((np.min(bounds, axis=0) <= 0.0) & (np.max(bounds, axis=0) >= 0.0))
-    # Steps of unit length side by side, between them what has no zero.
+    # Steps of unit length side by side, separated by values without a zero.
     parts = np.zeros((4, 2 * len(at)))
     parts[:, ::2], parts[-1, 1::2] = [cubic[at], square[at], slope[at], value[at]], 1.0
     zeros = PPoly(parts, np.arange(2.0 * len(at) + 1.0)).roots(False, False) if len(at) else np.empty(0)
@@ -96,7 +96,7 @@ def _zeros(spline: PPoly) -> Array:
 
 
 def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
-    """Values of a history-dependent force along a motion for many values of its shape parameters, fast.
+    """Return values of a history-dependent force along a motion for many values of its shapes, fast.
 
     Parameters
     ----------
@@ -123,7 +123,7 @@ def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str
         values = dict(zip(force.shape, np.array([key[1] for key in missing]).T, strict=True))
         with np.errstate(all="ignore"):
             memory = _memory(motion, force, values, len(missing))
-            # Column by column: what is not finite in one leaves the others alone.
+            # Column by column: a column that is not finite does not affect the others.
             for i, key in enumerate(missing):
                 column, held = ({k: q[i] for k, q in values.items()}, {k: m[:, i] for k, m in memory.items()})
                 followed[key] = _stepped_value(motion, force, column, held)
@@ -169,12 +169,12 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
 
 
 def _start_of(motion: GivenMotion, force: Force, shapes: Mapping[str, Any]) -> dict[str, Any]:
-    """States and memory of a force at the first sample."""
+    """Return the states and memory of a force at the first sample."""
     return force.start_values({k: value[0] for k, value in motion.at_samples.items()} | dict(shapes))
 
 
 def _memory(motion: GivenMotion, force: Force, shapes: Mapping[str, Any], count: int) -> dict[str, Array]:
-    """Memory that depends on no state, (sample, column), for `count` values of the shape parameters."""
+    """Return memory that depends on no state, (sample, column), for `count` values of the shapes."""
     tau, start = motion.reversals, _start_of(motion, force, shapes)
     held = {k: np.empty((1 + tau.size, count)) for k in force.memory}
     for k, values in held.items():
@@ -191,8 +191,9 @@ def _memory(motion: GivenMotion, force: Force, shapes: Mapping[str, Any], count:
 def _stepped_value(
     motion: GivenMotion, force: Force, shapes: Mapping[str, Any], memory: Mapping[str, Array]
 ) -> Array:
-    """The force at the samples, its states followed by steps from sample to sample."""
-    # A step lies between two reversals but for the one that holds it; there the new memory rules.
+    """Return the force at the samples, its states followed by steps from sample to sample."""
+    # A step lies between two reversals, except the one that contains a reversal; there the new memory
+    # applies.
     names = motion.at_stages | dict(shapes) | {k: m[1:] for k, m in memory.items()}
     start, step, states = _start_of(motion, force, shapes), np.diff(motion.tau), {}
     if force.state:
@@ -227,7 +228,7 @@ def _single(force: Force, step: Array, names: Names, start: Mapping[str, float])
 
 
 def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
-    """States with constant coefficients, (state, sample).
+    """Return states with constant coefficients, (state, sample).
 
     Schur's form is triangular, so that the last follows alone and each other one is driven by those after it;
     unlike eigenvectors it serves where two eigenvalues are equal, as at critical damping.
@@ -245,8 +246,8 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     forcing = np.stack([sum(c * part for c, part in zip(row, forcing, strict=True)) for row in inverse])
     first = inverse @ [start[k] for k in rates]
     states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(forcing)
-    # Where all steps are alike, so is what each does.
-    # Steps that differ by no more than this part of themselves differ by rounding.
+    # Equal steps have equal effects. Steps that differ by no more than this part of themselves differ by
+    # rounding.
     step = np.asarray(np.mean(step)) if np.ptp(step) <= 1e-9 * abs(step[0]) else step
     for i in reversed(range(len(rates))):
         length = step * _stretch(step * triangle[i, i])
@@ -269,14 +270,14 @@ def _stretch(pull: Array) -> Array:
 
 
 def _radau_steps(start: complex, forcing: Array, pull: Array) -> tuple[Array, Array]:
-    """y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
+    """Return the y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
 
     `forcing` : (stage, step); `pull` : (stage, step), (step,), or one for all.
     """
     (a, b), (c, d) = RADAU_WEIGHTS
     early, late = pull if np.ndim(pull) == 2 else (pull, pull)
     first, second = a * forcing[0] + b * forcing[1], c * forcing[0] + d * forcing[1]
-    # The rates of both stages hold both: two equations in two values, of which the second ends the step.
+    # The rate of each stage contains both values: two equations in two values; the second ends the step.
     diagonal, below = 1.0 - a * early, c * early
     determinant = diagonal * (1.0 - d * late) - b * late * below
     factor = (diagonal + below) / determinant

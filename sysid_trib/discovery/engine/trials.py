@@ -81,7 +81,7 @@ class Settings:
 
     @staticmethod
     def table() -> list[tuple[str, str, str, str]]:
-        """Name, default, what it decides and its source, of each: `settings.toml`."""
+        """Name, default, meaning and source of each setting (`settings.toml`)."""
         texts = tomllib.loads(Path(__file__).with_name("settings.toml").read_text(encoding="utf-8"))
         return [(entry.name, f"{entry.default:g}", *texts[entry.name]) for entry in fields(Settings)]
 
@@ -108,7 +108,7 @@ class TrialEffect:
     starts: tuple["TrialEffect", ...] = field(default=(), compare=False)
 
     def value(self, name: str) -> float:
-        """Value of a shape parameter."""
+        """Return the value of a shape parameter."""
         return self.shapes[f"{self.force.symbol}.{name}"]
 
     def part(self, name: str) -> float:
@@ -116,7 +116,7 @@ class TrialEffect:
         return self.force.shape[name].position(self.value(name))
 
     def end(self, name: str) -> int:
-        """-1 or 1 of a shape parameter at the low or the high end of its range, else 0."""
+        """Return -1 or 1 for a shape parameter at the low or the high end of its range, else 0."""
         part = self.part(name)
         return -1 if part <= END else 1 if part >= 1.0 - END else 0
 
@@ -132,7 +132,7 @@ class TrialEffect:
         return replace(self, shapes={**self.shapes, f"{self.force.symbol}.{name}": value})
 
     def referred(self, factor: float) -> "TrialEffect":
-        """The effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
+        """Return effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
         powers = reference_powers(self.force)
         if powers is None or not self.shapes:
             return self
@@ -147,7 +147,7 @@ class TrialEffect:
 
 
 def reference_power(force: Force) -> float:
-    """Power of the reference frequency of a coefficient; where none is known, that of a force of x alone."""
+    """Return power of the reference frequency in a coefficient; if unknown, that of a force of x alone."""
     powers = reference_powers(force)
     return -2.0 if powers is None else powers[""]
 
@@ -155,7 +155,7 @@ def reference_power(force: Force) -> float:
 def trials_of(
     candidates: Iterable[Force], frequencies: Sequence[float], w: float, settings: Settings = DEFAULTS
 ) -> list[TrialEffect]:
-    """Every candidate at a grid of its shape parameters.
+    """Return every candidate at a grid of its shape parameters.
 
     Parameters
     ----------
@@ -182,7 +182,7 @@ def trials_of(
 
 
 def frequencies_of(trial: TrialEffect, w: float) -> list[float]:
-    """Frequencies (rad/s) at which a force is periodic or resonates, with `w` rad/s as the reference."""
+    """Return frequencies (rad/s) at which a force is periodic or resonates; `w` rad/s is the reference."""
     force, frequencies = trial.force, list[float]()
     for name in force.shape:
         if is_frequency_parameter(force, name):
