@@ -17,6 +17,7 @@ from sysid_trib.forces.library import library_of_text
 from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.questions.difference import held_against
+from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.inputs import KnownInput, constants_of, inputs_of
 from sysid_trib.results.files import save
 from sysid_trib.simulation.simulate import trajectory
@@ -344,3 +345,22 @@ def test_load_dependent_friction_predicts_a_gain_that_was_kept_back():
     first, second = errors.values()
     assert second < 0.75 * first
     assert all(first >= second for first, second in pairwise(errors.values()))
+
+
+def test_a_sensor_at_the_end_of_its_range_is_refused_in_a_sentence(folder, tmp_path):
+    lines = (folder / "kp400_sweep.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    cut = [",".join([row[0], f"{min(float(row[1]), 0.5):.6f}", *row[2:]]) for row in rows]
+    (tmp_path / "cut.csv").write_text("\n".join([lines[0], *cut]), encoding="utf-8")
+    (tmp_path / "servo.toml").write_text(servo.library_text(0.003), encoding="utf-8")
+    ending = command(tmp_path, ["cut.csv"], ("gravity", "motor", "lambda"))
+    assert ending.status == 1
+    assert "The sensor saturates: the angle is cut off at 0.5 rad" in ending.err
+    assert ending.err.count("\n") == 1
+
+
+@pytest.mark.skipif(not servo.FOLDER.is_dir(), reason="no measured servo")
+def test_an_arm_that_rests_at_its_largest_angle_is_no_sensor_that_saturates():
+    for gain, motion in ((100, "lift_and_drop"), (400, "up_and_down")):
+        (part,) = driven_parts(servo.run_of(gain, motion))
+        assert part.sizes["time"] > 1000
