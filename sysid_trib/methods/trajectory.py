@@ -93,6 +93,10 @@ class Trajectory(Constrained):
     exact motions, so that switching times and the stop take part. Each of several runs is weighted by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
     rule. A parameter at its bound is held there; all errors are those of the fit in which it is free.
+
+    Where the residual of driven runs is not white, errors are the scatter between runs (six or more), and at
+    least that between 24 parts of them: the jackknife to first order (Bell and McCaffrey 2002, CR3). A term
+    of the sensor of formula `1` is the zero of all runs.
     """
 
     reference_frequency: float | None = None
