@@ -43,7 +43,7 @@ CONVERGED_DRIVEN = 1e-7
 # phase.
 FOLLOWED_DRIVEN = 0.3
 # Parts of all runs between which a model that lacks something scatters; from so many runs on, these do.
-PARTS, FEWEST_CLUSTERS = 24, 6
+PARTS_OF_RUNS, FEWEST_CLUSTERS = 24, 6
 # A motion whose sensitivities, whitened, are beyond this has diverged; their squares are still numbers.
 LARGEST_SENSITIVITY = 1e100
 # Part of what decides a parameter that its cluster leaves to the others, at least.
@@ -122,7 +122,7 @@ class Fit:
     @cached_property
     def covariance_between_parts(self) -> Array:
         """Return the covariance of all parameters where the residual is correlated within parts of runs."""
-        return self._covariance_between(self._ends(-(-PARTS // len(self.problem.records))))
+        return self._covariance_between(self._ends(-(-PARTS_OF_RUNS // len(self.problem.records))))
 
     def _ends(self, parts: int) -> list[int]:
         """Return the samples at which parts of runs end, the last left out; each run has so many parts."""
@@ -144,8 +144,8 @@ class Fit:
         changes = []
         for rows, part in zip(np.split(basis[:, known], ends), np.split(self.residual, ends), strict=True):
             leverage, directions = np.linalg.eigh(rows.T @ rows)
-            left = np.maximum(1.0 - leverage, LEAST_LEFT)
-            changes.append(directions @ ((directions.T @ (rows.T @ part)) / left))
+            remaining = np.maximum(1.0 - leverage, LEAST_LEFT)
+            changes.append(directions @ ((directions.T @ (rows.T @ part)) / remaining))
         to_free = (axes[known] / singular[known, None]).T / size[:, None]
         table = np.stack(changes) @ (self.parameters.jacobian(self.values) @ to_free).T
         return np.asarray(table.T @ table * (1.0 - 1.0 / len(table)))

@@ -53,8 +53,8 @@ def _stays(values: Array) -> list[slice]:
         # The steps next to a stay are cut in part.
         before = steps[max(0, stay.start - 1 - FEWEST_FAST) : max(0, stay.start - 1)]
         after = steps[stay.stop : stay.stop + FEWEST_FAST]
-        beside = np.append(before, after)
-        is_long = stay.stop - stay.start >= FEWEST_EQUAL and len(beside) == 2 * FEWEST_FAST
-        return is_long and bool(np.min(beside) > fast)
+        around = np.append(before, after)
+        is_long = stay.stop - stay.start >= FEWEST_EQUAL and len(around) == 2 * FEWEST_FAST
+        return is_long and bool(np.min(around) > fast)
 
     return [stay for stay in stays if is_cut(stay)]
