@@ -27,8 +27,8 @@ COLUMNS = {"goal": "goal position", "on": "torque on"}
 # Duty ratio by gain and error of position (1/rad), of SOURCE.md of the data.
 DUTY_RATIO = 0.00287746
 BASE = ("gravity", "tilt", "motor", "back_emf", "lambda", "zeta")
-# Friction laws that are held against each other, by the further forces of each. The Stribeck speed is held at the
-# library's value: if it is fitted, the sum of squares has several minima.
+# Friction laws that are held against each other, by the further forces of each. The Stribeck speed is that of
+# the library: if it is fitted, the sum of squares has several minima.
 LAWS: dict[str, tuple[str, ...]] = {
     "Coulomb and viscous": (),
     "with Stribeck": ("stribeck",),
