@@ -165,21 +165,27 @@ def prediction(
             print(f"{law:52s} {gain:5d} {error:10.1f}", flush=True)
 
 
+# Runs of one half, of twelve in the order of motions and then gains: each has a gain or two of every motion.
+HALVES = ((0, 2, 4, 6, 8, 10), (0, 1, 5, 6, 7, 11), (2, 4, 5, 6, 9, 11))
+
+
 def halves() -> None:
     """Fits of disjoint halves of the runs: difference of each parameter over its error."""
     runs = [run_of(gain, motion) for motion in MOTIONS for gain in gains()]
-    both = [fitted(runs[at::2], CHOSEN)[0] for at in (0, 1)]
-    values, errors = (
-        np.array([of[name].values for of in both]) for name in ("coefficient", "standard_error")
-    )
-    known = (errors > 0.0).all(axis=0)
-    z = (values[0] - values[1])[known] / np.hypot(*errors)[known]
-    names = both[0].force.values[known].tolist()
-    print(
-        "halves of the runs, difference over its error: "
-        + ", ".join(f"{name} {value:+.1f}" for name, value in zip(names, z, strict=True))
-    )
-    print(f"    RMS {np.sqrt(np.mean(z**2)):.2f}", flush=True)
+    sizes = []
+    for half in HALVES:
+        others = [at for at in range(len(runs)) if at not in half]
+        both = [fitted([runs[at] for at in part], CHOSEN)[0] for part in (half, others)]
+        values, errors = (
+            np.array([of[name].values for of in both]) for name in ("coefficient", "standard_error")
+        )
+        known = (errors > 0.0).all(axis=0)
+        z = (values[0] - values[1])[known] / np.hypot(*errors)[known]
+        names = both[0].force.values[known].tolist()
+        sizes.append(float(np.sqrt(np.mean(z**2))))
+        each = ", ".join(f"{name} {value:+.1f}" for name, value in zip(names, z, strict=True))
+        print(f"halves of the runs, difference over its error: {each}; RMS {sizes[-1]:.2f}", flush=True)
+    print(f"    RMS of {len(HALVES)} divisions {np.sqrt(np.mean(np.square(sizes))):.2f}", flush=True)
 
 
 def free() -> None:
