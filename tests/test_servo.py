@@ -255,7 +255,7 @@ def test_parameters_leave_with_their_covariance_as_toml_and_json(joint, runs, tm
     [
         ("kp=torque on", "goal=goal position,on=torque on", "the constant kp changes within the run"),
         ("kp=gain", "goal=goal position,on=torque on", "the constant kp is not known"),
-        ("kp=1,2,3", "goal=goal position,on=torque on", "holds 3 values for 1 records"),
+        ("kp=1,2,3", "goal=goal position,on=torque on", "contains 3 values for 1 records"),
         ("kp=kp", "on=torque on", "contains the input goal, which this record lacks"),
         ("kp=kp", "kp=kp,goal=goal position", "given as an input and as a constant"),
     ],
