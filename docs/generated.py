@@ -123,7 +123,7 @@ def _blow(folder: Path) -> None:
 def printed(*words: str) -> str:
     """What a command prints."""
     with contextlib.chdir(_folder()):
-        ending = CliRunner().invoke(app, words, catch_exceptions=False)
+        ending = CliRunner().invoke(app, words, catch_exceptions=False, prog_name="sysid-trib")
     if ending.exit_code:
         raise RuntimeError(f"{shlex.join(words)}: {ending.output}")
     return "\n".join(line.rstrip() for line in ending.stdout.splitlines())

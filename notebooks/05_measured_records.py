@@ -55,7 +55,7 @@ if not QUICK:
 
 
 def identified(decay: xr.Dataset, symbols: str) -> xr.DataTree:
-    """Averaging and direct on the same forces, held against each other, with their residuals."""
+    """Compare averaging and direct with the same forces, and show their residuals."""
     library = everything.select(symbols.split())
     first, second = (st.identify(decay, library, method) for method in (m.Averaging(), m.Direct()))
     tree = st.cross_check(decay, first, second)

@@ -39,7 +39,7 @@ def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, uni
     values : array_like
         The values.
     long_name : str
-        What they are.
+        Meaning of the variable.
     units : str
         Their unit, "1" of a pure number; none of texts and of true or false.
     """

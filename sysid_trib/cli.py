@@ -33,7 +33,7 @@ def main() -> None:
         sys.unraisablehook = _pass_interrupts_over
         status, message = _outcome()
     except KeyboardInterrupt:
-        # It came before there was a command to end, or was the second one.
+        # The interrupt came before the command began, or was the second one.
         came.append(signal.SIGINT)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if came or status == INTERRUPTED:

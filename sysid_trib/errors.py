@@ -11,7 +11,7 @@ class SysidTribError(ValueError):
     Parameters
     ----------
     message : str
-        What is wrong, where, and what to do. It may quote a file: no letter of that steers a terminal.
+        The fault, its place, and the remedy. It may quote a file: control characters are removed.
     """
 
     exit_status = 1
@@ -60,7 +60,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     name : str
         As it was given.
     known : iterable of str
-        What there is.
+        Known names.
     """
     by_lower = {text.lower(): text for text in known}
     near = get_close_matches(name.strip().lower(), by_lower, n=1)
@@ -76,7 +76,7 @@ class Tell(Protocol):
         Parameters
         ----------
         activity : str
-            What begins, or goes on.
+            Work that begins, or goes on.
         done : float, optional
             Part of it that is done, 0 to 1, from which the time left follows.
         """

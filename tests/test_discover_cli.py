@@ -84,7 +84,7 @@ def test_twin_is_explained_by_its_two_elastic_forces(twin):
         assert step["gain"] > 20.0
         assert step["prediction_z"] > 0.0
         assert 0.0 <= step["random_force_after"] <= step["random_force_before"]
-        assert step["probability_of_chance"] == 0.0
+        assert step["chance_probability"] == 0.0
     assert found["converged"] is True
     assert set(tree.children) == CHILDREN
     # The noise is known from twelve rows a period of two thirds of the record, to four percent.
@@ -167,7 +167,7 @@ def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
     ending = small(folder, folder / "even.csv", "--json", "-o", tmp_path / "even.nc")
     found = json.loads(ending.out)
     assert found["verdict"] == "unknown effect"
-    assert found["generic_p_value"] < 0.01
+    assert found["omnibus"]["p_value"] < 0.01
     told = story(load(tmp_path / "even.nc"))
     assert re.search(
         "Unknown effect: (with .* )?the model (is approximate|does not explain the record)", told
@@ -195,7 +195,7 @@ def test_runs_that_differ_are_told(folder, tmp_path):
     (step,) = agreeing["steps"]
     assert step["symbol"] == "cubic"
     assert abs(step["coefficient"] - 0.8) < 4.5 * step["standard_error"]
-    told = agreeing["run_differences"]
+    told = agreeing["homogeneity"]
     assert told["chi_square"][0] < told["gain"][0]
     assert told["p_value"][-1] > 1e-3
 

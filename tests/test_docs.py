@@ -15,12 +15,12 @@ from command_line import write_csv
 from numpydoc.validate import validate
 
 import sysid_trib as st
+from sysid_trib.printing.campaign import difference_json
 from sysid_trib.printing.comparison import comparison_json
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.driven import driven_json, prediction_json
 from sysid_trib.printing.identification import identification_json
 from sysid_trib.printing.laws import laws_json
-from sysid_trib.printing.layout import mapped
 from sysid_trib.questions.difference import held_against
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -184,9 +184,7 @@ def test_json_keys_are_those_documented(generated):
         "discover": discovery_json(results["discover"]),
     }
     record, library = [results["identify"]["record"].to_dataset()], st.load_library().select(["zeta"])
-    printed["difference"] = mapped(
-        held_against(record, record, library, st.methods.Direct()).to_dataset(), "difference"
-    )
+    printed["difference"] = difference_json(held_against(record, record, library, st.methods.Direct()))
     printed["laws"] = laws_json(results["laws"])
     driven = results[generated.DRIVEN]
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())

@@ -126,7 +126,7 @@ def test_across_a_gap_a_record_is_predicted_where_its_input_is_known(whole: xr.D
 def test_a_record_of_short_parts_alone_is_refused_with_its_gaps(whole: xr.Dataset) -> None:
     kept = np.mod(TIME, 1.5) < 0.9
     with pytest.raises(
-        DecayError, match=r"Gaps part this record \(0\.88 to 1\.5 s, .* lasts for two periods"
+        DecayError, match=r"Gaps divide this record \(0\.88 to 1\.5 s, .* lasts for two periods"
     ):
         st.identify(whole.isel(time=kept), FORCES, DIRECT)
 

@@ -158,7 +158,7 @@ FAIL = {
     'st.validation.profile(decay, r.tree, ["zeta"])': "st.best(result)",
     "st.control.damp(r.tree)": "st.best(result)",
     "st.difference(r.tree, df)": "not one of each",
-    "st.read_record(df)": "what is in memory is a record as it is",
+    "st.read_record(df)": "data in memory are used directly",
     'st.campaign([df], "plan", output="a.zarr")': "task 'plan' is unknown",
     'st.load("nothing.nc")': "There is no file",
 }

@@ -159,7 +159,7 @@ def test_a_hand_that_stops_the_swing_is_cut_off(pendulum, instant, took, rest, n
     angle += noise * np.random.default_rng(2).standard_normal(angle.size)
     decay = free_decay(record(PENDULUM, angle))
     assert instant - 1.6 < decay["time"][-1] < instant + 0.01
-    assert "leaves the course of the decay" in decay.attrs["free_decay"]
+    assert "deviates from the decay" in decay.attrs["free_decay"]
     assert "stop_time" not in decay
 
 
@@ -212,7 +212,7 @@ REFUSED = {
     "no decay": (T, linear(T, zeta=0.0), "does not decay"),
     "clipped": (T, np.clip(linear(T), -0.02, 0.02), r"clipped at -0\.02 or 0\.02, to the end"),
     "clipped on one side": (T, np.clip(linear(T), -1, 0.015), "at least five are needed"),
-    "pulses": (T, 90.0 - 70.0 * np.exp(-((linear(T) / 0.03) ** 4)), "pulses, as that of a light barrier"),
+    "pulses": (T, 90.0 - 70.0 * np.exp(-((linear(T) / 0.03) ** 4)), "pulses, like that of a light barrier"),
     "missing value": (
         T,
         np.where(np.arange(T.size) == 700, np.nan, linear(T)),

@@ -66,7 +66,8 @@ PHRASES = re.compile(
 )
 # First words of docstrings that begin with a clause, a preposition or a pronoun.
 CLAUSE = re.compile(
-    r"(?:What|How|Which|That|Whether|If|Nor|Not|No|None|Where|When|Why|Of|Those|These|The same|One that|It|So"
+    r"(?:(?:Return|Yield) (?:what|how|why|where|whether|which|it|by how)"
+    r"|What|How|Which|That|Whether|If|Nor|Not|No|None|Where|When|Why|Of|Those|These|The same|One that|It|So"
     r"|As|At|By|Up|In|On|For|From|With|Without|Beside|Only|Both|Along|Above|Below|Over|Until|Else|To)\b"
 )
 # First words of docstrings that begin with a noun phrase.

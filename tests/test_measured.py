@@ -70,3 +70,21 @@ def test_far_beyond_weak_nonlinearity_there_is_a_verdict_or_a_reason(data_folder
     """The whole record, released at 2.4 rad: no model of the six follows it, and this must be said."""
     path = data_folder / "single_pendulum" / "free_swing.csv"
     assert refuted(identified(path))
+
+
+@pytest.mark.slow
+def test_the_same_model_of_the_ship_has_one_verdict_in_identify_and_discover(data_folder):
+    """The search ends with a model that `identify` judges to be approximate: so does discover."""
+    path = data_folder / "roll_decay" / "model_test_21337.csv"
+    ending = run("discover", path, "--system", "ship", "--json")
+    assert (ending.status, ending.err) == (0, "")
+    searched = json.loads(ending.out)
+    for name, of_search in (("before", searched["start_model"]), ("after", searched["model"])):
+        forces = ",".join(of_search["coefficients"])
+        found = identified(path, "--system", "ship", "--forces", forces)
+        direct, judged = found["judged"]["direct"], searched["judged"][name]
+        assert judged["verdict"] == direct["verdict"] == "approximate"
+        for size in ("residual_rms", "residual_over_noise", "residual_over_motion", "p_value"):
+            assert judged[size] == pytest.approx(direct[size], rel=1e-3)
+        assert searched["noise"] == pytest.approx(found["noise"], rel=1e-6)
+    assert "The model is approximate" in run("discover", path, "--system", "ship").out.splitlines()[0]

@@ -30,15 +30,15 @@ def tree() -> xr.DataTree:
 def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
     (step,) = (tree["steps"].to_dataset().isel(step=at) for at in range(tree["steps"].attrs["count"]))
     assert step.symbol.item() == "power_damping"
-    assert replacing_pairs(step) == ["lambda and delta"]
+    assert replacing_pairs(step) == [["lambda", "delta"]]
     assert effect_with_ties(step) == "power_damping (or lambda and delta)"
     assert tied_name(step, 1) == "power_damping or lambda and delta"
     (found,) = discovery_json(tree)["steps"]
-    assert found["indistinguishable_pairs"] == [["lambda", "delta"]]
+    assert found["pairs"] == [["lambda", "delta"]]
     assert found["pair_odds"] > 1.0 / 19.0
     save(tree, tmp_path / "found.nc")
     again = load(tmp_path / "found.nc")["steps"].to_dataset().isel(step=0)
-    assert replacing_pairs(again) == ["lambda and delta"]
+    assert replacing_pairs(again) == [["lambda", "delta"]]
 
 
 def test_an_effect_of_no_shape_has_no_pairs():

@@ -9,7 +9,7 @@ import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.plots.over_time import MOST_POINTS
 from sysid_trib.simulation.simulate import trajectory
-from sysid_trib.validation.lack_of_fit import residual_force
+from sysid_trib.validation.missing_force import residual_force
 
 
 def test_a_long_record_keeps_its_peaks_on_paper():

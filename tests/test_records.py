@@ -319,7 +319,7 @@ def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):
     assert read_record(plain, units="furlong").attrs["reading"] == said
     assert "known are" not in read_record(plain, units="px").attrs["reading"]
     # A slip in the unit of an angle would leave coefficients off by powers of it.
-    with pytest.raises(UsageError, match=r"'degr' is no unit of an angle that is known; give rad, mrad, deg"):
+    with pytest.raises(UsageError, match=r"'degr' is no known unit of an angle; give rad, mrad, deg"):
         read_record(plain, units="degr", signal="angle")
 
 

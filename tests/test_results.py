@@ -177,8 +177,8 @@ def test_a_result_may_be_read_by_all_whom_the_umask_allows(tmp_path):
 SHOWN = {
     "by_command.nc": "this is a result of identify, no record; sysid-trib report by_command.nc -o by_command",
     "from_python.nc": "this is a result of direct, no record; sysid-trib report from_python.nc",
-    "printed.json": "this is what a command printed with --json, no record; -o RESULT.nc keeps",
-    "facts.json": "this is what a command printed with --json",
+    "printed.json": "this is the output of a command with --json, no record; -o RESULT.nc saves",
+    "facts.json": "this is the output of a command with --json",
     "page.html": "this is a page of HTML, no record; a browser shows it",
     "many.zarr": "this is the store of a campaign, no record; its page many.html shows it",
     # Not of this package: what was said of it before is right.

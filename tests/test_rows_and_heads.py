@@ -196,7 +196,7 @@ def test_objects_of_matlab_are_named_with_how_to_save_them(tmp_path, name, varia
     buffer = io.BytesIO()
     scipy.io.savemat(buffer, variables)
     (tmp_path / "r.mat").write_bytes(buffer.getvalue() + _objects(name, name))
-    with pytest.raises(RecordError, match=rf"r.mat: holds objects of MATLAB \({name}\).*save") as refusal:
+    with pytest.raises(RecordError, match=rf"r.mat: contains objects of MATLAB \({name}\).*save") as refusal:
         read_record(tmp_path / "r.mat")
     assert "damaged" not in str(refusal.value)
     scipy.io.savemat(tmp_path / "r.mat", {"tout": TIME, "theta": SWING})
@@ -216,7 +216,7 @@ def test_units_in_a_list(tmp_path):
 
 def test_what_swings_about_gravity_is_no_angle(tmp_path):
     felt = 9.4 + 14.0 * SWING
-    with pytest.raises(UsageError, match=r"swings about 9\.\d+, as an accelerometer .*--units m/s\^2"):
+    with pytest.raises(UsageError, match=r"swings about 9\.\d+, like an accelerometer .*--units m/s\^2"):
         record_of(tmp_path, "t,s1\n" + rows(TIME, felt))
     assert record_of(tmp_path, "t,s1\n" + rows(TIME, felt), units="deg").attrs["signal"] == "angle"
     assert record_of(tmp_path, "t,theta\n" + rows(TIME, felt)).attrs["signal"] == "angle"
@@ -249,7 +249,7 @@ def test_a_swing_that_a_tracker_shows_wrongly_is_left_out(wrong):
     decays = st.records.free_decays(tracked(*wrong))
     said = " ".join(decay.attrs["free_decay"] for decay in decays)
     assert f"{len(wrong)} half period" in said
-    assert "as where a tracker is wrong" in said
+    assert "like an error of a tracker" in said
     for instant, _ in wrong:
         assert not any(np.any(np.abs(decay.time.values - instant) < 0.1) for decay in decays)
 

@@ -49,7 +49,8 @@ def _compact(found: Mapping[str, Any]) -> Answer:
         words[f"step {number}"] = step["symbol"]
         words[f"beside step {number}"] = sorted(one["symbol"] for one in step["indistinguishable_from"])
         p_values[f"step {number}"] = step["p_value"]
-    p_values |= {key: found[key] for key in ("generic_p_value", "noise_p_value") if key in found}
+    if "omnibus" in found:
+        p_values |= {"omnibus": found["omnibus"]["p_value"], "noise_p_value": found["noise_p_value"]}
     return {"words": words, "values": values, "p": {k: _rounded(v) for k, v in p_values.items()}}
 
 

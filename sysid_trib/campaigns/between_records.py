@@ -14,7 +14,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
 from sysid_trib.validation.refits import at_reference
 
-# Of each quantity, over all of them (Bonferroni): below it a condition acts, or runs scatter.
+# Family-wise level of each quantity (Bonferroni): below it a condition acts, or runs scatter.
 VARIES_LEVEL = 0.01
 COMMON, UNDECIDED_RUNS = "common", "too few runs"
 
@@ -66,7 +66,7 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
     Returns
     -------
     table : DataFrame
-        Those whose effects a fit can tell apart.
+        Conditions with separable effects.
     collinear : dict of str to str
         Each of the others, and with which it goes: `'load'`, or `'load', 'speed' together`.
     """

@@ -26,13 +26,13 @@ from sysid_trib.errors import Tell, UsageError, silent
 # block.
 BLOCKS, LARGEST_BLOCK = 1000, 100
 EXTRA = ("distributed", "zarr")
-# How often it is looked whether workers are there, s; on a busy machine one that starts anew takes more than
-# the 15 s after which dask gives its place up.
+# Interval at which the workers are counted, s; on a busy machine a new worker takes more than the 15 s after
+# which dask gives its place up.
 LOOKED_AFTER, STARTS_WITHIN = 20.0, "120s"
-# How often a block is given to another worker when one dies.
+# Number of workers that may die with a block before it is given up.
 DEATHS = 10
-# How often each process looks whether its loop still turns, and at the load of the machine; as often as dask
-# does by itself (20 ms, 0.5 s), idle processes take a twentieth of a core.
+# Intervals at which each process checks its loop, and the load of the machine; at dask's defaults (20 ms, 0.5
+# s) idle processes take a twentieth of a core.
 TICK, MONITOR = "500ms", "5s"
 # Variable by which Python leaves out the current folder.
 SAFE_PATH = "PYTHONSAFEPATH"
@@ -63,7 +63,8 @@ def campaign(
         Processes on this machine; 0: this process alone, without dask. Or the address of a scheduler of dask
         (tcp://...), whose workers see the files under the same names.
     memory : str
-        Of each process on this machine ("2GB"), by default its part of all; one that needs more is replaced.
+        Limit of each process on this machine ("2GB"), by default its share of all; a process that needs more
+        is replaced.
     tell : Tell, optional
         Called with what is done and what failed.
 
@@ -217,7 +218,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
             return
         with _interrupts_held():
             local = LocalCluster(
-                # One that dies while it starts must not end the others: they are asked for below.
+                # A worker that dies while it starts must not end the others: they are awaited below.
                 n_workers=0,
                 threads_per_worker=1,
                 memory_limit=memory,

@@ -41,7 +41,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
     Parameters
     ----------
     store : Dataset
-        Of a campaign.
+        Store of a campaign.
     method : str
         Label of the identification.
 
@@ -98,9 +98,9 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
     try:
         with path.open() as file:
             heading = file.readline()
-        # As spreadsheets write it where the comma is the decimal mark.
+        # Separator of spreadsheets in which the comma is the decimal mark.
         marks = {"sep": ";", "decimal": ","} if ";" in heading and "," not in heading else {}
-        # As they are copied out of one.
+        # Separator of cells that are copied out of a spreadsheet.
         marks = {"sep": "\t"} if "\t" in heading and "," not in heading else marks
         table = pd.read_csv(path, skipinitialspace=True, **marks)
     except (OSError, ValueError) as error:

@@ -41,7 +41,7 @@ VARIABLES = {
     name: (tuple(dims.split()), units, meaning)
     for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
 }
-# As numpy has what is no number, texts with their length: a million records of 400 letters are 1.6 GB.
+# NumPy's nan for missing numbers; texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
     **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
     **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},
@@ -68,12 +68,12 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     Parameters
     ----------
     folder : Path
-        Of the array.
+        Folder of the array.
     array : zarr.Array
-        Of format 2, without filters, its chunks parts of the first dimension alone.
+        Array of format 2, without filters, its chunks parts of the first dimension alone.
     number : int
     values : (record, ...) array
-        Of the chunk; the last one of an array may hold less than others.
+        Values of the chunk; the last one of an array may hold less than others.
 
     Raises
     ------
@@ -145,7 +145,7 @@ def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: in
     columns : mapping of str to (record, ...) array
         As `row_arrays` has them.
     names : sequence of str
-        Of the records.
+        Names of the records.
     labels : int
         See `labels_checksum`.
     """

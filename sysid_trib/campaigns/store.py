@@ -29,7 +29,7 @@ from sysid_trib.campaigns.task import (
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 
 FINGERPRINT = "task_fingerprint"
-# Of numbers, texts and small integers; no other kind is read, as it may run code.
+# Kinds of arrays: numbers, texts and small integers; another kind is not read, as it could run code.
 KINDS = "fUi"
 # Bytes of the names that all records share; more is no name of a force or a method.
 LARGEST_LABELS = 2**24
@@ -55,9 +55,9 @@ class Store:
 
         self.path, self.group = path, zarr.open_group(path, mode="r")
         if FINGERPRINT not in self.group.attrs:
-            raise RecordError(f"{path}: is no store of a campaign; choose another with -o.")
-        # One after the other: of several at once those that are not waited for complain at exit. And once:
-        # each time takes as long as to write a record.
+            raise RecordError(f"{path}: is not the store of a campaign; choose another place with -o.")
+        # One after the other: several at once complain at exit if they are not awaited. And only once: each
+        # time takes as long as writing a record.
         folders = [place.parent for place in sorted(path.glob("*/.zarray"))]
         self.arrays: dict[str, Any] = {at.name: zarr.open_array(at, mode="r") for at in folders}
         count, self.block = self.arrays["status"].shape[0], int(self.arrays["status"].chunks[0])
@@ -133,8 +133,8 @@ class Store:
                 stored.write_chunk(self.path / name, self.arrays[name], number, columns[name])
         except OSError as error:
             raise RecordError(
-                f"{self.path}: cannot be written ({error.strerror or error}); what was done is "
-                "kept: make room, and repeat the command to go on."
+                f"{self.path}: cannot be written ({error.strerror or error}); finished records "
+                "are kept: free some space, and repeat the command to continue."
             ) from None
 
 
@@ -171,8 +171,8 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
     if not same or store.names != names:
         raise UsageError(
             f"{path}: is the store of another campaign (other task, options or version, or records that "
-            "are not among these); choose another place with -o, or repeat the command that made it to "
-            "go on."
+            "are not among these); choose another place with -o, or repeat the original command to "
+            "continue it."
         )
     for partial in path.rglob(f"*{stored.UNFINISHED}"):
         partial.unlink(missing_ok=True)

@@ -45,7 +45,7 @@ TASKS = get_args(Name)
 STORE_FORMAT = 4
 # Groups of a discovery that are identifications: the start model and the final one.
 MODELS = ("before", "after")
-# Of laws: both methods, and the one that is preferred.
+# For laws: both methods, and the preferred one.
 PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
 # Variables of a comparison for a record, before the name of a method.
@@ -89,27 +89,27 @@ class Task:
         By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
         `compare` every method.
     candidates : ForceLibrary, str, or what `library` takes, optional
-        What may be missing, of `discover`; by default what the command offers.
+        Candidates of `discover`; by default those of the command.
     judged : bool, optional
-        Whether the two methods of `identify` are held against each other, which gives a verdict and takes
-        longer than they do; by default where no methods are given.
+        Whether the two methods of `identify` are cross-checked, which gives a verdict and takes longer than
+        the methods; by default if no methods are given.
     read : callable
         Gives the free decays of a file: runs of one experiment.
     constraints : mapping of str to float, (float, float) or str
-        What is held, bounded or tied, as `identify` takes it.
+        Fixed values, bounds and ties, as in `identify`.
     contactless : (float, float), rad/s, optional
     options : mapping
         As the functions take them: further arguments of `cross_check`, `discover` or `laws`.
     speeds : sequence of float
-        Of `laws`: speeds at which the friction of each record is kept, in the signal's unit a second; with a
-        mass m/s. What a record does not visit has no number.
+        For `laws`: speeds at which the friction of each record is kept, in the signal's unit per second; with
+        a mass in m/s. A speed that a record does not reach has no number.
     measured : mapping of str to (float, float)
-        Of `laws`: inertia or mass, load, radius with their errors, as `laws_in_si` takes them.
+        For `laws`: inertia or mass, load, radius with their errors, as in `laws_in_si`.
 
     Raises
     ------
     UsageError
-        An unknown task, not a library, not two methods to hold against each other, or laws without speeds.
+        An unknown task, not a library, not two methods to cross-check, or laws without speeds.
     """
 
     name: Name
@@ -295,7 +295,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
-        # Of a discovery, behind its verdict.
+        # For a discovery, after its verdict.
         early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row

@@ -58,7 +58,7 @@ def command_after(command: str, others: Mapping[str, str | None], given: Command
     if taken.get("candidates") and "candidates" not in known and taken["library"] == defaults["library"]:
         # Forces that the package ships are known to every command, one's own candidates by their file.
         taken["library"] = taken["candidates"]
-    # As the user wrote them. A dash at the beginning of a word would be an option.
+    # Values as the user wrote them. A dash at the beginning of a word would be an option.
     written = {Path(word): word for word in sys.argv[1:]}
     files = [written.get(file, str(file)) for file in taken.pop(RECORDS, [])]
     words = [f"./{file}" if file.startswith("-") else file for file in files]

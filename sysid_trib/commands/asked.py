@@ -73,7 +73,7 @@ class AskedModel:
 
 
 def asked_model(given: ModelOptions) -> AskedModel:
-    """Return what is to be identified, with what the system always has."""
+    """Return the model to identify, with the forces that the system always has."""
     moving = selection.load_system(given.system)
     contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
     if contactless and held:

@@ -61,7 +61,7 @@ def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Ca
 
 
 def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
-    """Return the sentence on each record, and what was cut of it."""
+    """Return the sentence on each record, and on its cuts."""
     pairs = zip(sentences, record_groups(tree), strict=True)
     return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
 
@@ -122,7 +122,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
 
 
 def checked_starts(word: str, *, driven: bool) -> StartsOption:
-    """Return how runs begin; raise an error for another word, or for free decays."""
+    """Return the kind of start of the runs; raise an error for another word, or for free decays."""
     if word not in KINDS_OF_STARTS:
         raise UsageError(f"--starts '{word}' must be {' or '.join(KINDS_OF_STARTS)}.")
     if word != KINDS_OF_STARTS[0] and not driven:
@@ -279,7 +279,7 @@ def laws_of_samples(
     asked: AskedModel,
     tell: Tell,
 ) -> dict[str, xr.Dataset]:
-    """Return the laws of both samples and their difference, with what is held of the forces."""
+    """Return the laws of both samples and their difference, with the held forces."""
     return laws_held_against(
         first,
         second,

@@ -99,7 +99,7 @@ def _after_identification(tree: xr.DataTree) -> StateOfResult:
     verdict = judged.verdict_of(tree)
     if verdict == "undetermined":
         return _undetermined(judged.last_of(tree))
-    if not verdict.startswith("explained"):
+    if not judged.is_explained(tree):
         library = _largest_library(tree)
         # A driven record has no backbone.
         named = _effects_named(library) and not kinds.is_of_driven(tree)
@@ -198,7 +198,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
 
 def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
     """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
-    unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
+    unexplained = kind_of(tree) == "cross_check" and not judged.is_explained(tree)
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
         return ""
@@ -224,12 +224,12 @@ def _swings_unexplained(tree: xr.DataTree) -> bool:
     if kind_of(tree) == "discover":
         unexplained = tree.attrs["verdict"] == "unknown effect"
     else:
-        unexplained = kind_of(tree) == "cross_check" and not judged.verdict_of(tree).startswith("explained")
+        unexplained = kind_of(tree) == "cross_check" and not judged.is_explained(tree)
     records = (tree[group].to_dataset() for group in record_groups(tree))
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
-# Where a result goes that is to be kept.
+# Place of a result that is to be kept.
 KEPT = "result.nc"
 
 
@@ -239,7 +239,7 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
     A model that explains the record is kept, and shown once it is. A body without a restoring force is
     searched for no further force.
     """
-    if not (_moves_freely(tree) or judged.verdict_of(tree).startswith("explained")):
+    if not (_moves_freely(tree) or judged.is_explained(tree)):
         return None
     if isinstance(given, FileOptions) and given.output is not None:
         page = given.output.with_suffix(".html")
@@ -276,7 +276,7 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
     tree : DataTree
         Result of a command.
     given : RecordOptions
-        What the command was given; the next command takes over the options that it knows.
+        Options of the command; the next command takes over those that it knows.
     """
     step = next_step(tree)
     if kind_of(tree) == "driven" and (after := _after_driven(tree, given)) is not None:

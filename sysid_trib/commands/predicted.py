@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import fields
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import xarray as xr
@@ -39,9 +38,8 @@ def plan(tell: Tell, given: PlanOptions) -> Callable[[], None]:
         of_model = asked_model(given)
         decays, _ = read_decays(given)
         tree = identify(decays, of_model.library, constraints=of_model.constraints, tell=tell)
-    main = model_of_file(given.records[0] if given.records else Path("the example"), tree)
     data = best_run(tree, **limits, sampling_rate=given.rate, repeats=given.repeats, wanted=wanted, tell=tell)
-    says = partial(driven.plan_blocks, data, main), partial(driven.plan_json, data)
+    says = partial(driven.plan_blocks, data), partial(driven.plan_json, data)
     return deliver(given, tell, says, xr.DataTree(data), kind="plan")
 
 

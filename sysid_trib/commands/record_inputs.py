@@ -57,7 +57,7 @@ def what_else(path: Path) -> str:
     """
     name, page = path.name, f"{path.stem}.html"
     if path.is_dir():
-        # Of either version of Zarr.
+        # Files of either version of Zarr.
         store = any((path / file).is_file() for file in ("zarr.json", ".zgroup"))
         said = f"{name}: this is the store of a campaign, no record; its page {page} shows it."
         return said if store else ""
@@ -70,8 +70,8 @@ def what_else(path: Path) -> str:
         return f"{name}: this is a page of HTML, no record; a browser shows it."
     if start.startswith(b"{") and _is_printed(path):
         return (
-            f"{name}: this is what a command printed with --json, no record; -o RESULT.nc keeps what "
-            f"{PROGRAM} report shows."
+            f"{name}: this is the output of a command with --json, no record; -o RESULT.nc saves a "
+            f"result for {PROGRAM} report."
         )
     if path.suffix.lower() in (".nc", ".nc4", ".cdf") and (maker := _maker_of(path)):
         return f"{name}: this is a result of {maker}, no record; {PROGRAM} report {name} -o {page} shows it."
@@ -133,7 +133,7 @@ def read_decays(
     decays : list of xr.Dataset
         The decays: those of a file that holds several are runs as well.
     sentences : list of str
-        What each of them is.
+        Descriptions of them.
     """
     named = isinstance(given, ForcesOptions) and bool(given.forces)
     sources = read_sources(given, driven=driven)
@@ -269,7 +269,7 @@ def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str
 
 
 def band_or_mode(given: RecordOptions) -> bool:
-    """Return whether one mode of a record is asked for, by its number or by a band."""
+    """Return true if one mode of a record is asked for, by its number or by a band."""
     if given.mode is not None and given.band is not None:
         raise UsageError("--mode and --band both name a mode; give one.")
     wanted = given.mode is not None or given.band is not None
@@ -343,7 +343,7 @@ def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> No
         given_ones[OMEGA0] = contactless[0]
     for decay in decays if given_ones else ():
         swing = np.nan
-        # Of too few half periods the methods have their own word to say.
+        # If there are too few half periods the methods raise their own error.
         with suppress(DecayError):
             swing = swing_frequency(decay)
         for flag, frequency in given_ones.items():

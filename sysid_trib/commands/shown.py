@@ -115,7 +115,7 @@ def _look_at_modes(tell: Tell, given: LookOptions, listed: xr.Dataset) -> Callab
 
 
 def _with_its_drive(given: LookOptions, records: list[xr.Dataset]) -> LookOptions | None:
-    """Return what was given with the columns of signal and drive named; None where no column drives."""
+    """Return the options with the columns of signal and drive named; None if no column drives."""
     acting = list(records[0].attrs.get("drives", ()))
     if not acting or len(records) > 1:
         return None
@@ -130,7 +130,7 @@ REACTION = 0.9
 
 
 def _is_driven_within(given: LookOptions, decays: list[xr.Dataset]) -> bool:
-    """Return whether a drive acts within what was taken for decays."""
+    """Return true if a drive acts within the parts taken for decays."""
     try:
         (_, (record, *_), _), *_ = read_sources(given, driven=True)
     except SysidTribError:

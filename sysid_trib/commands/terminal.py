@@ -97,7 +97,7 @@ def progress() -> Iterator[Tell]:
         return
     times = bar.TaskProgressColumn(), bar.TimeRemainingColumn(), bar.TimeElapsedColumn()
     columns = bar.SpinnerColumn(), bar.TextColumn("{task.description}", markup=False), *times
-    # Of all that is done since an activity began, however seldom it says so.
+    # Estimate the speed from the whole time since an activity began, however seldom it reports.
     with bar.Progress(*columns, console=console, transient=True, speed_estimate_period=1e9) as shown:
         task = shown.add_task("start", total=None)
         shown.refresh()
@@ -213,11 +213,11 @@ def deliver(
     tell : Tell
         Called with what begins.
     says : pair of callable
-        What is printed, in layers, and as JSON.
+        Printed blocks, in layers, and the JSON.
     tree : DataTree
-        What a file of netCDF holds, with the command that made it.
+        Contents of a netCDF file, with the command that made it.
     texts : mapping of Path to callable, optional
-        What stands in files of text; None as a place is no file.
+        Contents of text files; None as a place is no file.
     kind : str
         Figures of which kind are drawn, where that of the result does not say it.
 

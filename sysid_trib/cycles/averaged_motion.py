@@ -195,7 +195,7 @@ def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Ar
         if half:
             nodes = middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
             weights = np.asarray(BarycentricInterpolator(nodes, np.eye(NODES))(ratio))
-        # Their time runs faster: v is so many times that of the cycle.
+        # Their time is faster: v is this multiple of that of the cycle.
         parts.append(([force.with_instead("v", f"{node!r}*v", node) for node in nodes.tolist()], weights))
 
     def described(amplitude: Array, frequency: Index | None = None) -> Array:

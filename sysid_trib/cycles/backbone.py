@@ -22,8 +22,8 @@ WHOLE_TURN = 2.0 * np.pi
 # the other less. Few half periods leave one side.
 BOTH_SIDES, ONE_SIDE = (0.5, 0.5, -0.5, -0.5), (1.0, 0.0, -1.0)
 LEAST_RELATIVE_NOISE = 1e-10
-# Damping moves the frequency of a free decay, and whole periods the damping ratio, in second order: by up to
-# so many times its square, in parts. Averages leave it open.
+# Second-order effect of damping on the frequency of a free decay, and of whole periods on the damping ratio:
+# up to this multiple of its square. Averages do not resolve it.
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
@@ -42,20 +42,20 @@ def period_rows(
     Parameters
     ----------
     measured : Dataset
-        Of `envelope`; four half periods at least.
+        Result of `envelope`; four half periods at least.
     slopes : mapping of str to (row,) array, optional
         Derivatives of both curves by the log amplitude: an amplitude that is off moves a row along its curve.
 
     Returns
     -------
     log_amplitude : (row,) array of float
-        Of the geometric mean of the extrema at the ends of each period.
+        Log amplitude of the geometric mean of the extrema at the ends of each period.
     rows : dict of str to CurveRows
         ``damping_ratio``, the logarithmic decrement over 2 pi, and ``frequency`` (rad/s).
     """
     b, t = measured.extremum.values, measured.extremum_time.values
-    # The first and last half-sine take their frequency from their neighbours: left out where there are so
-    # many.
+    # The first and last half-sine take their frequency from their neighbours: they are left out if there are
+    # enough others.
     ends = 1 if len(b) >= 9 else 0
     change = np.array(BOTH_SIDES if ends else ONE_SIDE)
     fall, middle, later = (
@@ -64,7 +64,7 @@ def period_rows(
         for weights in (change, np.abs(change) / 2.0, np.append(0.0, np.cumsum(change[::-1])[-2::-1]))
     )
     damping, frequency = fall @ np.log(b) / WHOLE_TURN, -WHOLE_TURN / (fall @ t)
-    # How much extrema scatter is sought here: their errors are those of the samples' white noise alone.
+    # The scatter of the extrema is estimated here: their errors are only those of the samples' white noise.
     relative = _errors(measured, "extremum", "scatter_of_extrema") / b
     late = _errors(measured, "extremum_time", "scatter_of_times")
     lasting, passing = half_sines.half_period_responses(measured)

@@ -20,7 +20,8 @@ from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component, common_shape
 from sysid_trib.records.sensors import as_sensors
 
-# Rates at small amplitude are those of the last fall by so many e, where they are linear in the amplitude.
+# Rates at small amplitude are those of the last fall by this power of e, where they are linear in the
+# amplitude.
 LAST_FALL, FEWEST_POINTS = 3.0, 8
 # Points of a history within each spline of its envelope, between which integrals are trapezia.
 POINTS_A_SPLINE = 8

@@ -24,12 +24,12 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.steps import Steps, steps_of
 
 QUARTER = 0.5 * np.pi
-# So much of an average may be rounding of its formula,
+# Relative rounding error of the average of a formula,
 ROUNDING_ERROR = 1e-6
 # plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
 CANCELLATION = 1e-14
 MAX_PIECES = 20_000
-# Where a cycle begins and ends: not where the angle or its rate is zero.
+# Phase at which a cycle begins and ends: neither the angle nor its rate is zero there.
 FIRST_PHASE = 1.0
 PERIOD = 2.0 * np.pi
 # Variables of the formulas by half cycles and angles.
@@ -249,7 +249,7 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
             scale = np.stack([a, a, np.ones_like(a)], axis=1)
             starts = [dict(zip(names, row, strict=True)) for row in begin[:, of_history].tolist()]
             return [begun_with(force, start) for start in starts], ends.end[:, sums] / scale
-        # Where Newton's step did no good the cycle itself goes on.
+        # If Newton's step did not help, the cycle itself is continued.
         begin[:, of_history] += np.where((change < last)[:, None], step, shift)
         last = change
     raise LibraryError(

@@ -23,7 +23,7 @@ from sysid_trib.forces.selection import System, load_systems, with_shipped
 from sysid_trib.records import half_sines
 from sysid_trib.results.signal_scale import counts_angles
 
-# By formula, as libraries may name them otherwise; in words.
+# Forces by formula, as libraries may use other names; and their words.
 FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "quadratic drag"}
 ELASTIC = {"x*abs(x)": "a quadratic spring", "x**3": "a cubic spring"}
 VISCOUS_FORMULA = "2*v"
@@ -60,7 +60,7 @@ class ElasticModel:
     systems : tuple of str
         Systems that have these elastic forces, and no others.
     remains : float
-        What is left of the parts that were predicted, over what a constant leaves.
+        Residual of the predicted parts, over that of a constant.
     errors : float
         The same of the errors of the curve: less tells no models apart.
     within_band : bool
@@ -133,7 +133,7 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
     Returns
     -------
     Pointed
-        Of the columns alone if there are too few half periods for a backbone.
+        Forces and system; by the columns alone if there are too few half periods for a backbone.
 
     Notes
     -----
@@ -218,7 +218,7 @@ def _fewest(scores: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
     return min(good, key=lambda names: (len(names), scores[names]))
 
 
-# Extrema of which the median of the scatter is taken; of many, what each is off the mean of so many.
+# Number of extrema for the median of the scatter, and for the mean from which each deviates.
 NEIGHBOURING_EXTREMA, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
 
 
@@ -400,7 +400,7 @@ def _fits(model: ElasticModel, least: float) -> bool:
     ----------
     model : ElasticModel
     least : float
-        What remains of the best model with free coefficients.
+        Residual of the best model with free coefficients.
     """
     if model.within_band or model.remains <= max(
         HELD_REMAINS, min(HELD_REMAINS_MOST, HELD_OVER_FREE * least)
@@ -417,7 +417,7 @@ def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float
     Parameters
     ----------
     curves : Dataset
-        Of `backbone`.
+        Result of `backbone`.
     held : sequence of (Force, float)
         The forces, and their coefficients.
     least : float

@@ -23,7 +23,7 @@ from sysid_trib.simulation.internal_states import states_along
 
 # Amplitudes averaged at once, to bound the memory used.
 CHUNK = 128
-# Of series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
+# Series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
 CHEBYSHEV_NODES, SERIES_TOLERANCE = 16, 1e-11
 
 
@@ -245,7 +245,7 @@ def averages_decide(
     """Return true if averages over cycles up to an amplitude (rad) separate the forces and the frequency."""
     _, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
     if frequency_free and library.role("x") is None:
-        # To averages a frequency that is fitted is one more force, of formula x.
+        # For averages a fitted frequency is one more force, of formula x.
         of_x = np.concatenate([np.zeros(AMPLITUDES), np.linspace(0.02 * amplitude, amplitude, AMPLITUDES)])
         table = np.column_stack([table, of_x])
     return bool(table.any(axis=0).all()) and not dependent_columns(table)

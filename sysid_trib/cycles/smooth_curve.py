@@ -232,7 +232,7 @@ def _averaged(
     random = np.random.default_rng(0)
     draws, apart = random.multinomial(BAND_DRAWS, weight), []
     for root, variance, m, several in zip(roots, variances, means, draws, strict=True):
-        # The variance is known by so many degrees of freedom.
+        # Degrees of freedom of the variance.
         size = np.sqrt(np.maximum(1.0, variance * count / random.chisquare(count, several)))
         bent = root @ random.standard_normal((root.shape[1], several)) * size
         apart.append((bent.T + (m - mean)) / error)

@@ -7,9 +7,9 @@ import numpy as np
 import scipy
 from scipy.integrate import cumulative_trapezoid
 
-from sysid_trib.arrays import Array, cell_middles
+from sysid_trib.arrays import Array
 from sysid_trib.discovery.free_motion import FreeMotion
-from sysid_trib.records.smoothing import smooth
+from sysid_trib.validation.missing_force import RunWithMotion, missing_force
 from sysid_trib.validation.residuals import departure_time, half_period
 
 # Errors of a rate in proportion to a power of the amplitude, or to time.
@@ -52,7 +52,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     trends = []
     for name, power in SHAPES.items():
         rate = tau - tau.min() if power is None else amplitude**power
-        # From one run to the next it steps, as the runs' offsets do.
+        # It may jump from one run to the next, like the runs' offsets.
         integral = cumulative_trapezoid(rate, tau, initial=0.0)
         values, remaining = _fitted_trend(np.column_stack([plain, integral]), value, error)
         trends.append((remaining, values[-2] + values[-1] * rate, name.replace("larger", "large")))
@@ -95,7 +95,7 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
         Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
         `residual_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`,
         `second_cosine`, ... (rad). As trends through these `frequency_error` and `decay_error`, of the record
-        minus the model's, over w. Over `x` and `v` (rad) the mean missing force (see `mean_missing_force`).
+        minus the model's, over w. Over `x` and `v` (rad) the mean missing force (see `missing_force`).
         Scalars `departure_time` (s, of the run `departure_run`).
     attrs : dict
         `parts` of which the residual is made beyond the noise, largest first, and `where` it acts.
@@ -116,7 +116,7 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
     decaying, where_amplitude = trend(-loss[0], loss[1], run, tau, a)
     parts = _parts(terms, a)
     where = {"phase": where_phase, "amplitude": where_amplitude}
-    values |= terms | mean_missing_force(runs)
+    values |= terms | _missing_force(runs)
     values |= {"frequency_error": slipping, "decay_error": decaying}
     values |= {"departure_time": first if np.isfinite(first) else np.nan, "departure_run": at}
     place = where.get(parts[0], _place_of_rms(a, values["rms"])) if parts else ""
@@ -130,7 +130,7 @@ def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]
     x, v = run.motion.x[:moving], run.motion.v[:moving]
     phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
-    # Spans of the record in each of which the residual is demodulated, so many at most, of a period at least.
+    # Largest number of spans of the record in which the residual is demodulated; each has a period at least.
     spans = np.array_split(np.arange(moving), int(max(1, min(24, periods))))
     step = float(np.median(np.diff(run.time)))
     harmonics = np.array([harmonic for harmonic, _ in DEMODULATED.values()])
@@ -186,57 +186,11 @@ def _place_of_rms(a: Array, rms: Array) -> str:
     return "large amplitude" if ratio > 2.0 else "small amplitude" if ratio < 0.5 else "all amplitudes"
 
 
-# Cells of the map, each way.
-CELLS = 11
-
-
-def mean_missing_force(runs: Sequence[FreeMotion]) -> dict[str, Array]:
-    """Return the mean missing force, from the residuals, in cells of angle and rate.
-
-    Returns
-    -------
-    dict
-        `x` and `v` (rad); over both `force` as a part of I w^2 (nan without samples), its `standard_error` by
-        the noise alone, and the number of `samples`.
-    """
-    cells = [(run.motion.x, run.motion.v, _force(run), _force_of_noise(run)) for run in runs]
-    x, v, force, drawn = (np.concatenate(part, axis=-1) for part in zip(*cells, strict=True))
-    size = 1.001 * float(np.max(np.hypot(x, v)))
-    edges = np.linspace(-size, size, CELLS + 1)
-    good = np.isfinite(force)
-    if not np.any(good):
-        # Where a smoothed residual has no middle, as in a record of a period: every cell is empty.
-        good, force = np.ones(len(x), dtype=bool), np.full(len(x), np.nan)
-    x, v, values = x[good], v[good], np.vstack([force, drawn])[:, good]
-    mean, *scatter = scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic
-    samples, *_ = np.histogram2d(x, v, [edges, edges])
-    error = np.sqrt(np.mean(np.square(scatter), axis=0))
-    middle = cell_middles(edges)
-    return {"x": middle, "v": middle, "force": mean, "standard_error": error, "samples": samples}
-
-
-def _force(run: FreeMotion) -> Array:
-    """Return the force over I w^2 that causes the residual, by its equation of motion.
-
-    Both motions are smoothed alike, so that what smoothing takes from them cancels.
-    """
-    model, motion, time = run.model, run.motion, run.time - run.time[0]
-    tau = model.reference_frequency * time
-    angle, rate, curvature, _ = smooth(tau, run.residual)
-    asked = -(curvature + angle)
-    for force in (force for force in model.library if force.memoryless and force.kind == "force"):
-        with_residual, without = (
-            force.value(motion.x + part * angle, motion.v + part * rate, time, shapes=model.shapes)
-            for part in (1.0, 0.0)
-        )
-        asked = asked - model.coefficients.get(force.symbol, 0.0) * (with_residual - without)
-    # A spline bends freely in the quarter period before its ends.
-    inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
-    return np.where(inside, asked, np.nan)
-
-
-def _force_of_noise(run: FreeMotion) -> Array:
-    """Return the forces that simulated noise mimics, (draw, sample); the model's forces change little."""
-    drawn = run.noise.draws(len(run.time), 32)
-    angle, _, curvature, _ = smooth(run.model.reference_frequency * run.time, drawn.T)
-    return np.asarray(-(curvature + angle).T)
+def _missing_force(runs: Sequence[FreeMotion]) -> dict[str, Any]:
+    """Return the mean force that the model lacks over `x` and `v`, and the number of samples."""
+    with_motions = []
+    for run in runs:
+        angle = run.motion.x + run.residual
+        with_motions.append(RunWithMotion(run.time, angle, run.motion.x, run.noise, run.inputs))
+    cells = missing_force(runs[0].model, with_motions)
+    return {name: cells[name] for name in ("x", "v", "force", "samples")}

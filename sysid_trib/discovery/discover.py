@@ -83,29 +83,29 @@ def discover(
     refit : bool
         Fit the models that were found again, to the whole runs.
     level : float, optional
-        Significance level, shared by the tests of the candidates and the omnibus test, in the place of the
-        settings'.
+        Significance level, shared by the tests of the candidates and the omnibus test, in place of that of
+        the settings.
     seed : int, optional
-        Of the drawing that counts independent tests, in the place of the settings'.
+        Seed of the draws that count independent tests, in place of that of the settings.
     time_limit : float, s
-        After which the search fits no further model, and what it has is described.
+        Time after which the search fits no further model and returns its present result.
     settings : Settings
-        What else decides.
+        Other settings of the search.
     tell : Tell
         Called with a few words as the work goes on.
 
     Returns
     -------
     xr.DataTree
-        Of records decimated to some sixty samples a period (attrs `decimated`); of a driven one of more than
-        some 180 periods three stretches are the records (attrs `stretches`). attrs: `verdict`
+        Result for records decimated to some sixty samples a period (attrs `decimated`); three stretches
+        replace a driven record of more than some 180 periods (attrs `stretches`). attrs: `verdict`
         (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
-        the search), `closing_effect` (that `max_effects` left out, and with which nothing is missing),
-        `not_improving` (an effect that gains more than chance, and that the hold-out refuses),
-        `noise_p_value` (of a final model that leaves but noise, or a random force without cause; nan where
-        the time ran out), `settings`
-        (JSON), `laws_held_out_rms` (rad, nan where it was not needed: what smooth laws leave of what was held
-        out) and `refused_by_laws` (effects that predict it worse than the laws), `left_out`, `failed_fits`.
+        the search), `closing_effect` (left out because of `max_effects`; with it nothing is missing),
+        `not_improving` (an effect that is significant but does not improve the held-out prediction),
+        `noise_p_value` (that the residual of the final model is noise, or a random force without cause; nan
+        if the time ran out), `settings`
+        (JSON), `laws_held_out_rms` (rad, held-out residual of smooth laws, nan if it was not needed) and
+        `refused_by_laws` (effects that predict worse than the laws), `left_out`, `failed_fits`.
         Groups: `record`
         (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
         `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
@@ -116,8 +116,8 @@ def discover(
     Raises
     ------
     UsageError
-        No forces to start from, or no candidates; a level, a number of effects or a time limit that is none;
-        what is to be held is no force of the model; a body without a restoring force.
+        No forces of a start model, or no candidates; an impossible level, number of effects or time limit; a
+        held force that is not in the model; a body without a restoring force.
     DecayError
         The decay cannot support the start model.
     """
@@ -142,7 +142,7 @@ def discover(
             "forces, and compare the residuals."
         )
     if offered.used or model.used:
-        # A candidate has a coefficient and shapes of its own: those of the start model are numbers to it.
+        # A candidate has its own coefficient and shapes: those of the start model enter it as numbers.
         coefficients = _of_start_model(runs, model, reference_frequency, constraints)
         model, offered = (
             replace(library, forces=tuple(force.with_numbers(coefficients) for force in library))
@@ -212,7 +212,7 @@ def _discovery(
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     taken = replace(model, forces=(*model, *offered))
     if any(inputs_for(run, taken) for run in (*whole, *unseen)):
-        # A driven record may have few samples a period: so many points between them no force asks for.
+        # A driven record may have few samples a period: no force needs so many points between them.
         settings = replace(settings, points_per_period=settings.points_per_period // 2)
     runs, learnt, later = search_parts(whole, unseen, settings.samples_per_period)
     seen = [part.record for part in learnt]
@@ -236,8 +236,8 @@ def _discovery(
         seen = runs
     tell("difference of model and record")
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
-    groups = to_xarray.groups_of(seen, done, offered, plain)
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
+    groups = to_xarray.groups_of(seen, [whole[at] for at in of_seen], done, offered, plain)
     groups["/"] = _search_group(done, holdout_given=bool(unseen), refitted=how.refit and not unseen)
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     third = f"the last third{' of each run' * (len(whole) > 1)}"
@@ -281,7 +281,7 @@ def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]
 
 
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
-    """Return what a search says of itself, as attributes of its result."""
+    """Return the outcome of a search as attributes of its result."""
     return {
         "verdict": parts.verdict_of(done, closing),
         "closing_effect": closing,

@@ -29,8 +29,8 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
     model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
     without, penalty = bare.deviance - current.whole.deviance, log_rows(model)
-    # Of a magnet with a cubic force there is hardly more than a quintic one: a part that is too small to be
-    # tested, but no error of the path, which would not be like an effect that is seen.
+    # A magnet with a cubic force is nearly a quintic force: the remaining part is too small to be tested, but
+    # it is not an error of the path, which would not resemble a visible effect.
     effects = [1 + model.columns_of(symbol)[0] for symbol in gone]
     columns = [current.first_trial + at for at in current.replacing]
     part, rest = projected(current.products, bare, kept, [*effects, *columns])

@@ -114,9 +114,9 @@ class Fits:
     kept : dict of frozenset of str to FittedModel
         The likeliest of each set of effects.
     screenings : dict of frozenset of str to Screening
-        Of the candidates with a model of each set of effects.
+        Screenings of the candidates with a model of each set of effects.
     failed : list of str
-        What could not be fitted.
+        Models that could not be fitted.
     by_chance : set of frozenset of str
         Effects of models where chance does as well as one: a search does not come back to them.
     tried : dict
@@ -127,7 +127,7 @@ class Fits:
     predict : callable
         How a model predicts what was held out.
     best : FittedModel or None
-        Of the models that a search came to by adding the one that predicts best.
+        Best of the models that a search came to by adding the one that predicts best.
     plain : PlainStart or None
         The start model fitted without a random force, where its motion is nearer to the records.
     """
@@ -144,8 +144,8 @@ class Fits:
     predict: Callable[[FittedModel], unseen.Prediction] | None = None
     best: FittedModel | None = None
     plain: PlainStart | None = None
-    # Whether a model of these forces goes on, models in a row that did not predict better than the best one,
-    # and its RMS; by the coefficients predictions and p-values of noise.
+    # Whether a model of these forces is extended, the number of successive models that did not predict better
+    # than the best one, and its RMS; predictions and p-values of noise by the coefficients.
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     _refused: int = 0
     _least_rms: float = np.inf

@@ -1,6 +1,6 @@
 """Free motion of a fitted model and its residual, and the model as an identification."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,7 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import random_force_variables
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.likelihood.variance_ratio import p_value_of_gain
+from sysid_trib.records.inputs import KnownInput
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.schema import Estimate, identification
@@ -34,12 +35,14 @@ class FreeMotion:
     ----------
     time : (sample,) array of float, s
     motion : FittedMotion
-        Of the model, with its start and the sensor's zero.
+        Motion of the model, with its start and the sensor's zero.
     residual : (sample,) array of float, rad
         Record minus model, errors of the sensor and its zero included.
     noise : NoiseModel
-        Of the sensor.
+        Noise of the sensor.
     model : Model
+    inputs : mapping of str to KnownInput
+        Those of the run by name.
     """
 
     time: Array
@@ -47,6 +50,7 @@ class FreeMotion:
     residual: Array
     noise: NoiseModel
     model: Model
+    inputs: Mapping[str, KnownInput]
 
     @property
     def moving(self) -> int:
@@ -95,6 +99,8 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
     x, v = path.at_samples
     error, *_ = sensor_error(model, path.elapsed, x, v, ())
     begin = float(x[0]), float(v[0] * path.frequency)
+    # `validation.residuals.fitted_motion` begins from an identification; here states and memory continue
+    # those of the path before a held-out part.
     try:
         # Do not wait for a model that is too stiff.
         motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)
@@ -102,7 +108,8 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
         # A model without a motion of its own has the motion of the smoothed record.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
     error, *_ = sensor_error(model, path.elapsed, motion.x, motion.v, ())
-    return FreeMotion(path.time, motion, path.angle - motion.offset - error - motion.x, noise, model)
+    residual = path.angle - motion.offset - error - motion.x
+    return FreeMotion(path.time, motion, residual, noise, model, path.inputs)
 
 
 def random_forces(model: FittedModel) -> list[RandomForce]:

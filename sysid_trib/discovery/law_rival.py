@@ -23,21 +23,21 @@ def held_out_by_laws(
     learnt: Sequence[RecordPart],
     later: Sequence[RecordPart],
 ) -> float:
-    """Return the RMS residual (rad) of what was held out, predicted by smooth laws.
+    """Return the RMS residual (rad) of the held-out part, predicted by smooth laws.
 
     Parameters
     ----------
     named : ForceLibrary
         The forces of the start model, which stay outside of the penalty.
     constraints : mapping
-        Of their coefficients.
+        Constraints of their coefficients.
     learnt, later : sequence of RecordPart
-        What the laws are identified from, and what they predict.
+        Parts from which the laws are identified, and parts that they predict.
 
     Returns
     -------
     float
-        Of the better of Direct and averaging; infinite where neither predicts a motion.
+        Residual of the better of Direct and averaging; infinite if neither predicts a motion.
     """
     forces = named.select(force.symbol for force in named if force.kind == "force")
     model = LawModel(with_jump(forces, forces), constraints)

@@ -17,8 +17,8 @@ from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.single_columns import each_column, known_directions, known_finely, strengths
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
-# Of tests that decide whether anything is missing: of the candidates, and of forces of any form. Each family
-# is held to its part of the level, so that a record with nothing hidden is blamed no more often than that.
+# Families of tests that decide whether anything is missing: candidates, and forces of any form. Each has its
+# part of the level, so that a record without missing forces is rejected no more often than that.
 FAMILIES = 2
 # In the second of these.
 OMNIBUS_TESTS = 4
@@ -93,7 +93,7 @@ def omnibus(
     along : sequence of (row, trial_force) array of float
         The trial forces in each run.
     testable : (trial_force,) array of bool
-        Those that differ from the model's columns.
+        Columns that differ from those of the model.
     model : FittedModel
     whole : Likelihood
         Of its columns among the products.
@@ -159,6 +159,7 @@ def _strongest_line(residuals: Sequence[Array]) -> float:
 
     A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
     """
+    # Of white rows; `validation.lack_of_fit.spectral_line` leaves out harmonics and has no given level.
     powers = [np.abs(np.fft.rfft(residual)) ** 2 / len(residual) for residual in residuals]
     least = min(len(power) * float(np.exp(-np.max(power))) for power in powers)
     return min(1.0, least * len(powers))
@@ -192,14 +193,14 @@ def _p_value_by_simulation(
     Parameters
     ----------
     gain : float
-        By how much they lower the deviance of the record.
+        Decrease of the deviance of the record by the columns.
     model : FittedModel
     null : Likelihood
         Of the model.
     tested : sequence of (row, column) array of float
         The columns, of each run.
     products : sequence of RunProducts
-        Of the target, the model's columns and those that are tested.
+        Products of the target, the model's columns and those that are tested.
 
     Notes
     -----

@@ -18,6 +18,7 @@ from sysid_trib.discovery.unseen import improvements
 from sysid_trib.forces.force import Force
 from sysid_trib.results.effects import NAMED
 from sysid_trib.results.variables import PARTS_OF_RECORD
+from sysid_trib.validation.model_error import covariance_by_parts
 
 
 def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
@@ -26,7 +27,7 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     Parameters
     ----------
     models : sequence of FittedModel
-        Of several runs each; the last is the final one.
+        Models of several runs each; the last is the final one.
 
     Returns
     -------
@@ -40,6 +41,8 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     Rao's score test, in both noises of each run. A force of another form than the model's changes from run to
     run with the amplitude: the test says that the runs ask for different coefficients, not why.
     """
+    # `validation.identify.run_agreement` fits each run alone, which takes longer and gives values of each
+    # run.
     names = ("chi_square", "degrees_of_freedom", "most")
     tests = dict(zip(names, map(list, zip(*map(_differing, models), strict=True)), strict=True))
     p_value = scipy.stats.chi2.sf(tests["chi_square"], tests["degrees_of_freedom"])
@@ -110,15 +113,17 @@ def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float
 def error_of_model(model: FittedModel) -> Array:
     """Return the part of the errors of coefficients and frequency (rad/s) not due to noise, (trial + 1,).
 
-    By how much they move between parts of the record beyond what less data does; shapes are held.
+    By how much they move between parts of the record beyond what less data does; shapes are held. As
+    `validation.model_error`, but of the rows along the path of the whole record: a search has no time to fit
+    the parts anew.
     """
     count, kept = len(model.trials), 1 + model.columns - len(model.shape_columns)
     tables = [table[:, :kept] for table in model.white_tables()]
     fits = [_solved(_in_part(tables, *part)) for part in ((0.0, 1.0), *PARTS_OF_RECORD.values())]
     values, variances = (np.array(part)[:, : count + 1] for part in zip(*fits, strict=True))
-    expected = np.maximum(np.mean(variances[1:], axis=0) - variances[0], 0.0)
-    movement = np.mean((values[1:] - values[0]) ** 2, axis=0)
-    error = np.sqrt(np.maximum(movement - expected, 0.0))
+    errors = np.sqrt(variances)
+    covariance = covariance_by_parts(values[1:] - values[0], errors[1:], errors[0], equal_parts=True)
+    error = np.sqrt(np.diag(covariance))
     # The stiffness changes twice as much, in parts; not at all if the frequency is held.
     error[count:] *= 0.5 * model.rows[0].path.frequency * model.frequency_free
     return error
@@ -172,7 +177,7 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
     symbols = dict.fromkeys(trial.force.symbol for trial in screening.trials)
     at = np.array([_best(screening, symbol) for symbol in symbols], dtype=int)
     reasons = [screening.reasons[i] for i in at]
-    # Where every candidate was added there is none.
+    # If every candidate was added none is left.
     testable = np.array([not reason for reason in reasons], dtype=bool)
     cosine = np.abs(screening.correlation[np.ix_(at, at)])
     np.fill_diagonal(cosine, 1.0)
@@ -219,6 +224,7 @@ def verdict_of(done: Search, closing: str = "") -> str:
 
     `closing` : the effect that is missing because no more were asked for, and nothing besides.
     """
+    # Whether the search is closed. The verdict on its models is that of `validation.judge.verdict_word`.
     # Names that nearly cancel each other, or that do not predict, may imitate an effect that is not in the
     # library. A model whose motion does not follow the record explains nothing. A model that was not compared
     # is unknown.

@@ -62,7 +62,7 @@ def plain_start(
     Parameters
     ----------
     seen : sequence of Dataset
-        What the models are fitted to.
+        Records to which the models are fitted.
     library : ForceLibrary
         The forces of the start model.
     constraints : mapping of str to float

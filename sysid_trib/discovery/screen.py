@@ -35,26 +35,26 @@ class Screening:
     reasons : list of str
         Why a trial cannot be tested, else empty.
     gains : (trial,) array of float
-        By how much its column lowers the deviance, both variances of each run at their most likely values
+        Decrease of the deviance by its column, both variances of each run at their most likely values
         with and without it; 0 where physics forbids the sign of its coefficient.
     coefficients, errors, effective_rows : (trial,) array of float
         And the rows that tell the error.
     outside : (trial,) array of float
         Part of its column that the model's cannot make.
     correlation : (trial, trial) array of float
-        Of these parts.
+        Correlation of these parts.
     relative_force : (trial,) array of float
         RMS of its force, with a coefficient of 1, over the restoring force.
     tests : float
         Number of independent tests, those of the omnibus test counted as as many.
     products : sequence of RunProducts
-        Of the model's columns, then the trials', then the omnibus test's.
+        Products of the model's columns, then the trials', then the omnibus test's.
     omnibus_z : (trial_force,) array of float
         Scores of forces of any form: roots of what each gains alone, with the sign of its coefficient.
     omnibus_p_value : float
-        Of the test that knows no candidate (see `omnibus`).
+        P-value of the test without candidates (see `omnibus`).
     whole : Likelihood
-        Of the model's columns along its path, steps of its shapes among them.
+        Likelihood of the model's columns along its path, steps of its shapes among them.
     fine : dict of int to bool
         Whether the motion is known as finely as a trial acts, of those that were asked.
     """
@@ -104,6 +104,7 @@ class Screening:
         A missing force changes the coefficients as much as the scores of forces of any form. The mean square
         of these scores is 1 for noise (Birge 1932).
         """
+        # `validation.verdict.widening` has the residual of the free motion, which a random force makes large.
         tested = self.omnibus_z[self.omnibus_z != 0.0]
         rejects = self.omnibus_p_value < self.model.settings.level and len(tested)
         return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
@@ -257,6 +258,8 @@ def _lines(model: FittedModel) -> list[float]:
 
     A force at the frequency of a model force leaves no line, but may replace it.
     """
+    # Frequencies to be tried, of whatever significance; `validation.lack_of_fit.spectral_line` tests one
+    # line.
     most, lines = model.settings.lines, list[tuple[float, float]]()
     for rows, residual in zip(model.rows, model.white_residuals(), strict=True):
         count, duration = len(residual), float(np.ptp(rows.path.time[[0, -1]]))

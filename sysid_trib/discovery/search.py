@@ -39,7 +39,7 @@ class Search:
         Of each effect: minus twice the logarithm of the evidence with each candidate in its place, over its
         own; of nothing in its place under "".
     pairs : dict of str to dict of (str, str) to float
-        Of each effect the pairs of candidates that may be the truth in its place, likewise.
+        Pairs of candidates that compete with each effect, likewise.
     outstanding : list of str
         Candidates that would gain more than chance, and are not in the model: no more effects were asked for,
         they do not improve what was held out, their fits failed, or the search ended before.
@@ -56,9 +56,9 @@ class Search:
     fits : Fits
         All that were made.
     predictions : sequence of Prediction
-        Of what was held out, by its models.
+        Predictions of the held-out part, by the models of the search.
     noise_p_value : float
-        Of what the final model leaves (see `noise_p_value`); nan where the time ran out.
+        P-value that the residual is noise (see `noise_p_value`); nan if the time ran out.
     """
 
     screenings: list[Screening]
@@ -285,6 +285,6 @@ def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedMode
         paths = [rows.path for rows in last.rows]
         trials = [last.trials[at] for at in kept]
         fewer = start_model.refitted(model_fit.fit_model(paths, trials, first))
-        # With so much missing it may have no motion of its own: then along that of the model with more.
+        # A model without this effect may have no motion of its own: then use that of the larger model.
         models.insert(0, fewer if fewer.follows else model_fit.fitted_along(paths, trials, first))
     return models

@@ -43,7 +43,7 @@ def strengths(model: FittedModel, columns: Sequence[Array]) -> Array:
 
 
 def where_finite(columns: Sequence[Array]) -> tuple[Mask, list[Array]]:
-    """Return which columns are finite in every run, and the columns with zeros in place of the others."""
+    """Return the mask of columns that are finite in every run, and the columns with zeros elsewhere."""
     good = np.all([has_products(column) for column in columns], axis=0)
     return good, [np.where(good, column, 0.0) for column in columns]
 
@@ -67,7 +67,7 @@ def each_column(
     columns : sequence of int
         Each added alone.
     model : Likelihood
-        Of the model of `base`.
+        Likelihood of the model of `base`.
 
     Returns
     -------
@@ -175,9 +175,9 @@ def projected(
     Returns
     -------
     part : (column,) array of float
-        Of the length of each.
+        Part of the length of each column.
     products : (column, column) array of float
-        Of what is outside, in units of the noise.
+        Products of what is outside, in units of the noise.
     """
     every = np.array([*base, *columns], dtype=int)
     total, _ = _in_noise_of(runs, model, every, len(every))

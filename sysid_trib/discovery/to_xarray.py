@@ -17,7 +17,9 @@ from sysid_trib.discovery.judged_models import judged_models
 from sysid_trib.discovery.plain_start import PlainStart
 from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.results import effects, variables
+from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.smoothing import sensor_noise
+from sysid_trib.results import variables
 from sysid_trib.validation.residuals import with_noise_and_models
 
 # Variables of each group.
@@ -26,11 +28,16 @@ Motions = Sequence[Sequence[free_motion.FreeMotion]]
 
 
 def groups_of(
-    seen: Sequence[xr.Dataset], search: Search, offered: ForceLibrary, plain: PlainStart | None = None
+    seen: Sequence[xr.Dataset],
+    whole: Sequence[xr.Dataset],
+    search: Search,
+    offered: ForceLibrary,
+    plain: PlainStart | None = None,
 ) -> dict[str, xr.Dataset]:
     """Return the groups of the result of `discover`.
 
-    `seen` : what the models are fitted to. `plain` : the start model in the place of that of the search.
+    `seen` : what the models are fitted to. `whole` : the run of each with all its samples.
+    `plain` : the start model in the place of that of the search.
     """
     motions = [free_motion.free_motions(model) for model in search.models]
     if plain is not None:
@@ -40,7 +47,7 @@ def groups_of(
     # the residual is noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
-    names, records = variables.group_names("record", len(seen)), _records(seen, motions)
+    names, records = variables.group_names("record", len(seen)), _records(seen, whole, motions)
     groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
     for when, name, at in (("", "before", 0), ("_after", "after", -1)):
         spans, attrs = demodulation.demodulate(motions[at])
@@ -60,7 +67,7 @@ def groups_of(
     groups["steps"] = _steps(search, motions, error, offered)
     groups["omnibus"] = _omnibus(search)
     groups["holdout"] = _holdout(search, motions[-1])
-    groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]})
+    groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]}, whole)
     if len(seen) > 1:
         groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
     return groups
@@ -87,14 +94,19 @@ def _labels(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[st
     return {name: ("candidate", texts) for name, texts in texts_of(forces, names).items()}
 
 
-def _records(seen: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
-    """Return the fitted records, with the angles of the first and the last model."""
+def _records(seen: Sequence[xr.Dataset], whole: Sequence[xr.Dataset], motions: Motions) -> list[xr.Dataset]:
+    """Return the fitted records, with the angles of the first and the last model.
+
+    The noise is that of the whole run, as in a result of `identify`.
+    """
     records = []
     for at, run in enumerate(seen):
         ends = [motions[0][at], motions[-1][at]]
         simulated = np.stack([run.angle.values - motion.residual for motion in ends])
         values = {"residual_noise": ends[-1].noise.standard_deviation}
         both = with_noise_and_models(run, ["before", "after"], simulated)
+        if not inputs_of(run):
+            both = both.assign(variables.described("record", {"noise": sensor_noise(whole[at])}))
         records.append(both.assign(variables.described(TABLES["records"], values)))
     return records
 
@@ -162,7 +174,10 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
     }
     for name, of_each in of_models.items():
         values |= {f"{name}_before": of_each[:-1], f"{name}_after": of_each[1:]}
-    coords: dict[str, Any] = {"candidate": list(offered.symbols)}
+    coords: dict[str, Any] = {
+        "candidate": list(offered.symbols),
+        "part": list(variables.PARTS_OF_RECORD),
+    }
     values |= _competition(search, list(offered.symbols), error is None) | _pairs(search)
     if shapes := final.shapes:
         held = {name: widening * its_error for name, its_error in final.shape_errors().items()}
@@ -197,7 +212,10 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
     Where the final model leaves more than noise (not `complete`), by the mean of its probabilities over the
     record and its parts.
     """
-    probability, by_chance, stands, likeliest = list[list[float]](), list[float](), list[int](), list[str]()
+    probability: list[list[float]] = []
+    by_chance: list[float] = []
+    stands: list[int] = []
+    likeliest: list[list[str]] = []
     settings = search.models[0].settings
     for symbol in search.effects:
         rivals, costs = search.rivals[symbol], parts.costs_in_parts(search, symbol)
@@ -213,7 +231,7 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
         table, names = np.array([*costs.values()]), list(costs)
         stands.append(int(np.sum(table.min(axis=0) > -settings.outside_of_set)))
         # "" for no force in the effect's place.
-        likeliest.append(effects.PAIRS.join(names[best] for best in table.argmin(axis=0)))
+        likeliest.append([names[best] for best in table.argmin(axis=0)])
     return {
         "tie_probability": probability,
         "chance_probability": by_chance,
@@ -228,8 +246,13 @@ def _pairs(search: Search) -> dict[str, Any]:
     """Return the pairs of candidates that may be the truth in the place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
-    texts = [effects.PAIRS.join(effects.PAIR.join(names) for names in of_effect) for of_effect in pairs]
-    return {"pairs": texts, "pair_odds": np.exp(-0.5 * best)}
+    odds = {"pair_odds": np.exp(-0.5 * best)}
+    most = max(map(len, pairs))
+    if not most:
+        # netCDF has no empty axis.
+        return odds
+    nothing = ("", "")
+    return odds | {"pairs": [[*of_effect, *[nothing] * (most - len(of_effect))] for of_effect in pairs]}
 
 
 def _competing_shapes(search: Search) -> dict[str, Array]:

@@ -22,7 +22,7 @@ from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.likelihood.weak_form import whiten
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD, sensor_noise, swing_frequency
-from sysid_trib.validation.holdout import first_held_out, up_to_held_out
+from sysid_trib.validation.holdout import first_held_out, mean_over_error, up_to_held_out
 from sysid_trib.validation.random_force_test import dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns
 
@@ -130,7 +130,7 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
         # change.
         duration = 2.0 * np.pi / swing_frequency(run) * 60
     except DecayError:
-        # Where nothing swings there are no periods to be counted.
+        # Without a swing there are no periods to count.
         yield part
         return
     time = part.time.values
@@ -161,7 +161,7 @@ def predicted(
     runs : sequence of int
         Whose noises are those of each.
     frequency : float, rad/s
-        Of the test functions, the same for models that are compared.
+        Frequency of the test functions, the same for models that are compared.
 
     Notes
     -----
@@ -255,18 +255,16 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
 
     Notes
     -----
-    Diebold and Mariano's test of means over periods, between which scores are taken as independent; nan of
-    fewer than three.
+    Diebold and Mariano's test (see `mean_over_error`). The score is the predictive density of the rows, which
+    counts the errors of the coefficients; `compare` has residuals of motions, as some of its methods state no
+    density (`validation.holdout.diebold_mariano`).
     """
     better = []
     for before in predictions[:-1]:
         with np.errstate(invalid="ignore"):
             difference = predictions[-1].log_densities - before.log_densities
         # Without periods in which a model's errors are not finite.
-        difference = difference[np.isfinite(difference)]
-        known = len(difference) >= 3 and np.ptp(difference)
-        error = difference.std(ddof=1) / np.sqrt(len(difference)) if known else np.nan
-        better.append(difference.mean() / error if known else np.nan)
+        better.append(mean_over_error(difference[np.isfinite(difference)]))
     return np.array(better)
 
 

@@ -21,7 +21,7 @@ class Force:
     """One term h(x, v, t, z, m) of f = sum of coefficient * h, or one term of the sensor.
 
     `x` = theta (rad), `v` = theta'/w (rad), `t` = seconds since the first sample, `state` z obeys
-    dz/d(w t) = formula, `memory` m is held between reversals (v = 0) and replaced there.
+    dz/d(w t) = formula, `memory` m is constant between reversals (v = 0) and replaced there.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class Force:
     state : mapping of str to Formula
         Right side of each internal state.
     memory : mapping of str to Formula
-        What replaces each held value at a reversal.
+        Value that replaces each memory at a reversal.
     start : mapping of str to Formula
         First value of states and memory, from x, v and t at the first sample; zero where left out.
     shape : mapping of str to Shape
@@ -48,12 +48,12 @@ class Force:
     coefficient : float, optional
         Its coefficient where physics knows it, as 1 of gravity: with another one it is another force.
     channels : tuple of Channel
-        What its formulas hold of inputs.
+        Inputs in its formulas.
     run : int, optional
-        Of several runs, from 1, the only one in which it acts: its coefficient is that run's own.
+        The only run, from 1, in which it acts: it has the coefficient of this run.
     uses : tuple of str
-        Symbols of other forces whose coefficients its formula holds, as friction holds the torque of a motor.
-        A coefficient that a model lacks is zero.
+        Symbols of other forces whose coefficients are in its formula, such as the torque of a motor in its
+        friction. A coefficient that a model lacks is zero.
     curve : str
         Name of the smooth curve that it is a part of. The coefficients of a curve are penalised: they are
         random effects of one variance, which follows from the data. Empty for a force of its own.
@@ -229,7 +229,7 @@ class ForceLibrary:
     Parameters
     ----------
     title : str
-        What the library is.
+        Title of the library.
     forces : tuple of Force
         In their order, each with a symbol of its own.
     source : str

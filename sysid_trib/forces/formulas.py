@@ -60,7 +60,7 @@ ANALYTIC: Functions = {
     "min": lambda a, b: np.where(np.real(a) < np.real(b), a, b),
     "max": lambda a, b: np.where(np.real(a) > np.real(b), a, b),
 }
-# By the sign of the surface, where that is known.
+# Branch by the sign of the surface, if that is known.
 ON_BRANCH: Functions = {
     "sign": lambda sign, u: sign,
     "abs": lambda sign, u: sign * u,
@@ -110,7 +110,7 @@ class Formula:
         Parameters
         ----------
         powers : mapping of str to float
-            Of each variable that grows.
+            Powers of each variable that grows.
         points : mapping of str to (point,) array of float
             Values of the variables.
         factors : sequence of float

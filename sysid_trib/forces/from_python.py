@@ -9,7 +9,7 @@ from sysid_trib.forces.force import Force, ForceLibrary, ForceTable, LibraryLike
 from sysid_trib.forces.library import is_library, known_libraries, load_library, parse_library
 from sysid_trib.forces.selection import SHIPPED_LIBRARIES, SystemModel
 
-# How messages name a library that was made in Python.
+# Name of a library made in Python, for messages.
 MADE_IN_PYTHON = "library(...)"
 
 
@@ -24,7 +24,7 @@ def library(
         Libraries or their names (`contact_forces`), library files, forces or their symbols (`zeta`), or
         formulas by symbol: `{"lambda": "sign(v)"}`, as `lambda` is a word of Python.
     title : str, optional
-        What the library is; by default the symbols of its forces.
+        Title of the library; by default the symbols of its forces.
     inputs : iterable of str, optional
         Names of the known inputs that the formulas contain; `u` need not be named.
     **formulas : str, Force or mapping

@@ -189,7 +189,7 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
     symbols = [force.symbol for force in forces]
     for symbol in symbols:
         if symbols.count(symbol) > 1:
-            raise LibraryError(f"{source}: the symbol '{symbol}' stands for several forces; rename one.")
+            raise LibraryError(f"{source}: the symbol '{symbol}' belongs to several forces; rename one.")
     title = data.get("title", source)
     check_keys({"title": title}, {"title": TEXT}, ("title",), source)
     return ForceLibrary(" ".join(title.split()), forces, source)

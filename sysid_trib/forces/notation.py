@@ -164,7 +164,7 @@ def toml_value(value: Any) -> str:
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
     # Texts, numbers and truth values of JSON are those of TOML; a number reads back as the same number.
-    # Letters as they are: TOML knows no pairs of escapes for those above U+FFFF.
+    # Letters stay unescaped: TOML has no pairs of escapes for those above U+FFFF.
     return json.dumps(value, ensure_ascii=False)
 
 

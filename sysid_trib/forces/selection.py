@@ -165,7 +165,7 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
     of_inputs += [force for force in load_library(HYSTERESIS) if inputs and len(force.shape) < 3]
     others = [force for force in (*library, *of_inputs) if force.symbol not in start.symbols]
     taken = [force.symbol for force in (*start, *others)]
-    # One's own force of a symbol goes before the usual effect of the same.
+    # A user's own force of a symbol precedes the usual effect of the same symbol.
     others += [force for force in effects if force.symbol not in taken]
     return replace(effects, forces=tuple(others))
 
@@ -365,7 +365,7 @@ def known_coefficients(library: ForceLibrary) -> dict[str, float]:
     sources = library.source.split(" + ")
     if all(source in shipped for source in sources):
         return {}
-    # Of a sum of libraries.
+    # For a sum of libraries.
     free = {force for source in sources if source in shipped for force in load_library(shipped[source])}
     stated = (force for force in library if force.coefficient is not None and force not in free)
     return {force.symbol: force.coefficient for force in stated if force.coefficient is not None}

@@ -6,7 +6,7 @@ import numpy as np
 
 from sysid_trib.forces.force import Force
 
-# How nearly a natural frequency is the shape that gives it.
+# Relative difference between a natural frequency and the shape that gives it.
 SAME = 0.05
 TURN = 2.0 * np.pi
 

@@ -14,7 +14,7 @@ from sysid_trib.forces.notation import parse
 if TYPE_CHECKING:
     from sysid_trib.forces.force import Force
 
-# By name with the force's symbol, `dahl.s`.
+# Names with the force's symbol, `dahl.s`.
 ShapeValues: TypeAlias = Mapping[str, float]
 
 
@@ -76,7 +76,7 @@ class Channel(NamedTuple):
     input : str
         Its name.
     order : int
-        Of the derivative.
+        Order of the derivative.
     kind : str
         One of `INPUT_KINDS`; other than "" it is in the unit of the signal, or that over s or s^2.
     """
@@ -195,7 +195,8 @@ def test_points(force: "Force") -> dict[str, Any]:
     points = dict(zip("xv", sides * sizes, strict=True))
     points |= {k: random.uniform(-0.5, 0.5, 64) for k in (*force.state, *force.memory)}
     points |= {"t": random.uniform(0.5, 20.0, 64)} | force.shape_values()
-    # Off one another: forces that hold a coefficient are no others at some value of it.
+    # Values apart from each other: forces that contain a coefficient may be equal to others at some value of
+    # it.
     points |= {symbol: 0.7 + 0.3 * at for at, symbol in enumerate(force.uses)}
     return points | {
         c.name: random.choice((-1.0, 1.0), 64) * random.uniform(0.05, 1.2, 64) for c in force.channels

@@ -30,14 +30,14 @@ LINES_ABOUT_MOTION = 1.5
 SEGMENTS = 8
 # Averages of neighbouring lines suffice, of which a spectrum of few bends has no more than this to tell.
 MOST_LINES = 2000
-# Of a Hann window: independent values of the spectrum in each line.
+# For a Hann window: number of independent values of the spectrum in each line.
 INDEPENDENT_PART = 2.0 / 3.0
 # First step of a search among colours, in units of arctanh(partial autocorrelation), and where it ends: in
 # these units and in the deviance.
 COLOUR_STEP, COLOUR_TOLERANCE = 0.05, 0.02
-# A long record tells a colour to less than that: the first step then is so many standard errors.
+# A long record determines a colour better than that: the first step is then this number of standard errors.
 FIRST_STEP_IN_ERRORS = 3.0
-# Of a gain that is far beyond chance only its size is wanted, to this part.
+# Accuracy of a gain that is far beyond chance: only its size matters.
 PART_OF_GAIN = 0.01
 # Largest partial autocorrelation in a search: a walk has no variance that its first sample could have.
 MOST_CORRELATED = 0.999
@@ -54,7 +54,7 @@ class Lines:
     line : (line,) array of float
         Cycles a sample.
     power : (line,) array of float
-        Of white noise the variance of a sample.
+        Power; for white noise the variance of a sample.
     count : (line,) array of float
         How many are in each.
     """
@@ -142,7 +142,7 @@ def most_likely_colour(
         most = MOST_TRIALS * order
         options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": tolerance, "maxfev": most}
         minimum = minimize(lambda at: deviance(filter_at(at)), at, method="Nelder-Mead", options=options)
-        # A start that is more correlated than the search goes may be the best.
+        # A start of stronger correlation than the limit of the search may be the best.
         value, best = min((value, best), (float(minimum.fun), filter_at(minimum.x)), key=lambda pair: pair[0])
         if minimum.nfev >= most or _colour_tolerance(value - least) > 0.5 * tolerance:
             return best, value
@@ -229,7 +229,7 @@ def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, A
     """Return spectral lines in cycles a sample, their power, and their frequency in units of the motion's."""
     length = len(deviation) // segments
     line, power = scipy.signal.welch(deviation, nperseg=length, detrend="linear")
-    # One-sided, which takes half of the time: each line but the first is there twice.
+    # One-sided, which takes half of the time: each line except the first occurs twice.
     line, power = line[: length // 2], power[: length // 2]
     power[1:] *= 0.5
     return line, power, 2.0 * np.pi * line / float(np.median(np.diff(tau)))

@@ -101,7 +101,7 @@ def cell_averages(
     before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
     for i, force in enumerate(forces):
         columns[:, i] = 0.5 * (value(force, before) + value(force, after))
-        # Of these samples alone: few cells switch, and each has many points.
+        # Only these samples: few cells switch, and each has many points.
         at = np.flatnonzero(_switches(force, corners, shapes, given))
         for few in np.array_split(at, 1 + len(at) // CELLS_AT_ONCE) if len(at) else ():
             points = near(parts[:, None], errors[:, None], [values[few] for values in every])
@@ -147,7 +147,7 @@ def derivatives_along(
     motion : three (sample,) arrays of float
         Time since the first sample (s), x and v (rad).
     given : mapping of str to (sample,) array of float, optional
-        What formulas hold of inputs.
+        Inputs in the formulas.
     kind : {"force", "sensor"}
         Stiffness and damping by forces; or by which errors of the sensor grow with the angle and its rate.
 
@@ -169,7 +169,7 @@ def derivatives_along(
                 continue
             with np.errstate(all="ignore"):
                 slope = np.broadcast_to(force.formula.derivative(names, name), x.shape)
-            # Where a power is singular the motion is for an instant.
+            # The motion passes the singularity of a power for an instant only.
             slope = np.where(np.isfinite(slope), slope, 0.0)
             if kind == "force" and force.formula.surfaces:
                 slope = _with_jump(force, names, name, slope, coefficient)

@@ -31,7 +31,7 @@ def check_random_force(option: RandomForceOption) -> None:
     """
     if isinstance(option, str):
         if option not in OPTIONS:
-            raise UsageError(f"random_force='{option}' is none of {', '.join(OPTIONS)}, and no density.")
+            raise UsageError(f"random_force='{option}' must be one of {', '.join(OPTIONS)}, or a density.")
     elif not (np.isfinite(option) and option >= 0.0):
         raise UsageError(f"random_force={option} is no density; give {DENSITY_UNITS}, 'auto' or 'off'.")
 
@@ -90,7 +90,7 @@ def average_over_ratios(
     estimate : VarianceRatio
         As `variance_ratio` gives it of these rows.
     samples : int
-        Of the record.
+        Samples of the record.
     solved : callable
         Parameters and their covariance with a ratio and its variance.
 
@@ -99,7 +99,7 @@ def average_over_ratios(
     shift : (parameter,) array of float
         From the parameters at the most likely ratio to their mean.
     covariance : (parameter, parameter) array of float
-        What the open ratio adds to the covariance at the most likely one.
+        Increase of the covariance at the most likely ratio due to the open ratio.
 
     Notes
     -----

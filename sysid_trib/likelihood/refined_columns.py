@@ -28,7 +28,7 @@ SLIPPED = 0.3
 MOST_HALVINGS = 8
 # A step this small, in standard errors, does not count.
 SETTLED_STEP = 0.02
-# Of the parts of a curve, which are nearly the same on a record: the curve's own errors are far smaller.
+# For the parts of a curve, which are nearly collinear on a record: the curve's own errors are far smaller.
 SETTLED_PART = 0.2
 # Part of the swing by which coefficients of a record without noise may still change.
 SETTLED_WITHOUT_NOISE = 1e-10
@@ -44,7 +44,7 @@ def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -
     linear_about : tuple of RunRegression
         About whose paths the rows are linear; about each motion itself where that does not settle.
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
 
     Returns
     -------
@@ -63,11 +63,11 @@ def refine_from(runs: Runs, start: Model, most: int, constraints: ConstraintMap)
     runs : tuple of RunRegression
         About any paths.
     start : Model
-        Of nearly the same forces; those that it lacks are zero.
+        Identification of nearly the same forces; missing ones are zero.
     most : int
         Motions at most: of one the estimate is a step of Gauss and Newton from the start.
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
 
     Returns
     -------
@@ -99,7 +99,7 @@ def _refined(
         except SimulationError:
             break
         if any(has_slipped(run) for run in runs):
-            # From a motion that follows the record a part of the step is one of less.
+            # If the motion follows the record, a part of a step is a step of smaller size.
             halvings += 1
             if linear_about is not None or halvings > MOST_HALVINGS or followed is None:
                 break
@@ -159,7 +159,7 @@ def _extrapolation(step: Array, last: Array | None) -> float:
 def simulated(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
     """Return a run with the motion of its present model as path, the start fitted to the record."""
     values = dict(zip(run.library.symbols, run.coefficients.tolist(), strict=True))
-    # Where nothing pulls a body back, an error of its start grows.
+    # Without a restoring force, an error of the start grows.
     motion = motion_of_run(run, constraints, near=not is_free_to_move(run.library, values))
     columns = run.columns_along(motion.x, motion.v, known=motion.hidden)
     path = replace(run, x=motion.x, v=motion.v, columns=columns, exact=True, near=None)

@@ -37,7 +37,7 @@ class RunRegression:
     frequency_free : bool
         Whether the reference frequency is fitted.
     inputs : mapping of str to KnownInput
-        Of the record, by their names.
+        Inputs of the record, by their names.
     run : int
         Number of the record, from 1.
     sensor, sensor_alone : NoiseModel

@@ -146,9 +146,9 @@ class Solution:
     coefficients : (force,) array of float
         Of the rows, at the frequency that they were made with; zero where a force is not in the model.
     steps : (run,) or (run + 1,) array of float
-        Of the nuisances: the sensor's zero in each run (rad), the stiffness.
+        Steps of the nuisances: the sensor's zero in each run (rad), the stiffness.
     covariance : (force + 1, force + 1) array of float
-        Of the coefficients and the reference frequency (rad/s).
+        Covariance of the coefficients and the reference frequency (rad/s).
     noise : float, rad
         RMS residual of the white rows.
     lags : int
@@ -207,7 +207,8 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
     jacobian[:-1, :count] = constraints.matrix
     if run.frequency_free:
         coefficients = coefficients + shift * steps[-1]
-        # From the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer to it.
+        # Transformation from the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that
+        # refer to it.
         jacobian[:-1, -1] = -constraints.matrix @ _rescaling(run, coefficients)[constraints.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ solved_covariance @ jacobian.T
@@ -300,7 +301,7 @@ def select(
         basis, _ = np.linalg.qr(white[:, :count])
         outside = white[:, count:] - basis @ (basis.T @ white[:, count:])
     if optimizer is not None:
-        # It may be the user's: it must not come back changed.
+        # The optimiser may be the user's object: it must not be changed.
         kept &= deepcopy(optimizer).fit(outside[:, :-1], outside[:, -1:]).coef_[0] != 0.0
     if significance is not None:
         kept &= significant(outside[:, :-1], outside[:, -1], significance, removed_columns=count)

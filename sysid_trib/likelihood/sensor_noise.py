@@ -251,7 +251,7 @@ def _band_by_blocks(operator: sp.csr_matrix) -> Array:
     first = np.minimum.accumulate(operator.indices[operator.indptr[:-1]][::-1])[::-1]
     end = np.maximum.accumulate(operator.indices[operator.indptr[1:] - 1] + 1)
     rows = len(first)
-    # Rows that share a sample with a row: itself and so many after it.
+    # Rows that share a sample with a row: itself and this number after it.
     bands = int(np.max(np.searchsorted(first, end) - np.arange(rows)))
     band = np.zeros((bands, rows))
     for begin in range(0, rows, bands):

@@ -30,7 +30,7 @@ class SmoothFit:
     coefficients : (column,) array of float
         Mean over the smoothness that the rows allow.
     covariance : (column, column) array of float
-        Of the noise, of the penalty and of the smoothness.
+        Covariance due to the noise, the penalty and the smoothness.
     noise : float
         RMS residual of the white rows.
     penalty : (column,) array of float

@@ -26,8 +26,8 @@ from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.records.smoothing import least_squares_spline
 
 MAX_SMOOTHED_PATHS = 12
-# After so many rounds a step of this part of an error ends them: paths that hop between branches of a force
-# that jumps come no nearer. The step is then among the errors.
+# After this number of rounds, a step of this part of an error ends them: paths that alternate between
+# branches of a force that jumps come no nearer. The step is then included in the errors.
 ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 # Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
 COLOUR_ROUND = 1
@@ -43,7 +43,7 @@ def regress_stochastic(
     runs : tuple of RunRegression
         With a first estimate.
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
         A number is the one-sided density, held.
 
@@ -103,7 +103,7 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
     ----------
     weighed : sequence of WeighedRun
     solution : Solution
-        Of their rows.
+        Solution of their rows.
 
     Returns
     -------
@@ -155,7 +155,7 @@ def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunReg
         error = _smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
         expected = run.columns_along(run.x, run.v, error)
         nearby = replace(nearby, x=run.x, v=run.v, columns=expected, near=near)
-    # The zero of the sensor is that of the rows, which know the random force.
+    # The zero of the sensor is that of the rows, which include the random force.
     return nearby
 
 

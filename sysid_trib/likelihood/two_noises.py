@@ -126,7 +126,7 @@ def with_noises(
     ----------
     run : RunRegression
     constraints : ConstraintMap
-        Of the forces that are in the model.
+        Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
         A number is the one-sided density, held.
     colour : bool
@@ -139,7 +139,7 @@ def with_noises(
     """
     rows = rows_about(run, run.operator)
     free, target = rows.columns @ constraints.matrix, rows.target - rows.columns @ constraints.constant
-    # By columns, as LAPACK takes them many times.
+    # Stored by columns, as LAPACK uses them many times.
     table = np.asfortranarray(np.column_stack([free, rows.nuisances, target]))
     weighed = WeighedRun(run, run.operator, rows, table)
     if isinstance(option, str):

@@ -42,7 +42,7 @@ class WhiteRows:
     target : (row,) array of float
     design : (row, column) array of float
     log_determinant : float
-        Of the covariance in units of the variance.
+        Log determinant of the covariance in units of the variance.
     further : float
         Number of samples that a row stands for beyond itself: of noise alone one row may have the squares of
         many.
@@ -109,13 +109,13 @@ class VarianceRatio:
     ratio : float
         0 where the likelihood is greatest there.
     variance : float
-        Of the sensor's noise.
+        Variance of the sensor's noise.
     relative_error : float
         Standard error of ratio * variance over itself; where that is 0, nan.
     upper : float
         Where the ratio is 0: the ratio at which the deviance has risen by one, one standard error as it were.
     gain : float
-        By how much the deviance is lower than without the second part.
+        Decrease of the deviance by the second part.
     deviance : float
         Minus twice the logarithm of the restricted likelihood.
     """
@@ -166,7 +166,7 @@ def rows_by_ratio(
         if further is None:
             return WhiteRows(white[:, -1], white[:, :-1], determinant, least_variance=least_variance)
         samples, squares, of_further = further
-        # One row has the squares of all further samples.
+        # One row contains the squares of all further samples.
         white = np.pad(white, ((0, 1), (0, 0)))
         white[-1, -1] = np.sqrt(squares)
         return WhiteRows(white[:, -1], white[:, :-1], determinant + of_further, further=samples - 1.0)

@@ -33,9 +33,9 @@ SAMPLES_PER_ROW = 1.5
 # The first and last rows have knots on top of each other: samples are interpolated there by splines of this
 # degree and integrated in so many parts of a step, else each would be wrong by a hundredth.
 END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
-# Next to a gap, a step longer than so many others, there is nothing to interpolate.
+# Next to a gap, a step longer than this number of others, nothing is interpolated.
 MOST_UNEVEN = 1.5
-# Where a sparse matrix has entries.
+# Places of the entries of a sparse matrix.
 ENTRIES = "indptr", "indices"
 # Numbers that are filtered at once.
 MOST_DENSE = 4_000_000
@@ -143,7 +143,7 @@ def points_between(tau: Array, intervals: int, per_period: float) -> tuple[Splin
     tau : (sample,) array of float
         Of the weak form.
     intervals : int
-        Of the weak form.
+        Intervals of the weak form.
     per_period : float
         Points wanted in 2 pi of tau, at least.
 
@@ -152,7 +152,7 @@ def points_between(tau: Array, intervals: int, per_period: float) -> tuple[Splin
     splines : SplinesAt
         On the knots of the test functions, at the points: each step of `tau` in equal parts.
     integrals : (row, point) sparse array of float
-        Of the same rows as `WeakForm.value`.
+        Integrals of the same rows as `WeakForm.value`.
     """
     step = float(np.median(np.diff(tau)))
     parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))

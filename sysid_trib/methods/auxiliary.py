@@ -77,11 +77,11 @@ class AuxiliaryModel:
     wandering : tuple of str
         Groups of equations that a random force is estimated from.
     curve : {"half-sines", "analytic-signal"}
-        What extrema are taken from.
+        Curve that gives the extrema.
     rule : Rule
-        Of least squares (see `solve`).
+        Rule of least squares (see `solve`).
     names : tuple of str
-        Of the first parameters, for what is refused.
+        Names of the first parameters, for errors.
     curves : tuple of arrays of int
         Parameters of each smooth curve, which are penalised (see `solve_curves`).
     means : callable, optional
@@ -165,7 +165,7 @@ class AuxiliaryModel:
         measured : sequence of Dataset
             The envelopes, of half-sines.
         decays : sequence of Dataset
-            What they were measured of.
+            Decays of the envelopes.
         """
         parameters = np.concatenate([group.parameters for group in groups.values()])
         of_errors = np.concatenate([group.influence for group in groups.values()])
@@ -204,7 +204,7 @@ def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Datase
     noise : float
         Standard deviation of a sample, in the unit of the decay.
     density : float
-        Of the random force, (rad/s^2)^2/Hz.
+        Density of the random force, (rad/s^2)^2/Hz.
     """
     return _at_noise(measured, noise).assign({half_periods.DENSITY: density} if density else {})
 
@@ -242,7 +242,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
     Parameters
     ----------
     groups : sequence of HalfPeriodEquations
-        Of one run, the rate of the amplitude and the frequency at each instant.
+        Equations of one run: the rate of the amplitude and the frequency at each instant.
     measured : Dataset
         Their envelope.
 
@@ -264,7 +264,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
         return 1.0
     low, high = amplitude.min(), amplitude.max()
     powers = legendre.legvander((2.0 * amplitude - low - high) / (high - low), DEGREES)
-    # Of each instant the rate of the amplitude, then the frequency.
+    # At each instant the rate of the amplitude, then the frequency.
     further = np.zeros((len(amplitude), 2, 2 * (DEGREES + 1)))
     further[:, 0, : DEGREES + 1] = amplitude[:, None] * powers
     further[:, 1, DEGREES + 1 :] = powers
@@ -335,5 +335,5 @@ def random_force_ratio(
     if not isinstance(option, str):
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
     times = measured.extremum_time.values
-    # Of tau: largest impulses tried are those that hide the sensor's noise within so short a time.
+    # In units of tau: the largest impulses tried hide the sensor's noise within this time.
     return variance_ratio(rows, w * float(times[-1] - times[0]), 0.1)

@@ -60,7 +60,7 @@ class Averaging(Constrained):
     shapes : Mapping of str to float
         Values of shape parameters, which are held.
     curve : {"half-sines", "analytic-signal"}
-        What gives the extrema (see `envelope`).
+        Curve that gives the extrema (see `envelope`).
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` finds a white random acceleration in each run besides the sensor's noise, by the
         restricted likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to
@@ -109,7 +109,7 @@ class Averaging(Constrained):
         wanted = constraints = Constraints(self.constraints)
         shapes = {**self.shapes, **{k: v for k, v in wanted.fixed.items() if k not in asked.symbols}}
         method = replace(self, shapes=shapes)
-        # The paper's rule has no errors that would know a random force.
+        # The errors of the paper's rule do not include a random force.
         force = self.random_force if self.frequency == "fit" else "off"
         unbounded = None
         while True:
@@ -206,7 +206,7 @@ class Averaging(Constrained):
         """Return the averaged equations of the free coefficients, whose parameters are w c of each, and w."""
         whole, reference = averaged_equations(library, self.shapes), self.reference_frequency
         damping = [(library.symbols.index(s), factor) for s, factor in library.damping_factors.items()]
-        # Of (w c of each force, w) as linear functions of (w c of each free one, w).
+        # Linear map from (w c of each free force, w) to (w c of each force, w).
         expand = np.block([[free.matrix, free.constant[:, None]], [np.zeros(len(free.free)), np.ones(1)]])
 
         def equations(extremum: Array, time: Array) -> tuple[Array, Array]:

@@ -84,7 +84,7 @@ class ClassicalMethod:
         coefficients = parameters[:-1] * (half if self._rates else 1.0)
         damping = [at for at, formula in enumerate(self.FORMULAS) if formula == VISCOUS_FRICTION]
         beta = self._beta(coefficients[damping])
-        # By which damping lowers the frequency of the half periods.
+        # Factor by which damping lowers the frequency of the half periods.
         stretch = np.hypot(1.0, np.sum(beta))
         coefficients /= stretch if self._rates else 1.0
         coefficients[damping] = beta / stretch
@@ -105,11 +105,11 @@ def decrement(
     Parameters
     ----------
     name : str
-        Of the class.
+        Name of the class.
     relation : callable
         From extrema and times to design and target (see `Equations`). Its docstring is that of the method.
     label : str
-        Of the method in tables and sentences.
+        Label of the method in tables and sentences.
     forces : mapping of str to float
         Formulas of the forces, in the order of the parameters, and coefficients of a decay that has nothing
         else. The parameter of `2*v` gives zeta.

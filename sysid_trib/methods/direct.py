@@ -47,7 +47,7 @@ from sysid_trib.results.variables import Variables, described, start_variables
 from sysid_trib.simulation.model import Model
 
 MAX_SELECTIONS = 5
-# The columns of the first are at a frequency of two digits, and its operator knows no force that is free.
+# The columns of the first estimate are at a frequency of two digits, and its operator contains no free force.
 FIRST_ESTIMATES = 2
 # Half of a record of fewer radians gives no better start.
 FEWEST_RADIANS = 120.0

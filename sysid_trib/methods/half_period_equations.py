@@ -16,7 +16,7 @@ from sysid_trib.likelihood.smoothness import smooth_least_squares
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.half_sines import half_period_responses
 
-# Of an envelope: errors of extrema and of their times, and the density of a random force.
+# Errors of an envelope: of extrema and of their times, and the density of a random force.
 ENVELOPE_ERRORS = ("extremum_standard_error", "extremum_time_standard_error")
 DENSITY = "random_force_density"
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
@@ -124,7 +124,7 @@ class EquationSolution:
     fitted : float
         Number of parameters; of curves, which are penalised, the effective number.
     precision : (parameter,) array of float, optional
-        That of the `Penalty`, where there are curves.
+        Parameters of the `Penalty`, if there are curves.
     """
 
     parameters: Array
@@ -169,7 +169,7 @@ def solve(
     rule : {"weighted", "plain", "last"}
         Generalised least squares, or plain ones; with `last` the last parameter is the last target.
     names : sequence of str
-        Of the first parameters.
+        Names of the first parameters.
 
     Returns
     -------
@@ -217,11 +217,11 @@ def solve_curves(
     measured : sequence of Dataset
         The envelope of each run.
     names : sequence of str
-        Of the first parameters.
+        Names of the first parameters.
     curves : sequence of arrays of int
         Parameters of each curve (see `smooth_least_squares`).
     penalty : Penalty, optional
-        Of the curves; estimated from the equations where left out.
+        Penalty of the curves; estimated from the equations where left out.
 
     Returns
     -------

@@ -36,7 +36,8 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.stand_in import accuracy_of
 
-# Steps that end the correction: of the standard errors, or of the values where there is next to no noise.
+# Steps that end the correction: relative to the standard errors, or to the values if there is almost no
+# noise.
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
 # Parts of a smooth curve are nearly collinear on a record: their sum converges far earlier.
 SETTLED_CURVES = 0.1
@@ -56,13 +57,13 @@ class IndirectEstimate:
     covariance : (value, value) array of float
         Scaled by the Birge ratios.
     birge_ratios : Mapping of str to float
-        Of each group of equations, and of all by an empty name.
+        Birge ratios of each group of equations, and of all by an empty name.
     bias_removed : bool
         Whether the bias was taken off.
     bias_reason : str
         Why it was not, where that was tried.
     random_forces : list of RandomForce
-        Of each run; none where the motion is not pushed.
+        Random forces of each run; none where the motion is not pushed.
     """
 
     values: Array
@@ -92,7 +93,7 @@ def indirect_estimate(
     Parameters
     ----------
     auxiliary : AuxiliaryModel
-        What is fitted.
+        Auxiliary model to fit.
     decays : sequence of Dataset
         The runs.
     correct : bool
@@ -107,7 +108,7 @@ def indirect_estimate(
     to the record, and what that got wrong is subtracted, until nothing moves (Gourieroux et al. 1993).
     """
     measured = [auxiliary.measure(decay) for decay in decays]
-    # Of a density that is held the residuals tell the sensor's noise alone: a first fit does for that.
+    # With a held density, the residuals determine the sensor's noise alone: a first fit is sufficient.
     held = not isinstance(random_force, str) and random_force > 0.0
     estimate, last = _estimate(auxiliary, decays, measured, correct=correct and not held)
     if not is_fitted(random_force):

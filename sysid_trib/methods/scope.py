@@ -31,11 +31,11 @@ class MethodScope:
     label : str
         Name in tables and sentences.
     assumes : str
-        What must hold for its numbers to be right.
+        Assumptions of the method.
     observes : str
-        What it takes from the record: the motion itself, or averages over half periods.
+        Observed quantity: the motion itself, or averages over half periods.
     identifies : str
-        The forces that it identifies of those offered.
+        Forces that it identifies among those offered.
     several_runs : bool
         Whether it identifies several runs together.
     white_noise : bool
@@ -91,7 +91,7 @@ def constrained(method: Method, constraints: Constraints) -> Method:
     method : Method
         The method without them.
     constraints : Constraints
-        What is fixed, bounded and tied.
+        Fixed values, bounds and ties.
 
     Raises
     ------
@@ -111,11 +111,11 @@ def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Met
     Parameters
     ----------
     constraints : mapping of str to float, (float, float) or str
-        What is asked for.
+        Constraints asked for.
     library : ForceLibrary
-        Those offered.
+        Forces offered.
     method : Method
-        What its own constraints ask for is left to it.
+        Method; its own constraints are left as they are.
     """
     asked = {*constraints, *getattr(method, "constraints", {})}
     stated = {name: value for name, value in known_coefficients(library).items() if name not in asked}

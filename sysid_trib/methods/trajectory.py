@@ -195,7 +195,7 @@ class Trajectory(Constrained):
             parameters = parameters.fix(measured_starts(runs))
             records = tuple(replace(record, start_is_shown=True) for record in records)
         elif is_free_to_move(offered, parameters.constraints.fixed):
-            # No rate shows where a body is that may be anywhere.
+            # The position of a free body does not follow from its rate.
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
             parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
         return FitProblem(parameters, records, runs, library)
@@ -212,7 +212,7 @@ class Trajectory(Constrained):
         # moves would dominate.
         if problem.driven and not _residual_is_white(fit):
             rounds = 0
-            # One run of a record that is followed has one minimum.
+            # A run that the motion follows has one minimum.
             if len(problem.records) > 1:
                 fit = nearby_best(fit)
         for _ in range(rounds):
@@ -369,7 +369,7 @@ def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
         bias_errors = np.sqrt(np.diag(covariance)[places])
         extra["bias"] = (fit.values[places], units, "bias of the sensor about the mean of the swing")
         extra["bias_standard_error"] = (bias_errors, units, "standard error of the bias")
-        extra["measured_noise"] = (levels, units, "noise of one sample of what was measured")
+        extra["measured_noise"] = (levels, units, "noise of one sample of the measured quantity")
     if all(levels):
         chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, levels, strict=True))
         ratio = birge_ratio(chi_square, degrees_of_freedom)

@@ -43,7 +43,7 @@ def prediction_bands(
     result : Dataset
         Any identification.
     periods : array_like of float
-        How far ahead, in periods of the reference frequency; of each the nearest sample is taken.
+        Periods of the reference frequency to predict ahead; the nearest sample of each is taken.
     origins : sequence of float, s, optional
         Times to predict from; where left out, one each longest horizon, so that predictions do not overlap.
     run : int

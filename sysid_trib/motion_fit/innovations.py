@@ -19,7 +19,7 @@ from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 
-# Of noise as 1/f so many taps: each is a state, and further ones change little at the frequency of a swing.
+# Number of taps for 1/f noise: each is a state, and further ones change little at the frequency of a swing.
 MOST_TAPS = 49
 
 
@@ -36,7 +36,7 @@ class TrackedRecord:
     linear : LinearModel
         About the smoothed motion, with columns for angle and rate at the start and for the sensor's zero.
     deviation : (3,) array of float
-        Of these three from where it is linear; nearly zero.
+        Deviations of these three from the reference; nearly zero.
     zero : float, rad
         Zero of the sensor.
     noise : float, rad
@@ -96,7 +96,7 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
     run : int
         Which of its runs the decay is, for noise and random force.
     every : int
-        Of so many samples one is taken.
+        Decimation: one of so many samples is taken.
 
     Raises
     ------

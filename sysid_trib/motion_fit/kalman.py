@@ -29,7 +29,7 @@ class LinearModel:
         From each state of the path.
     path : (sample, state) array of float
     record : (sample,) array of float, rad
-        What was measured, minus what the sensor would show on the path.
+        Measured value minus the sensor's reading on the path.
     observed : (sample, state) array of float
         Derivative of what the sensor shows by the state.
     observed_parameters : (sample, column) array of float
@@ -154,7 +154,7 @@ class LinearModel:
         Parameters
         ----------
         ratio : float
-            Of the random force's growth of the variance of v to the variance of the sensor's noise.
+            Ratio of the random force's growth of the variance of v to the variance of the sensor's noise.
         parameters : (column,) array of float, optional
             Deviations at which the record is filtered; where left out, it and each column are for themselves.
 
@@ -162,7 +162,7 @@ class LinearModel:
         -------
         predicted : (sample, state, signal) array of float
         innovations : (sample, signal) array of float, rad
-            Of the record, minus what each column adds to it.
+            Innovations of the record, minus those of each column.
         variance : (sample,) array of float
         """
         gain, variance = self.gains(ratio)
@@ -181,7 +181,7 @@ class LinearModel:
     @cached_property
     def _signals(self) -> tuple[Array, Array, Array]:
         """Signals (sample, signal), what each step adds, first states: of the record, then of the columns."""
-        # Where the exact steps end, from the path's next state.
+        # Ends of the exact steps, relative to the path's next state.
         mismatch = self.steps.end - self.path[1:]
         return (
             np.column_stack([self.record, -self.observed_parameters]),
@@ -197,7 +197,7 @@ class LinearModel:
         Parameters
         ----------
         gain : (sample, state) array of float
-            Of the prediction; zero for the motion that no record corrects.
+            Gain of the prediction; zero for the motion that no record corrects.
         source : (sample, state, column) array of float
         backward : bool
             The transposed recursion from the last sample, r[k] = (transition - gain observed)' r[k + 1] +

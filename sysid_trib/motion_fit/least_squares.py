@@ -19,7 +19,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.simulate import trajectory
 
-NO_FITTED_MOTION = "No motion of these forces follows the record; offer other forces or a shorter window."
+NO_FITTED_MOTION = "No motion with these forces follows the record; offer other forces or a shorter window."
 # Relative step at which a fit with parameters held is done: its deviance is known to far less than 1.
 HELD_TOLERANCE = 1e-8
 
@@ -189,7 +189,7 @@ def grown(problem: FitProblem, values: Array) -> Array:
         tried = fitted(problem, values).values
         if missed(problem, tried) < FOLLOWED_DRIVEN:
             return tried
-    # One this near has not slipped out of phase.
+    # A motion this near has not slipped out of phase.
     elif away < 0.5:
         tried = fitted(problem, values).values
         if missed(problem, tried) < FOLLOWED:
@@ -283,7 +283,7 @@ def fitted(
     ridge : float
         Weight of the distance from the first guess, of the sizes of the sensitivities there (Tikhonov).
     most_evaluations : int
-        Of the residuals.
+        Largest number of evaluations of the residuals.
     """
     parameters = problem.parameters
     tolerance = tolerance or (CONVERGED_DRIVEN if problem.driven else CONVERGED)

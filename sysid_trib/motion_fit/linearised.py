@@ -35,7 +35,7 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
 def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
     """Return the smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
     steps = np.diff(tau)
-    # A step so many times the usual one is a gap, over which no spline is laid.
+    # A step of this multiple of the usual one is a gap, over which no spline is fitted.
     gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1
     x, v = angle.copy(), np.zeros_like(angle)
     for at in np.split(np.arange(len(tau)), gaps):
@@ -154,7 +154,7 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     Returns
     -------
     by_column : (step, 2, column) array of float
-        What each acceleration adds to x and v by the end of a step; the first is the angle itself.
+        Increment of x and v by each acceleration at the end of a step; the first is the angle itself.
     on : (column,) array of str
         What each depends on: `angle` in phase with the angle (a stiffness), `speed` in phase with the speed
         (a friction), `time` at the same amplitude.

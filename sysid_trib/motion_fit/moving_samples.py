@@ -12,7 +12,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency, smooth
 
-# Below this part of its largest a rate may be that of a body at rest, whose friction is a reaction.
+# Below this part of its largest value a rate may be that of a body at rest, whose friction is a reaction.
 AT_REST_PART = 0.02
 # So many samples of a run represent all of them.
 SAMPLES_OF_A_RUN = 1000
@@ -27,7 +27,7 @@ class MovingSamples:
     Attributes
     ----------
     names : mapping of str to (sample,) array of float
-        What formulas hold: x, v, t and inputs.
+        Variables of formulas: x, v, t and inputs.
     acceleration : (sample,) array of float, rad
         Second derivative of the angle by tau.
     frequency : float, rad/s
@@ -98,7 +98,7 @@ def regressed(points: MovingSamples, library: ForceLibrary, held: Mapping[str, f
                 right = right - held[force.symbol] * _along(force, points.names)
         *values, of_acceleration = np.linalg.lstsq(columns_of(points, free), right, rcond=1e-6)[0].tolist()
         known |= zip((force.symbol for force in free), values, strict=True)
-        # Of the equation (w0/w)^2 x'' + x + ... = 0 in the tau of w0.
+        # Coefficients of the equation (w0/w)^2 x'' + x + ... = 0 in the tau of w0.
         if of_acceleration > 0.0:
             frequency = points.frequency / float(np.sqrt(of_acceleration))
     return Regression(known, frequency)

@@ -21,7 +21,7 @@ from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD, STEPS_A_PERIOD, SimulatedMotion
 from sysid_trib.simulation.stand_in import accuracy_of
 
-# A motion is out of all proportion beyond so many swings of the record.
+# A motion is implausible beyond this multiple of the record's swing.
 OUT_OF_PROPORTION = 10.0
 # Part of a parameter by which a penalty is differenced.
 PENALTY_STEP = 1e-5
@@ -42,11 +42,11 @@ class WhitenedRecord:
     weight : float, 1/rad
         One over the standard deviation of the whitened noise.
     sensor : (str, float)
-        What was measured (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
+        Measured values (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
     swing : float, rad, optional
         Largest angle, where that was not measured.
     inputs : mapping of str to KnownInput
-        What drives the motion.
+        Inputs that drive the motion.
     uncounted : int
         First samples, until which the motion forgets with what states and memory it began.
     start_is_shown : bool
@@ -138,7 +138,7 @@ class WhitenedRecord:
 
     def _excess(self, model: Model, per_run: Array) -> float:
         """Return the ratio of frequency or start to the largest plausible value, whichever is worse."""
-        # An optimiser astray asks for hours of faster swings.
+        # A diverging optimiser would ask for hours of faster swings.
         highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
         far, (angle, rate, _) = OUT_OF_PROPORTION * self.size, per_run.tolist()
         return float(max(model.reference_frequency / highest, abs(angle) / far, abs(rate) / (far * highest)))
@@ -147,7 +147,7 @@ class WhitenedRecord:
         self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
     ) -> SimulatedMotion | None:
         acting, (angle, rate) = replace(model, inputs=self.inputs), self.start_of(model, per_run)
-        # A motion without states takes so many steps only where it runs away.
+        # A motion without states takes so many steps only if it diverges.
         plain = all(force.memoryless for force in model.library)
         steps = FEW_STEPS_A_PERIOD if plain else STEPS_A_PERIOD
         try:
@@ -190,9 +190,9 @@ class FitProblem:
     Parameters
     ----------
     parameters : Parameters
-        What the vector of values holds.
+        Parameters in the vector of values.
     records : tuple of WhitenedRecord
-        What was measured of the runs.
+        Measured values of the runs.
     runs : sequence of xarray.Dataset
         The decays themselves.
     offered : ForceLibrary

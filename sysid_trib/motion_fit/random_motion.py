@@ -42,7 +42,7 @@ from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 
 PATIENCE = 10
-# By what the relaxation changes where a step turns back, and where it goes on, by the cosine of their angle.
+# Change of the relaxation if a step turns back, and if it continues, by the cosine of their angle.
 SHORTER, LONGER, TURNED = 0.5, 1.5, 0.3
 LEAST_PART = 0.05
 
@@ -59,7 +59,7 @@ class Iterate:
     linear : sequence of LinearModel
         The runs about their filtered paths, with columns for the free parameters.
     ratios : sequence of VarianceRatio
-        Of each run: per_tau of the random force over the variance of the sensor's noise.
+        Ratios of each run: per_tau of the random force over the variance of the sensor's noise.
     """
 
     parameters: Parameters
@@ -136,7 +136,7 @@ class Iterate:
         return self.parameters.expand(np.clip(self.values[free] + step, low, high))
 
     def average_by_ratio(self, run: int) -> tuple[Array, Array]:
-        """Return the step of the free parameters over the ratios that the record of a run leaves open."""
+        """Return the mean step of the free parameters over the plausible ratios of a run."""
 
         def solved(ratio: VarianceRatio) -> tuple[Array, Array]:
             return replace(self, ratios=[*self.ratios[:run], ratio, *self.ratios[run + 1 :]]).solution
@@ -208,7 +208,7 @@ def fit_random_motion(
         try:
             before, now = now, _linear(problem, values, paths).with_ratios(density, now)
         except SimulationError as error:
-            raise DecayError(f"No motion of these forces follows the record ({error})") from None
+            raise DecayError(f"No motion with these forces follows the record ({error})") from None
         best = now if best is None or now.remaining < best.remaining else best
         # A step this small, in standard errors, changes nothing.
         # What may be left after so many iterations, where they hop between branches; it is then among the

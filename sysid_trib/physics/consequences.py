@@ -20,7 +20,7 @@ def with_consequences(tree: xr.DataTree) -> xr.DataTree:
     Parameters
     ----------
     tree : DataTree
-        Of `identify`. Any other result, and one that has the group, is returned as it is.
+        Result of `identify`. Any other result, and one that has the group, is returned as it is.
 
     Returns
     -------
@@ -81,6 +81,6 @@ def _ends(amplitude: Array, time: Array) -> list[tuple[float, float]]:
 
 
 def _inertia(si: xr.Dataset | None) -> dict[str, float]:
-    """Return the inertia of what is given in SI units with its error, as `dissipated_energy` takes it."""
+    """Return the inertia in SI units with its error, as `dissipated_energy` takes it."""
     names = ("inertia", "inertia_standard_error")
     return {} if si is None or "inertia" not in si else {name: si[name].item() for name in names}

@@ -31,7 +31,7 @@ def contact_stiffness(
     inertia : float, kg m^2
         Moment of inertia.
     frequency_standard_error : float, rad/s
-        Of a w_inf given as a number.
+        Standard error of a w_inf given as a number.
     omega0_standard_error : float, rad/s
         Standard error of `omega0`.
     inertia_standard_error : float, kg m^2
@@ -151,7 +151,8 @@ SLIP_RATIO = -0.75 * np.pi
 # Part of it by which the six forces may miss it: on simulated slip (kappa 0.005 to 0.2, zeta 0.002 and 0.01)
 # they give -2.0 to -2.3, because the loops of a decay do not close and epsilon takes its share of nu.
 ALLOWED = 0.1
-# A ratio tells something if its quadratic friction is so many errors from zero, and it is known this well.
+# A ratio is informative if its quadratic friction is this number of errors from zero, and if it is known this
+# well.
 SIGNIFICANT_FRICTION = 3.0
 SHARP = 1.0 / 3.0
 # Conservative forces of a contact, to leading orders: another one changes the stiffness with amplitude too.

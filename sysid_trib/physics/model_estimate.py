@@ -33,7 +33,7 @@ def propagate(
     Returns
     -------
     tuple of array
-        What the function gives, and its standard error.
+        Value of the function, and its standard error.
     """
     result = np.asarray(function(values), dtype=float)
     slopes = jacobian(function, values, np.sqrt(np.diag(covariance)))
@@ -235,7 +235,7 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
     result : Dataset
         An identification.
     amplitude : float, rad
-        At which the motion starts.
+        Amplitude at which the motion starts.
 
     Returns
     -------

@@ -36,16 +36,16 @@ def laws_in_si(
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `laws`, or one of its identifications: of an angle, with an inertia, or of a displacement, with a
-        mass.
+        Result of `laws`, or one of its identifications: of an angle, with an inertia, or of a displacement,
+        with a mass.
     inertia : (float, float), kg m^2
-        Moment of inertia and its standard error; each of these is so given.
+        Moment of inertia and its standard error; likewise for the others.
     mass : (float, float), kg
-        Of a displacement in a unit of length.
+        Mass, for a displacement in a unit of length.
     load : (float, float), N
         Normal load of the contact.
     radius : (float, float), m
-        Of an angle: at which radius the contact rubs, see `in_si_units`.
+        Friction radius, for an angle, see `in_si_units`.
 
     Returns
     -------
@@ -115,7 +115,7 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
     Parameters
     ----------
     data : Dataset
-        Of `laws_in_si`, or an identification of `laws`.
+        Result of `laws_in_si`, or an identification of `laws`.
     law : {"friction", "restoring", "friction_coefficient"}
 
     Returns

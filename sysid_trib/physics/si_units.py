@@ -69,7 +69,7 @@ def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None
         units = [_unit_of_force(*pair) for pair in zip(degrees, speeds, strict=True)]
     powers, c, w = 2.0 - speeds, estimate.coefficients, estimate.frequency
     scale = factors * size * w**powers
-    # By (coefficients, w, inertia).
+    # Derivatives by (coefficients, w, inertia).
     jacobian = np.zeros((count, count + 2))
     jacobian[:, :count] = np.diag(scale)
     jacobian[:, count] = powers * c * scale / w
@@ -212,14 +212,14 @@ def in_si_units(
     result : Dataset
         An identification: of an angle, with an inertia, or of a displacement, with a mass.
     inertia : (float, float), kg m^2
-        Moment of inertia and its standard error; each of these is so given.
+        Moment of inertia and its standard error; likewise for the others.
     mass : (float, float), kg
-        Of a displacement in a unit of length.
+        Mass, for a displacement in a unit of length.
     load : (float, float), N
         Normal load of the contact.
     radius : (float, float), m
-        Of an angle: at which radius the contact rubs. It is 2/3 of the contact's own where that turns about
-        its centre under an even pressure, and 3 pi/16 of it under Hertz's.
+        Friction radius, for an angle: 2/3 of the radius of the contact if it turns about its centre under
+        uniform pressure, and 3 pi/16 of it under Hertz's pressure.
 
     Returns
     -------
@@ -283,7 +283,7 @@ def check_length_unit(unit: str) -> None:
     if unit not in METRES:
         raise UsageError(
             f"A mass makes forces of a displacement in a unit of length; this record is in {unit}. "
-            "Give its unit, --units mm, or of an angle the inertia, --inertia."
+            "Give its unit, --units mm, or for an angle the inertia, --inertia."
         )
 
 
@@ -298,8 +298,8 @@ def check_angle_unit(unit: str) -> None:
     # The measured quantity may be the rate of an angle, in rad/s.
     if unit.partition("/")[0] != ANGLE_UNIT:
         raise UsageError(
-            f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass of a "
-            "displacement, --mass, or the length of a pendulum, --length, which turns it into an angle."
+            f"A moment of inertia makes torques of an angle; this record is in {unit}. Give the mass, "
+            "--mass, or the length of a pendulum, --length, so that the displacement becomes an angle."
         )
 
 

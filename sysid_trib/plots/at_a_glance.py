@@ -19,13 +19,12 @@ from sysid_trib.plots.named_effects import COLOUR_PERCENT, DOT_BEYOND, draw_cell
 from sysid_trib.plots.over_time import draw_in_time, draw_weights, drawn_models, held_out_sentence
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
-from sysid_trib.results.effects import determines
-from sysid_trib.results.judged import LARGE, follows, kept_results, last_of, preferred_of
+from sysid_trib.results.judged import follows, kept_results, last_of, preferred_of
 from sysid_trib.results.kinds import is_of_driven, kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
-from sysid_trib.validation.lack_of_fit import residual_force
+from sysid_trib.validation.missing_force import residual_force
 
-# Of a row of panels, and of one of residuals, over the page and in a column, inch.
+# Height of a row of panels, and of one of residuals, over the page and in a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
 # Coefficients for which there is room in it, and of each more.
 ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
@@ -57,7 +56,7 @@ EFFECTIVE_TITLE = "The model does not explain the record."
     },
 )
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """A result at a glance: the record and its models, what these leave, and the forces.
+    """A result at a glance: the record and its models, their residuals, and the forces.
 
     Where there is a backbone, frequency and damping ratio against amplitude, of the record without any model,
     with 95 % bands (dots are single periods), and of the models. The record and the motion of each model, its
@@ -75,7 +74,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     run : int
         Which of several runs, from 0.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     if is_of_driven(tree):
         # Its motion has no half periods.
@@ -83,7 +82,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         style.footnote(figure, held_out_sentence(tree))
         return figure
     record, of_discovery = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree) == "discover"
-    lines, (results, explained) = drawn_models(tree, run)[0], _results(tree)
+    lines, results = drawn_models(tree, run)[0], _results(tree)
     curves = None
     with suppress(KeyError):
         curves = curves_of(tree, run)
@@ -113,30 +112,28 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         titles = [""] * len(panels)
         if "F" in panels:
             # A model that failed has no weights, but its residual can be shown.
-            of_surface = main if main is not None else last_of(tree)
-            _surface(panels["F"], of_surface, record[["angle"]], run, "right" if wide else "bottom")
+            place = "right" if wide else "bottom"
+            if main is None:
+                _surface(panels["F"], last_of(tree), record[["angle"]], run, place)
+            else:
+                _surface(panels["F"], main, record.sel(model=[*results][-1]), run, place)
             titles[-1] = MISSING_TITLE
         style.letter(panels.values(), titles, fontsize=FONT_SIZE + 0.5)
         style.footnote(figure, held_out_sentence(tree))
-        if not explained:
+        if not follows(tree):
             figure.suptitle(EFFECTIVE_TITLE, fontsize=FONT_SIZE, color="0.3")
     return figure
 
 
-def _results(tree: xr.DataTree) -> tuple[Mapping[str, xr.Dataset], bool]:
-    """Return the identifications shown, the main one last, and whether it explains the record."""
+def _results(tree: xr.DataTree) -> Mapping[str, xr.Dataset]:
+    """Return the identifications shown, the main one last."""
     if kind_of(tree) == "discover":
-        final = tree["after"].to_dataset()
-        # If nothing is missing, only names are in doubt.
-        tests = [tree[group].significant.isel(selection_step=-1) for group in ("omnibus", "ranking")]
-        lacks = tree.attrs["verdict"] == "unknown effect" and any(test.values.any() for test in tests)
-        return {"final model": final}, not lacks and determines(final)
+        return {"final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
         best = tree["comparison"].attrs["best"]
-        ratio = tree["comparison"].holdout_over_noise.sel(model=best)
-        return {best: tree[best].to_dataset()}, bool(ratio <= LARGE)
+        return {best: tree[best].to_dataset()}
     results = kept_results(tree).items()
-    return dict(sorted(results, key=lambda pair: pair[0] == preferred_of(tree))), follows(tree)
+    return dict(sorted(results, key=lambda pair: pair[0] == preferred_of(tree)))
 
 
 def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:

@@ -90,7 +90,7 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     tree : xr.DataTree
         Result of `compare`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     table = shown_methods(tree)
     marks, legend = _marks(table)
@@ -160,11 +160,11 @@ def _with_methods(ax: Axes, table: xr.Dataset) -> None:
     style.row_lines(ax)
 
 
-# Beyond these runs bars hide the marks.
+# Beyond this number of runs bars hide the marks.
 MANY_RUNS = 300
 # Runs are drawn in another colour beyond so many standard deviations.
 FAR = 4.0
-# So many of them are named.
+# Largest number of named ones.
 MOST_NAMES_DRAWN = 8
 
 
@@ -176,13 +176,13 @@ def against_condition(
     Parameters
     ----------
     compared : Dataset
-        Of `between_runs`.
+        Result of `between_runs`.
     name : str
-        Of the condition.
+        Name of the condition.
     condition : (run,) array_like
         Its value in each run, numbers or texts.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     quantities = compared.quantity.values.tolist()
     figure, panels = style.grid(len(quantities), 2, width, 2.2)

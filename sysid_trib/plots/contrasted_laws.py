@@ -26,9 +26,9 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `physics.law_difference`.
+        Result of `physics.law_difference`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     figure, panels = style.grid(2, 2, width, LAWS_HEIGHT)
     for ax, law in zip(panels, VARIABLE_OF_LAW, strict=True):

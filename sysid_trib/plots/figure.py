@@ -213,11 +213,11 @@ def figures_of(kind: str) -> list[Declared]:
     return [_DECLARED[name] for name in names if name in _DECLARED and kind in _DECLARED[name].kinds]
 
 
-# Of figures of many panels, and of the smallest sign, points: exponents too.
+# Font sizes of figures of many panels, and of the smallest sign, points: exponents too.
 FONT_SIZE, SMALLEST_SIGN = 7.5, 6.0
 # Width of a figure over the whole page, and the least at which two panels are side by side, inch.
 FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
-# Of a figure that has a caption below it on a page, inch.
+# Height of a figure that has a caption below it on a page, inch.
 TALLEST = 9.0
 # Times that a figure is laid out anew, and points between a title and a legend.
 LAYOUTS, BETWEEN_TEXTS = 3, 6.0

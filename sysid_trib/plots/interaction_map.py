@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from sysid_trib.plots.figure import TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BAR_WIDTH, INK
 
-# Of a column of a journal (88 mm), and the height, inch.
+# Width of a column of a journal (88 mm), and the height, inch.
 MAP_WIDTH, MAP_HEIGHT = 3.46, 2.7
 # Steps of the map to either side of zero.
 MAP_STEPS = 6
@@ -27,7 +27,7 @@ def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
     data : Dataset
         Group `interaction` of a result of `laws`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     figure = new_figure(min(width, TWO_COLUMNS), MAP_HEIGHT)
     ax = figure.subplots()
@@ -40,7 +40,7 @@ def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
     ax.contour(x, speed, force, levels=[0.0], colors=INK, linewidths=BAR_WIDTH)
     unclear = np.abs(force) < DIFFERS * data.standard_error.values.T
     if unclear.any():
-        # One level over the places that are not known: it is drawn as hatches alone.
+        # One level over the unknown places: it is drawn as hatches only.
         ax.contourf(x, speed, unclear.astype(float), levels=[0.5, 1.5], colors="none", hatches=["////"])
     bar = figure.colorbar(shades, ax=ax, ticks=[-largest, 0.0, largest], format="%.2g")
     bar.set_label(f"force / inertia ({data.force.attrs['units'].replace('^2', '²')})")

@@ -16,7 +16,7 @@ from sysid_trib.results.variables import signal_units
 from sysid_trib.smooth_laws import shown
 from sysid_trib.smooth_laws.shown import Curve
 
-# Of a column of a journal (88 mm), and of a panel, inch.
+# Width of a column of a journal (88 mm), and height of a panel, inch.
 ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
 # The first method lies below the second, wider: both show where they agree.
 LAW_LOOKS: tuple[dict[str, Any], ...] = (
@@ -28,14 +28,14 @@ LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
-# The best formulas are drawn, no more than so many: further ones lie on top of them.
+# Largest number of formulas that are drawn: further ones lie on top of them.
 FORMULAS_DRAWN = 3
 FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 1.5)), "zorder": 5}
 
 
 @shows("laws", block="Friction against speed")
 def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
-    """Friction against speed, and the restoring force without what is known of it against displacement.
+    """Friction against speed, and the restoring force minus its known part against displacement.
 
     Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
     by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
@@ -45,9 +45,9 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     Parameters
     ----------
     tree : DataTree
-        Of `laws`.
+        Result of `laws`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     unit = signal_units(tree)
     inertia = "inertia" if unit == "rad" else "mass"
@@ -72,7 +72,7 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     if len(panels) > 1:
         panels[1].set(xlabel=f"displacement ({unit})")
         known = " and ".join([f"$w^2{symbol}$", *held])
-        panels[1].set(ylabel=f"restoring force beyond {known} ({unit}/s²)")
+        panels[1].set(ylabel=f"restoring force minus {known} ({unit}/s²)")
     panels[0].legend(**LEGEND, ncols=2)
     if len(panels) > 1:
         style.letter(panels)
@@ -90,7 +90,7 @@ def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
     data : Dataset
         The group `own_laws` of a result of `laws`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     own = [law for law in shown.LAW_PLACES if np.ptp(data[law].values, axis=0).any()]
     figure, panels = style.grid(len(own), 2, width, LAW_HEIGHT)

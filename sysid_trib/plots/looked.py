@@ -21,7 +21,7 @@ from sysid_trib.results.variables import group_names, record_groups, signal_labe
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
 # Room about the bands, in parts of their extent: single periods may scatter far beyond them.
 MARGIN = 0.15
-# A band so many times the median is an end's.
+# A band of this multiple of the median is that of an end.
 END_WIDTH = 4.0
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
@@ -33,12 +33,12 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
     Parameters
     ----------
     data : Dataset or DataTree
-        Of `backbone`, or a record; or a result of `identify`, whose model curves are drawn over those of its
-        record.
+        Result of `backbone`, or a record; or a result of `identify`, whose model curves are drawn over those
+        of its record.
     run : int
         Which of several runs of a result, from 0.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     data, models = curves_of(data, run) if isinstance(data, xr.DataTree) else (data, None)
     figure, panels = style.grid(2, 2, width, 2.6)
@@ -79,12 +79,12 @@ def draw_curve(
     ----------
     ax : Axes
     data : Dataset
-        Of `backbone`.
+        Result of `backbone`.
     name : {"frequency", "damping_ratio"}
     models : Dataset, optional
-        Of `lack_of_fit`.
+        Result of `lack_of_fit`.
     colour, label : str
-        Of the band and its curve.
+        Colour and label of the band and its curve.
     """
     amplitude = data.amplitude.values
     low, high = (data[f"{name}_{end}"].values for end in ("low", "high"))
@@ -117,9 +117,9 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     tree : DataTree
-        Of `look`, or a record.
+        Result of `look`, or a record.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     figure, panels = style.grid(3, 1, width, HEIGHT)
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
@@ -141,7 +141,7 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-# Of one panel, inch: its label has room.
+# Height of one panel, inch: its label has room.
 INPUT_HEIGHT = 1.6
 
 
@@ -155,7 +155,7 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     run : int
         Which of several runs, from 0.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     record = tree[record_groups(tree)[run]].to_dataset()
     # For a discovery, take the last model.

@@ -21,8 +21,8 @@ from sysid_trib.results.effects import credible_set, or_others, replacing_pairs,
 from sysid_trib.results.judged import record_noise, residual_of
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
 
-# A cell of fewer samples has no mean; colours end where so many percent of the cells lie within; a dot marks
-# cells of more standard errors.
+# A cell of fewer samples has no mean; the colours end at this percentile of the cells; a dot marks cells of
+# more standard errors.
 FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
 DOT_BEYOND = 3.0
@@ -32,7 +32,7 @@ TIED_IN_A_ROW = 2
 # page and in a column; of a row of a model, and of a line of its text.
 PANEL_HEIGHTS, LAST_HEIGHT, MAP_HEIGHTS = (1.6, 1.0, 1.4), 0.45, (2.3, 1.8)
 MODEL_ROW, LINE = 0.28, 0.26
-# Of a text, in an inch.
+# Letters of a text in an inch.
 CHARACTERS = 16
 
 
@@ -52,7 +52,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     run : int
         Which of several runs, from 0.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     wide = width >= TWO_COLUMNS
     texts = ["", *_texts_of_effects(tree, width)]
@@ -122,7 +122,7 @@ def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
     symbol = step.symbol.item()
     pairs = replacing_pairs(step)
     # Their names would be wider than the figure.
-    together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else pairs
+    together = [f"one of {len(pairs)} pairs"] if len(pairs) > 1 else [*map(" and ".join, pairs)]
     others = [*(other for other in credible_set(step) if other != symbol), *together]
     tied = f"or {or_others(others, TIED_IN_A_ROW)}" if others else ""
     number = quantity(step, "coefficient", style.short_unit(step.unit.item(), units)[0])
@@ -144,7 +144,7 @@ def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
     panels[1].sharey(panels[0])
     for ax, shown in zip(panels, models, strict=True):
         force = (factor * shown.force).where(shown.samples >= FEWEST_IN_CELL)
-        mesh = draw_cells(ax, force, factor * shown.standard_error, limit)
+        mesh = draw_cells(ax, force, factor * shown.force_standard_error, limit)
         ax.set(xlabel=f"{signal_label(units).split()[0]} ${x}$ ({units})")
         ax.set(ylabel=rf"$\dot{{{x}}}/\omega$ ({units})")
     panels[1].set_ylabel("")
@@ -166,9 +166,10 @@ def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float)
 
 # Candidates in a ranking.
 MOST_CANDIDATES = 15
-# A score beyond so many thresholds asks for a logarithmic axis.
+# Scores beyond this multiple of the threshold are drawn on a logarithmic axis.
 LOGARITHMIC_BEYOND = 5.0
-# Scores that are all beyond so many thresholds are shown without it, with so much of their range below them.
+# If all scores exceed this multiple of the threshold, it is not shown; this part of their range is shown
+# below them.
 ALL_BEYOND, ROOM_BELOW = 1.5, 0.2
 # Height of a panel, inch: without candidates, and of a candidate.
 RANKING_HEIGHT, CANDIDATE_HEIGHT = 0.75, 0.135
@@ -188,7 +189,7 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     tree : xr.DataTree
         Result of `discover`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     # The selection step at which each effect was chosen: 0 before the first.
     chosen = [step.selection_step.item() for step in steps_taken(tree)]

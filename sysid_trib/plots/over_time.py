@@ -264,7 +264,7 @@ def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
     whole = np.flatnonzero((t - 0.5 * np.pi / w > low) & (t + 0.5 * np.pi / w < high))
     phase = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARC_POINTS)
     arcs = t[whole, None] + phase / w[whole, None], b[whole, None] * np.cos(phase)
-    # Arcs do not join: each is a fit of its own.
+    # Arcs do not join: each is a separate fit.
     broken = [np.pad(arc, ((0, 0), (0, 1)), constant_values=np.nan).ravel() for arc in arcs]
     ax.plot(*broken, label="half-sines", **style.line(style.SERIES[1]))
     points = style.mark(style.SERIES[0] | {"marker": "o"})

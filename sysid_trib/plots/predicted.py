@@ -44,7 +44,7 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
     bands : xr.Dataset, optional
         Result of `prediction_bands`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
     figure = new_figure(width, sum(heights))
@@ -121,9 +121,9 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `forced_response`.
+        Result of `forced_response`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     figure, panels = style.grid(2, 2, width, RESPONSE_HEIGHT)
     amplitude, phase = panels
@@ -160,15 +160,14 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `validation.plan`.
+        Result of `validation.plan`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     drawn = {"entropy left (nat)": data.entropy} if "parting" in data else {}
-    limits = {
-        f"error of {style.in_latex(symbol)}": float(error) for symbol, error in data.attrs["wanted"].items()
-    }
-    errors = [data.standard_error.sel(force=symbol) for symbol in data.attrs["wanted"]]
+    wanted = data.wanted.to_series().dropna().to_dict()
+    limits = {f"error of {style.in_latex(symbol)}": error for symbol, error in wanted.items()}
+    errors = [data.standard_error.sel(force=symbol) for symbol in wanted]
     drawn |= dict(zip(limits, errors, strict=True))
     if not drawn:
         drawn["largest error / least"] = (data.standard_error / data.standard_error.min("run")).max("force")

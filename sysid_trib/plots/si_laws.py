@@ -26,9 +26,9 @@ def friction_coefficient(data: xr.Dataset, *, width: float = MU_WIDTH) -> Figure
     Parameters
     ----------
     data : Dataset
-        Of `physics.laws_in_si`.
+        Result of `physics.laws_in_si`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     name = MU if MU in data else "friction"
     figure = new_figure(min(width, TWO_COLUMNS), MU_HEIGHT)

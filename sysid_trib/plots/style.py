@@ -44,7 +44,7 @@ LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
 # Behind a text that may lie on lines.
 WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
-# Over less than so many times the smallest number not enough numbers are round.
+# Below this ratio of the largest to the smallest number too few numbers are round.
 SHORT_AXIS = 8.0
 # Characters of a unit for which numbers in a panel have room.
 LONG_UNIT = 4

@@ -37,9 +37,9 @@ def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `validation.profile`.
+        Result of `validation.profile`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     rows = [data.sel(parameter=name) for name in data.parameter.values.tolist()]
     width = width if len(rows) > 1 else min(width, TWO_COLUMNS)
@@ -86,9 +86,9 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     data : Dataset
-        Of `validation.sensitivity`.
+        Result of `validation.sensitivity`.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
     figure, panels = style.grid(count, 6, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
@@ -122,9 +122,9 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     Parameters
     ----------
     tree : DataTree
-        Of `held_against`, which the command `difference` writes.
+        Result of `held_against`, which the command `difference` writes.
     width : float, inch
-        Of the figure; a column of a journal has 88 mm (3.46).
+        Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS

@@ -46,7 +46,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
     counts : mapping of str to int
         How many records have which status.
     compared : Dataset, optional
-        What varies between its records; None of too few.
+        Variation between its records; None if there are too few.
     """
     # A message on a file begins with its name.
     reasons = [
@@ -59,7 +59,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
-    """Return why records have no numbers, by record name."""
+    """Return the reasons why records have no numbers, by record name."""
     return dict(store.message[store.status.values > 1].to_series())
 
 
@@ -192,7 +192,8 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
 
 def difference_json(tree: xr.DataTree) -> dict[str, Any]:
     """Return the difference of two samples as plain data, with that of their laws where it was asked for."""
-    return layout.mapped(tree.to_dataset(), "difference") | law_difference_json(tree)
+    judged = layout.judged_json(tree) if "judged" in tree.children else {}
+    return layout.mapped(tree.to_dataset(), "difference") | judged | law_difference_json(tree)
 
 
 def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
@@ -204,6 +205,12 @@ def _runs(tree: xr.DataTree) -> list[tuple[str, xr.Dataset]]:
 def _details(tree: xr.DataTree) -> Iterator[str]:
     """Describe the test of all forces, the parts of the errors of each run, and the residual of its model."""
     yield f"All differences together: {_test_of_all(tree.to_dataset())}."
+    if "judged" in tree.children:
+        judged = tree["judged"].to_dataset()
+        for (name, _), label in zip(_runs(tree), judged.model.values, strict=True):
+            of_model = judged.sel(model=label)
+            ratio = f"{of_model.residual_over_noise.item():.3g} times the noise"
+            yield f"Residual of {name}: {ratio}; verdict: {of_model.verdict.item()}."
     for name, run in _runs(tree):
         yield error_parts_sentence(name, run)
         if "held_out_rms" in run:
@@ -285,8 +292,8 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
-    """Return a force as the first identification that has it says it."""
-    return next(r for r in identifications_of(tree).values() if symbol in r.force).sel(force=symbol)
+    """Return the row of a force, with its name and unit."""
+    return tree.to_dataset().sel(force=symbol)
 
 
 def _table(tree: xr.DataTree, between: bool) -> Table:

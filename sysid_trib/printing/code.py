@@ -20,7 +20,7 @@ IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
 NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
 # Languages of `export` that contain the parameters, no program.
 PARAMETER_LANGUAGES = ("toml", "json")
-# By language, for which there is a template.
+# Templates by language.
 FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
 
 

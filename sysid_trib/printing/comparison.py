@@ -15,7 +15,7 @@ from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 
 FREQUENCY_SYMBOL = "w_inf"
-# A difference is mentioned if it is larger than so many standard errors of both methods.
+# A difference is mentioned if it is larger than this number of standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
 ALIKE, ALIKE_LEVEL = 1.01, 0.01

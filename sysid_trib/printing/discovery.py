@@ -14,7 +14,7 @@ from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
 from sysid_trib.results import effects
 from sysid_trib.results.judged import LARGE, given_results, record_noise, residual_of
-from sysid_trib.results.variables import PARTS_OF_RECORD, record_groups, signal_units
+from sysid_trib.results.variables import record_groups, signal_units
 
 Item = TypeVar("Item")
 # Competing effects that are named, the most probable; a file has all. And pairs of them.
@@ -85,7 +85,7 @@ def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
         more = f", {len(pairs) - COMPETING_PAIRS} more pairs" if len(pairs) > COMPETING_PAIRS else ""
         odds = step.pair_odds.item()
         how = "better than" if odds > OUTSIDE_OF_SET else "as well as"
-        named = f"{', '.join(pairs[:COMPETING_PAIRS])}{more}"
+        named = f"{', '.join(map(' and '.join, pairs[:COMPETING_PAIRS]))}{more}"
         yield (
             f"These pairs would explain the record {how} {symbol}: {named}; the odds of the first pair to "
             f"{symbol} are {odds:.2g}, with equal prior probabilities."
@@ -193,16 +193,15 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
         **{name: attrs.get(name) or None for name in ("closing_effect", "not_improving", "refused_by_laws")},
         "laws_held_out_rms": attrs.get("laws_held_out_rms", float("nan")),
         "noise_p_value": attrs.get("noise_p_value", np.nan),
-        **{"noise": noise, "residual_noise": noise, "residual": residual_of(tree, "after")},
+        **{"noise": noise, "residual": residual_of(tree, "after")},
         "disagreement_after": _spans(tree["discrepancy_after"].to_dataset()),
-        "generic_p_value": tree["omnibus"].p_value[-1],
-        "error_widening": effects.error_widening(tree),
+        "omnibus": {"p_value": tree["omnibus"].p_value[-1], "widening": effects.error_widening(tree)},
         "not_testable": {symbol: reason for symbol, reason in reasons.items() if reason.item()},
         "options": json.loads(attrs["options"]),
     }
     said = layout.records_json(tree) | layout.mapped(tree, "discover", computed) | layout.judged_json(tree)
     if GROUP in tree.children:
-        said["run_differences"] = layout.mapped(tree[GROUP].to_dataset(), "run_differences")
+        said[GROUP] = layout.mapped(tree[GROUP].to_dataset(), GROUP)
     return said
 
 
@@ -215,20 +214,20 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     """Return an effect with its competing effects, on held-out data, and in parts of the record."""
     held, offered = tree["holdout"].rms, effects.candidates_of(tree)
     probabilities = {s: round(p, 4) for s, p in effects.credible_set(step).items()}
-    likeliest = step.likeliest_in_parts.item().split(effects.PAIRS)
+    likeliest = layout.per_label(step, "part", "likeliest_in_parts")
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     computed = {
         "shapes": effects.shapes_of(step, symbol),
-        "shape_errors": effects.shapes_of(step, symbol, "shape_standard_error"),
-        "indistinguishable_pairs": [pair.split(effects.PAIR) for pair in pairs],
+        "shape_standard_error": effects.shapes_of(step, symbol, "shape_standard_error"),
+        "pairs": pairs,
         "pair_odds": step.pair_odds if pairs else None,
-        "probability_of_chance": step.chance_probability.round(4),
+        "chance_probability": step.chance_probability.round(4),
         "probability": probabilities.pop(symbol),
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
         "stands_in": step.stands_in,
         "parts": len(likeliest),
-        "likeliest_in": dict(zip(PARTS_OF_RECORD, likeliest, strict=True)),
+        "likeliest_in_parts": likeliest,
         "indistinguishable_from": [
             {"symbol": s, "name": offered[s].name, "formula": offered[s].formula.text, "probability": p}
             for s, p in probabilities.items()

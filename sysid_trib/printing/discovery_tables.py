@@ -49,6 +49,8 @@ NEARLY_AS_HIGH = 0.8
 def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
     """Return the table of added effects, in order, with residuals over the noise; None if there are none.
 
+    `fitted` is the residual of the part to which the models of the search were fitted.
+
     Parameters
     ----------
     tree : DataTree
@@ -65,7 +67,7 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
             "formula": formula_text(step),
             "coefficient": layout.coefficient_text(step),
             "corrected p": layout.p_value_text(step.p_value.item(), ""),
-            "residual / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
+            "fitted / noise": _to([step.residual_before.item(), step.residual_after.item()], noise),
             "held out / noise": _to(held[at : at + 2], noise),
         }
         if details:
@@ -99,7 +101,7 @@ def formula_text(step: xr.Dataset) -> str:
     shapes, errors = (effects.shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
     texts = [step.formula.item()]
     for name, value in shapes.items():
-        # One at an end of its range has no error that a record tells.
+        # A shape at an end of its range has no error that the record determines.
         error, at_end = errors.get(name, np.nan), f"{value:.3g} (end of its range)"
         texts.append(f"{name} = {layout.value_with_error(value, error) if error != 0.0 else at_end}")
     return ", ".join(texts)
@@ -133,7 +135,7 @@ def residual_text(tree: xr.DataTree) -> str:
     runs = [tree[name].to_dataset() for name in record_groups(tree)]
     if not any(map(has_input, runs)):
         return f"the residual is {times_noise(ratio)}"
-    # No spline tells the noise of a driven motion: whether the residual is more, its colour says.
+    # No spline determines the noise of a driven motion: the colour shows whether the residual is more.
     part = residual_of(tree, "after") / root_mean_square([float(run.angle.std()) for run in runs])
     p_value, level = float(tree.attrs["noise_p_value"]), tree["ranking"].significance_level.item()
     colour = "" if np.isnan(p_value) else ", and white" if p_value >= level else ", and not white"
@@ -161,7 +163,7 @@ def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
         most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
         yield f"Most of the residual is an error of {most}{WHERE.get(spans.attrs['where'], '')}."
     elif departs:
-        # Larger than the noise, but in no part that goes with the motion.
+        # Larger than the noise, but no part of it follows the motion.
         yield UNKNOWN
 
 

@@ -11,7 +11,6 @@ from sysid_trib.printing import discovery_tables as tables, layout, verdict
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.results import judged
 from sysid_trib.results.effects import (
-    PAIRS,
     added_effects,
     determines,
     error_widening,
@@ -22,7 +21,7 @@ from sysid_trib.results.judged import held_out_excess, record_noise
 from sysid_trib.results.kinds import has_input
 from sysid_trib.results.variables import PARTS_OF_RECORD, record_groups, signal_units
 
-# By the verdict of the judge, of a search that found nothing more.
+# Words by the verdict of the judge, for a search that found nothing more.
 UNEXPLAINED_WORDS = {
     "approximate": "The model is approximate",
     "not explained": "The model does not explain the record",
@@ -68,7 +67,7 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
         )
     else:
         level, ranking = tree["ranking"].significance_level.item(), _last(tree, "ranking")
-        stochastic = float(np.min(after.random_force_p_value)) < level
+        stochastic = word == "explained with a random force"
         headline = f"Explained: with {effects}" if effects else "No missing effect was found:"
         if judged.is_unexplained(tree):
             what = f"with {effects}" if effects else "no missing effect was found;"
@@ -167,7 +166,7 @@ def _unexplained(tree: xr.DataTree) -> Iterator[str]:
     high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
     if not high.any():
         return
-    cells = (after.force / after.standard_error).where(abs(after.force) > 0.0).to_series().dropna()
+    cells = (after.force / after.force_standard_error).where(abs(after.force) > 0.0).to_series().dropna()
     where = ""
     if len(cells):
         x, v = cells.abs().idxmax()
@@ -214,7 +213,7 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
         strong = _highest(last.isel(candidate=last.significant.values).z)
         yield f"Candidates with significant scores: {strong}; {reason}."
     for step in steps_taken(tree):
-        symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.item().split(PAIRS))
+        symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.values.tolist())
         del others[symbol]
         likelier = ", ".join(f"{name or 'no force'} more likely in {count}" for name, count in others.items())
         stands.append(f"{symbol} in {step.stands_in.item()} of {len(PARTS_OF_RECORD)}")

@@ -31,8 +31,10 @@ DRIVEN_VERDICTS = {
     ),
     "approximate": "The model is approximate: the residual is {} (RMS), which is more than noise.",
     "not explained": "The model does not explain the record: the residual is {} (RMS).",
+    "undetermined": "The record does not determine the forces: no coefficient differs from zero. The "
+    "residual is {} (RMS).",
 }
-# A coefficient of less than so many of its errors may be zero.
+# A coefficient below this number of its errors may be zero.
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."
@@ -42,7 +44,7 @@ CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high
 
 
 def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """Return the blocks of an identification with inputs; `record` describes what was read."""
+    """Return the blocks of an identification with inputs; `record` describes the record."""
     compared, unit = tree["judged"].to_dataset(), signal_units(tree)
     answer = compared.attrs["preferred"]
     best = compared.sel(model=answer)
@@ -228,19 +230,19 @@ def response_csv(response: xr.Dataset) -> str:
 MOST_RUNS, DURATION = 8, "duration (s)"
 
 
-def plan_blocks(data: xr.Dataset, stated: xr.Dataset) -> list[Block]:
-    """Return the blocks of a plan of runs; `stated` is the known identification."""
-    rows = _rows(data, stated)
-    said = [*_next_run(data, stated, data.sizes["run"] - len(rows))]
+def plan_blocks(data: xr.Dataset) -> list[Block]:
+    """Return the blocks of a plan of runs."""
+    rows = _rows(data)
+    said = [*_next_run(data, data.sizes["run"] - len(rows))]
     return [Block(said, ALWAYS), Block((), ALWAYS, table=layout.text_table(rows[:MOST_RUNS]))]
 
 
-def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]:
+def _next_run(data: xr.Dataset, equal: int) -> Iterator[str]:
     """Describe the best run, its expected information, and the number of equivalent runs left out."""
     best, unit, repeats = data.isel(run=0), data.amplitude.attrs["units"], int(data.attrs["repeats"])
     run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""
-    models, wanted = data.attrs["models"], {k: float(v) for k, v in data.attrs["wanted"].items()}
+    models, wanted = list(np.atleast_1d(data.attrs["models"])), data.wanted.to_series().dropna().to_dict()
     if len(models) > 1:
         yield (
             f"{run}: the right one of {', '.join(models[:-1])} and {models[-1]} will then have odds of "
@@ -250,12 +252,12 @@ def _next_run(data: xr.Dataset, stated: xr.Dataset, equal: int) -> Iterator[str]
     if wanted or len(models) == 1:
         parts = [
             f"{symbol} {best.standard_error.sel(force=symbol).item():.2g} "
-            f"(now {stated.standard_error.sel(force=symbol).item():.2g})"
+            f"(now {data.stated_error.sel(force=symbol).item():.2g})"
             for symbol in [*wanted] or data.force.values.tolist()
         ]
         yield f"{run}. Standard errors from all records together: {', '.join(parts)}."
-    if "error_of_model" in stated:
-        errors = stated.error_of_model.sel(force=data.force.values).to_series()
+    errors = data.error_of_model.to_series()
+    if errors.any():
         listed = ", ".join(f"{symbol} {error:.2g}" for symbol, error in errors.items())
         yield f"The model error ({listed}) is included; more data cannot reduce it."
     if wanted and not best.meets.item():
@@ -271,10 +273,14 @@ def _size(run: xr.Dataset) -> str:
     return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
 
 
-def _rows(data: xr.Dataset, stated: xr.Dataset) -> list[dict[str, str]]:
+def _rows(data: xr.Dataset) -> list[dict[str, str]]:
     """Return the table rows of runs: release, duration, and expected information."""
-    release, several, rows = f"release ({data.amplitude.attrs['units']})", len(data.attrs["models"]) > 1, []
-    units = {symbol: stated.unit.sel(force=symbol).item() for symbol in data.force.values.tolist()}
+    release, several, rows = (
+        f"release ({data.amplitude.attrs['units']})",
+        np.size(data.attrs["models"]) > 1,
+        [],
+    )
+    units = dict(zip(data.force.values.tolist(), data.unit.values.tolist(), strict=True))
     heads = [layout.name_and_unit(f"error of {symbol}", unit) for symbol, unit in units.items()]
     for run in layout.by_label(data, "run").values():
         row = {release: _size(run), DURATION: f"{run.duration.item():.3g}"}

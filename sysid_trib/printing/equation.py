@@ -42,7 +42,7 @@ def equation_latex(result: xr.Dataset) -> str:
     for number, formula in _terms(result):
         written, is_sum = formula_latex(formula, names)
         if is_sum or written.startswith("-"):
-            # It is multiplied whole.
+            # A sum is multiplied as a whole.
             written = rf"\left({written}\right)"
         # Two adjacent numbers would read as one.
         times = "\\cdot" if written[:1].isdigit() else "\\,"
@@ -95,7 +95,7 @@ def frequency_text(result: xr.Dataset) -> str:
 
 
 def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, Formula]]:
-    """Yield numbers and formulas of the active forces, or of what the sensor adds.
+    """Yield numbers and formulas of the active forces, or of the terms of the sensor.
 
     A stiffness that refers to another frequency, that without contact, is in w already.
     """

@@ -37,7 +37,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
     tree : DataTree
         The result.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     """
     agree, remarks = [*_how_methods_agree(tree)], [*_remarks(tree)]
     stochastic, details = [*random_force_sentences(tree)], Layer.EXPLAIN
@@ -143,7 +143,7 @@ def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
     if attrs["verdict"] == "unknown":
         yield f"{pair} cannot be compared: the error of their difference could not be computed."
         return
-    explained, z = judged.verdict_of(tree).startswith("explained"), abs(checked.z.to_series())
+    explained, z = judged.is_explained(tree), abs(checked.z.to_series())
     if attrs["verdict"] == "disagree":
         how = "disagree"
     elif p_value < BARELY:

@@ -20,7 +20,7 @@ MOST_PLACES = 8
 
 
 def sample_names(data: xr.Dataset) -> list[str]:
-    """Return what the samples are called: their files, or first and second where these are called alike."""
+    """Return the names of the samples: their files, or first and second if these are alike."""
     names = [sample_name(data.attrs[f"{side}_record"], side) for side in SIDES]
     return list(SIDES) if names[0] == names[1] else names
 
@@ -54,7 +54,7 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
-    """Return in which direction the first law differs from the second, and the places of each."""
+    """Return the direction in which the first law differs from the second, and the places of each."""
     places = data[VARIABLE_OF_LAW[law]].values
     # A larger friction is larger against the motion, whatever its direction.
     difference = np.sign(places) * data[f"{law}_difference"].values
@@ -77,7 +77,7 @@ def law_blocks(tree: xr.DataTree) -> list[Block]:
         f"Forces are over the inertia. Bands of differences are valid at all places "
         f"together, in {percent}; a "
         "difference counts where its band excludes zero. If the second sample has no contact, the difference "
-        "is what the contact adds."
+        "is the force of the contact."
     )
     blocks = [Block([said], title=LAWS_TITLE)]
     names = dict(zip(SIDES, sample_names(tree.to_dataset()), strict=True))

@@ -27,7 +27,7 @@ SURENESS_TITLE, FORMULA_TITLE = "Uncertainty", "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
-# Where a law is shown, in parts of the largest visited place; on each side where it is not odd.
+# Places at which a law is shown, in parts of the largest visited place; on each side if it is not odd.
 SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
 # A motion that is larger by this factor leaves the visited range.
 LARGER_MOTION = 1.02
@@ -73,7 +73,7 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
     for law in shown.laws_in(_preferred(tree)):
         curves = [shown.curve_of(own.sel(run=run), law) for run in own.run.values]
         if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
-            # It is shared.
+            # All runs share this law.
             continue
         word, unit_at, unit = _words(tree, law)
         both = bool(np.any(curves[0].places < 0.0))
@@ -104,7 +104,7 @@ def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
-    """Return how far the motion of the laws follows the record."""
+    """Describe how closely the motion of the laws follows the record."""
     checked, answer = tree["judged"], judged.preferred_of(tree)
     decided = judged.verdict_of(tree)
     curves = not checked.attrs["reason"]
@@ -120,7 +120,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
             ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
-    # Where curves follow it no better.
+    # If curves do not follow it better.
     return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
 
 
@@ -207,7 +207,7 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
 
 
 def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    """Return the friction as it is, the restoring force without what is known of it."""
+    """Return the friction as it is, the restoring force without its known part."""
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
@@ -405,7 +405,7 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
 
 
 def _residual_text(rms: float, unit: str) -> str:
-    """Return what a model leaves of what was held out, or that it predicts no motion."""
+    """Return the held-out residual of a model, or that it predicts no motion."""
     return layout.in_small_units(rms, unit) if np.isfinite(rms) else "no motion"
 
 

@@ -190,7 +190,7 @@ def name_and_unit(name: str, unit: str) -> str:
     return name if unit == "1" else f"{name} ({unit})"
 
 
-# Signs by which a spreadsheet knows a formula.
+# Signs with which a formula of a spreadsheet begins.
 FORMULA_SIGNS = ("=", "+", "-", "@")
 # Attributes of a record that JSON contains unchanged.
 PLAIN = (str, int, float)
@@ -210,7 +210,7 @@ def mapped(
     table : str or mapping
         One of `keys.toml` by its name; or by key what is said there.
     computed : mapping of str to data
-        What stands at other keys of the table.
+        Values at other keys of the table.
     """
     rows = KEYS[table] if isinstance(table, str) else table
     if "of" in rows:
@@ -245,7 +245,7 @@ def by_variables(data: xr.Dataset) -> dict[str, Any]:
     Parameters
     ----------
     data : Dataset
-        Of one dimension with labels, beside dimensions without.
+        Data of one dimension with labels, beside dimensions without.
     """
     dims = [dim for dim in data.dims if dim in data.coords]
     along = {name: next((dim for dim in dims if dim in data[name].dims), "") for name in data.data_vars}
@@ -260,7 +260,7 @@ def by_variables(data: xr.Dataset) -> dict[str, Any]:
 
 
 def judged_json(tree: xr.DataTree) -> dict[str, Any]:
-    """Return what was judged of each model, by the names of the variables."""
+    """Return the judged variables of each model, by their names."""
     return {"judged": by_variables(tree["judged"].to_dataset())["model"]}
 
 

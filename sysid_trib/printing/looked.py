@@ -30,7 +30,7 @@ WORDS, AT_TWO = 34, " (a = 0.1, 1)"
 
 
 def force_table(library: ForceLibrary) -> Table:
-    """Return the forces of a library with their equations, and what is derived from these."""
+    """Return the forces of a library with their equations and derived properties."""
     rows = []
     for force in library:
         power = "" if force.kind == "sensor" else loses_power(force)
@@ -100,7 +100,7 @@ def loses_power(force: Force) -> str:
     return "yes" if np.all(power > -1e-13) else "gains power" if np.all(power < 1e-13) else "by amplitude"
 
 
-# Below so many samples a period the weak form has few rows, and half-sines few samples.
+# Below this number of samples a period the weak form has few rows, and half-sines few samples.
 FEW_SAMPLES = 20.0
 # An amplitude that falls by less than this factor hardly tells one law of damping from another.
 LEAST_FALL = 2.0
@@ -122,24 +122,25 @@ EXPLANATION = (
 )
 
 
-def look_blocks(tree: xr.DataTree, sources: Sequence[str], next_command: str) -> Iterator[Block]:
+def look_blocks(tree: xr.DataTree, sources: Sequence[str] = (), next_command: str = "") -> Iterator[Block]:
     """Return the blocks of the command `look`.
 
     Parameters
     ----------
     tree : DataTree
-        Of `look`.
+        Result of `look`.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     next_command : str
-        To copy.
+        To copy; empty without one.
     """
     decays = _decays(tree)
     yield Block(list(dict.fromkeys(sources)))
     for count, decay in enumerate(decays, 1):
         heading = [f"Decay {count}:"] * (len(decays) > 1)
         yield Block([*heading, str(decay.attrs.get("free_decay", "")), *_sentences(decay)])
-    yield Block([f"Next: {next_command}"])
+    if next_command:
+        yield Block([f"Next: {next_command}"])
 
 
 def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
@@ -158,9 +159,9 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     Parameters
     ----------
     tree : DataTree
-        Of `look`.
+        Result of `look`.
     system : str or None
-        What moves, if the user has said it.
+        System, if the user has named it.
     """
     decays = _decays(tree)
     library = load_library()
@@ -216,7 +217,7 @@ def driven_look_blocks(
     tree : DataTree
         The records, with their inputs.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     models : sequence of FittingModel
         The best one first.
     next_command : str
@@ -364,9 +365,9 @@ def backbone_blocks(backbones: Mapping[str, xr.Dataset], sources: Sequence[str])
     Parameters
     ----------
     backbones : mapping of str to Dataset
-        That of each run, of `backbone`.
+        Result of `backbone` of each run.
     sources : sequence of str
-        What each record is.
+        Descriptions of the records.
     """
     yield Block(list(dict.fromkeys(sources)))
     for run, data in enumerate(backbones.values(), 1):

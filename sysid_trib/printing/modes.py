@@ -18,23 +18,24 @@ IN_DECAY = (
 )
 
 
-def modes_blocks(modes: xr.Dataset, sources: Sequence[str], next_command: str) -> Iterator[Block]:
+def modes_blocks(modes: xr.Dataset, sources: Sequence[str] = (), next_command: str = "") -> Iterator[Block]:
     """Print a decay with several modes, for the command `look`.
 
     Parameters
     ----------
     modes : Dataset
-        Of `modes`.
+        Result of `modes`.
     sources : sequence of str
         Descriptions of the record.
     next_command : str
-        The next command.
+        The next command; empty without one.
     """
     yield Block(list(sources))
     yield Block([*_sentences(modes)], table=layout.text_table(_mode_rows(modes), ("sensors",)))
     remarks = [*modes.attrs["close_modes"], *modes.attrs["influences"]]
     yield Block([IN_DECAY, *map(_sentence, remarks)])
-    yield Block([f"Next: {next_command}"])
+    if next_command:
+        yield Block([f"Next: {next_command}"])
 
 
 def _sentence(text: str) -> str:
@@ -84,7 +85,7 @@ def modes_json(modes: xr.Dataset, next_command: str) -> dict[str, Any]:
     return layout.mapped(modes, "modes", {"next": next_command})
 
 
-def mode_response_blocks(response: xr.Dataset, sources: Sequence[str]) -> Iterator[Block]:
+def mode_response_blocks(response: xr.Dataset, sources: Sequence[str] = ()) -> Iterator[Block]:
     """Print the result of `response_of_mode`, for the command `response`."""
     yield Block(list(sources))
     rows = []

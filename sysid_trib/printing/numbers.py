@@ -13,13 +13,13 @@ from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
 from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.judged import given_results
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.kinds import contents_text, kind_of
 from sysid_trib.results.models import library_of
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.
 QUANTILE = float(scipy.stats.norm.ppf(0.975))
-# Of a campaign: whether there is one for each force.
+# For a campaign: whether there is one for each force.
 _CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 
@@ -30,7 +30,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
+        Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign` or a method.
 
     Returns
     -------
@@ -48,7 +48,9 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     """
     rows: Iterator[dict[str, Any]]
     by = "model"
-    tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
+    tree = result if isinstance(result, xr.DataTree) else xr.DataTree()
+    if isinstance(result, xr.Dataset):
+        tree = xr.DataTree(result)
     kind = kind_of(tree)
     if kind == "difference":
         by, rows = "sample", _of_difference(tree)
@@ -60,7 +62,7 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     else:
         raise UsageError(
             "summary needs a result of identify, laws, compare, discover, difference or campaign, or of a "
-            "method."
+            f"method, not {contents_text(result)}."
         )
     table = pd.DataFrame([_with_interval(row) for row in rows], columns=["by", "quantity", *NUMBER_COLUMNS])
     return table.rename(columns={"by": by}).set_index([by, "quantity"])

@@ -26,8 +26,7 @@ TOO_SHORT = (
     "a random force that changes the motion by up to {:.2g} times that noise cannot be excluded."
 )
 SIGN_OF_MISSING = (
-    "The random force stands for a force that is missing: {}. The errors of the coefficients are larger than "
-    "stated."
+    "The random force stands for a missing force: {}. The errors of the coefficients are larger than stated."
 )
 OF_EXPERIMENT = (
     "The random force depends on neither angle nor speed, and its size is the same at all amplitudes, "
@@ -98,7 +97,7 @@ def sureness_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def not_followed(tree: xr.DataTree) -> list[str]:
-    """Return why the fit with a random force failed, by run; empty if it did not."""
+    """Return the reason why the fit with a random force failed, by run; empty if it did not."""
     return [reason for reason in tree["random_force"].reason.values.tolist() if reason]
 
 
@@ -128,7 +127,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
                 yield TOO_SHORT.format(walk)
     # If the model does not follow the record even with such a force, nothing is known of the residual.
     elif not not_followed(tree):
-        given, explained = not force.standard_error > 0.0, judged.verdict_of(tree).startswith("explained")
+        given, explained = not force.standard_error > 0.0, judged.is_explained(tree)
         size = (
             f"{force.density:.3g}" if given else layout.value_with_error(force.density, force.standard_error)
         )

@@ -16,7 +16,7 @@ from sysid_trib.results.variables import record_groups, signal_units
 GROUP = "homogeneity"
 TESTED = ("chi_square", "degrees_of_freedom", "p_value")
 
-# By the verdict on the size of the random force in all runs.
+# Sentences by the verdict on the size of the random force in all runs.
 DENSITY_VERDICTS = {
     "unknown": "The size of the random force cannot be compared between the runs.",
     "disagree": "The size of the random force differs between the runs (p {}).",
@@ -84,7 +84,7 @@ def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
     )
 
 
-# By the verdict.
+# Sentences by the verdict.
 EXPLAINED = {
     "explained": "The model explains the record: the residual is noise.",
     "explained with a random force": "The model explains the record with a random force, which depends on "
@@ -133,7 +133,7 @@ CURVE_WORDS = {"frequency": "frequency", "damping_ratio": "damping"}
 
 
 def _departures_sentence(tree: xr.DataTree, model: str) -> str:
-    """Return where the frequency and the damping of a model are wrong, of the run where they are most."""
+    """Describe the amplitudes at which frequency and damping of a model are wrong, in the worst run."""
     groups = [name for name in tree.children if name.startswith("lack_of_fit")]
     of_runs = [tree[group].to_dataset().sel(model=model) for group in groups]
     farthest = max(of_runs, key=lambda of: float(abs(of.departure).max()), default=None)

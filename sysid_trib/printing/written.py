@@ -22,7 +22,7 @@ def write_table(table: "Table", file: TextIO | None = None) -> None:
 
     # Markup would take a bracket in the name of a force for a command.
     console = Console(file=file, highlight=False, markup=False, emoji=False)
-    # A result must be whole wherever it goes: a terminal may fold words but not numbers, a pipe nothing.
+    # A result must be complete on every output: a terminal may fold words but not numbers, a pipe nothing.
     if not console.is_terminal:
         # Columns of a table that is not cut short.
         console.width = console.measure(table, options=console.options.update(width=2000)).maximum

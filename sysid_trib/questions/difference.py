@@ -24,8 +24,11 @@ from sysid_trib.results.judged import error_parts, main_result
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names, signal_units
 from sysid_trib.validation import random_effects, refits
 from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
+from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.identify import identify, usual_methods
 from sysid_trib.validation.model_error import covariance_by_parts, part_fit
+from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
+from sysid_trib.validation.verdict import judged_models
 
 Identified = xr.Dataset | xr.DataTree
 SIDES = ("first", "second")
@@ -93,7 +96,9 @@ def difference(
     """
     given = [_is_identified(side) for side in (first, second)]
     if all(given) and library is not None:
-        raise UsageError("difference takes a library with records only; identifications have theirs.")
+        raise UsageError(
+            "difference takes a library only with records; identifications contain their library."
+        )
     if any(given) and not all(given):
         raise UsageError(
             "difference takes two identifications or two records, not one of each; identify the record first."
@@ -135,7 +140,7 @@ def _difference(
         of_runs, by_noise, by_model = (np.array(part) for part in zip(*runs, strict=True))
         samples.append((*random_effects.mean_of_runs(of_runs, by_noise), by_model.mean(axis=0)))
     values, by_noise, between, freedoms, by_model = map(np.array, zip(*samples, strict=True))
-    # At a bound an estimate has but one side: no test rests on it.
+    # An estimate at a bound can move to one side only: no test uses it.
     bounded = {symbol for member in members for symbol in at_bound(member)}
     testable = np.array([symbol not in bounded for symbol in symbols])
     variables = _contrast(values, by_noise, by_model, freedoms, testable, level=level, of_model=of_model)
@@ -158,14 +163,16 @@ def _difference(
         attrs[f"{name}_record"] = [source for result in side for source in result.attrs["record_source"]]
         attrs[f"{name}_method"] = ", ".join(dict.fromkeys(str(member.attrs["method"]) for member in side))
     variables |= described("difference", stated | {"reference_frequency": reference})
-    units = {symbol: unit for member in members for symbol, unit in _units(member).items()}
-    coords = {"force": symbols, "other_force": symbols, "unit": ("force", [units[s] for s in symbols])}
+    coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
+    for label in ("name", "unit"):
+        texts = {symbol: text for member in members for symbol, text in _labels(member, label).items()}
+        coords[label] = "force", [texts[symbol] for symbol in symbols]
     return xr.Dataset(variables, coords, attrs)
 
 
-def _units(result: xr.Dataset) -> dict[str, str]:
-    """Return the unit of each force's coefficient."""
-    return dict(zip(result.force.values.tolist(), result.unit.values.tolist(), strict=True))
+def _labels(result: xr.Dataset, label: str) -> dict[str, str]:
+    """Return a text of each force: its `name`, or the `unit` of its coefficient."""
+    return dict(zip(result.force.values.tolist(), result[label].values.tolist(), strict=True))
 
 
 def _stiffness_difference(values: Array, covariances: Array, damping: Array) -> tuple[float, float]:
@@ -336,11 +343,14 @@ def held_against(
     DataTree
         `difference` at its root; the groups `sample_first`, ... (of several runs `sample_first_1`, ...) are
         the identifications, `backbone_first`, ... frequency and damping of each record without a model, where
-        it has enough half periods; `record_1`, ... the records of both.
+        it has enough half periods; `record_1`, ... the records of both, with the `simulated_angle` of their
+        model; `judged` over `model`, the names of the identifications, as in a result of `identify`.
     """
     driven = any(inputs_of(run) for run in (*first, *second))
     results: dict[str, list[xr.Dataset]] = {name: [] for name in SIDES}
     groups: dict[str, xr.Dataset] = {}
+    records_of: list[xr.Dataset] = []
+    tables: list[xr.Dataset] = []
     for name, runs in zip(SIDES, (first, second), strict=True):
         together = [list(runs)] if driven else [[run] for run in runs]
         for label, some in zip(group_names(name, len(together)), together, strict=True):
@@ -348,11 +358,24 @@ def held_against(
             result = identify(one_or_all(some), library, method, constraints=constraints)
             results[name].append(result)
             groups[f"sample_{label}"] = result
+            with_model, table = _judged(f"sample_{label}", some, result)
+            records_of += with_model
+            tables.append(table)
             # A record of few half periods has none, and a driven one neither.
             with suppress(DecayError, UsageError):
                 groups[f"backbone_{label}"] = backbone(some[0])
     one_a_result = (first[:1], second[:1]) if driven else (first, second)
     groups["/"] = _held_apart([*results.values()], one_a_result, library, level)
-    runs = [*first, *second]
-    groups |= dict(zip(group_names("record", len(runs)), runs, strict=True))
+    groups |= dict(zip(group_names("record", len(records_of)), records_of, strict=True))
+    groups["judged"] = xr.concat(tables, "model", combine_attrs="drop").assign_attrs(made_by="difference")
     return xr.DataTree.from_dict(groups)
+
+
+def _judged(name: str, runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[list[xr.Dataset], xr.Dataset]:
+    """Return the runs of a sample with the motion of its model, and what is judged of this."""
+    followed = {name: FollowedRuns(dict(enumerate(runs)), result)}
+    with_model = with_motions(followed)
+    tested = tested_driven(followed) if is_driven(runs) else residuals(followed, result)
+    table = judged_models(followed, with_model, tested, preferred=name, made_by="difference")
+    # Samples may have different numbers of runs.
+    return with_model, table.drop_dims("run", errors="ignore")

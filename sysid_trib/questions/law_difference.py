@@ -23,7 +23,7 @@ from sysid_trib.smooth_laws.laws import laws
 
 # Group of a result with the dataset of `law_difference`.
 LAW_DIFFERENCE = "law_difference"
-# Of no difference along a law.
+# Level of no difference along a law.
 NO_DIFFERENCE_LEVEL = 1.0 - BAND_PROBABILITY
 # Fewer places that both laws visit are no common range.
 FEWEST_PLACES = 3
@@ -33,12 +33,12 @@ LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
 
 
 def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.DataTree) -> xr.Dataset:
-    """Return where the laws of two samples differ: two materials, or a contact and none.
+    """Find the places at which the laws of two samples differ: two materials, or a contact and none.
 
     Parameters
     ----------
     first, second : Dataset or DataTree
-        Of `laws`, of different records in one unit; several runs of a sample share their laws.
+        Result of `laws`, of different records in one unit; several runs of a sample share their laws.
 
     Returns
     -------
@@ -134,7 +134,7 @@ def p_value(z: Array, covariance: Array) -> float:
     z : (place,) array of float
         The curve over its standard errors.
     covariance : (place, place) array of float
-        Of the curve.
+        Covariance of the curve.
     """
     largest, draws = float(np.max(np.abs(z))), bands.largest_of_draws(covariance)
     if not len(draws):

@@ -13,7 +13,7 @@ from sysid_trib.questions.steady_response import SWEEPS, sweeps
 
 # Amplitudes at which the balance is drawn, and how far below the smallest of the record they begin.
 BALANCE_POINTS, BELOW_RECORD = 3000, 1e-3
-# Of a joint that slips by Masing's rule: how the drop of the stiffness goes with the damping ratio that it
+# Slope of Masing's rule for a slipping joint: the drop of the stiffness over the damping ratio that slip
 # adds.
 SLIP_PER_DAMPING = 1.5 * np.pi
 
@@ -26,7 +26,7 @@ def response_of_mode(
     Parameters
     ----------
     backbone : Dataset
-        Of `backbone`, of the record of one mode.
+        Result of `backbone`, of the record of one mode.
     drive : float
         Amplitude of the force on the mode: in N if its modal mass is given, else over the modal mass, in the
         unit of the displacement over s^2.
@@ -72,7 +72,7 @@ def response_of_mode(
     amplitude, phase = middle
     others = np.array([amplitude, *(of_corner for of_corner, _ in corners)])
     scale = w ** int(backbone.attrs.get("integrations", 0))
-    # Where no corner has a motion there is no band.
+    # If no corner has a motion there is no band.
     others = np.where(np.isnan(others), amplitude, others)
     low, high = (
         np.where(np.isnan(amplitude), np.nan, part) for part in (others.min(axis=0), others.max(axis=0))
@@ -132,7 +132,7 @@ def _response(
     """Return the amplitude and phase of each sweep, (sweep, frequency)."""
     under = w**4 * (1.0 - 2.0 * zeta**2) ** 2 - w**4 + (force / amplitude) ** 2
     root = np.sqrt(np.maximum(under, 0.0))
-    # Where both branches meet there is no crossing between two amplitudes.
+    # At the point where both branches meet, no crossing lies between two amplitudes.
     top = np.flatnonzero((under[:-1] >= 0.0) & (under[1:] < 0.0))
     middle, reach = w[top] ** 2 * (1.0 - 2.0 * zeta[top] ** 2), root[top]
     rows, amplitudes, stable = [], [], []

@@ -33,7 +33,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     run : int
         Which run's motion and envelope.
     seed : int
-        Of the draws.
+        Seed of the draws.
 
     Returns
     -------
@@ -64,7 +64,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     time = records[run].time
     coarse = np.linspace(time[0], time[-1], CURVE_GRID)
     values = likelihood.values
-    # One standard error each way along the axes of the covariance: a kink counts as in the mean.
+    # One standard error each way along the axes of the covariance: then a kink counts as in the mean.
     root = covariance_root(likelihood.covariance)
     steps = root.T[np.any(root != 0.0, axis=0)]
     try:

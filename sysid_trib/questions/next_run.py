@@ -41,16 +41,16 @@ def plan(
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, or of `discover`, whose last effect may be any of its credible set.
+        Result of `identify`, or of `discover`, whose last effect may be any of its credible set.
     amplitude, duration : (float, float)
         Limits of the release (in the unit of the record) and of the time that is recorded (s); None for 0.3
         and 1.5 times the record's release, half of and twice its duration.
     sampling_rate : float, Hz
-        That of the record where left out.
+        Sampling rate of the next run; by default that of the record.
     repeats : int
-        How often each run is made.
+        Number of repeats of each run.
     wanted : mapping of str to float
-        Standard errors that are wanted, `{"delta": 0.0005}`.
+        Wanted standard errors, `{"delta": 0.0005}`.
     tell : callable
         Called with each release.
 
@@ -58,31 +58,32 @@ def plan(
     -------
     Dataset
         Over `run`, the best first: `amplitude`, `duration` (s; no longer than the motion), `samples`;
-        `entropy` that is left of the models (nats; 0 of one model) and the `probability` that the right one
+        expected `entropy` of the models (nats; 0 for one model) and the `probability` that the right one
         has odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
-        by all records together, the error of the model added, and whether it `meets` what is wanted.
-        `parting(time)` of the best run: by how much its two likeliest `models` part up to each time, as the
-        logarithm of their likelihood ratio.
+        from all records together, including the error of the model, and whether it `meets` the wanted errors
+        (nan if none is wanted). Over `force` also the `stated_error` of the result and its part
+        `error_of_model`. `parting(time)` of the best run: expected logarithm of the likelihood ratio of its
+        two most likely `models` up to each time.
         attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
 
     Raises
     ------
     UsageError
-        The records are driven, nothing was identified, no limits can be had from the result, or an error is
-        wanted of a coefficient that the model has not or holds.
+        The records are driven, nothing was identified, the result gives no limits, or a wanted error is that
+        of a coefficient that is held or not in the model.
     DecayError
         No run within the limits has a motion.
 
     Notes
     -----
-    Each model predicts a run: its motion, moved by what the records leave of its coefficients, shapes and
-    frequency, by its start and the sensor's zero, of which nothing is known, and the noise, to first order.
-    A random force that pushes the record pushes the next run as much.
-    Runs are drawn from what each of them predicts, taken as the truth with its present probability (Box and
-    Hill 1967). A rival's evidence then changes as that of `discover` does: by r' V^-1 r, r the difference to
-    its motion and V the covariance of what it predicts, and by what its shapes become better known. Its odds
-    are those after all records. Of a run only what a search fits counts: where the last third is held out,
-    the rest. Errors are by the inverse of Fisher's informations of all runs.
+    Each model predicts a run to first order: its motion with the uncertainty of its coefficients, shapes and
+    frequency, an unknown start and an unknown zero of the sensor, and the noise. The next run has the random
+    force of the record.
+    Runs are drawn from the predictions of each model, taken as the truth with its present probability (Box
+    and Hill 1967). The evidence of a model then changes as in `discover`: by r' V^-1 r, with r the difference
+    from its motion and V the covariance of its prediction, and by the information on its shapes. Its odds are
+    those after all records. Only the part of a run that a search fits counts: without the last third if this
+    is held out. Errors follow from the inverse of the sum of the Fisher informations of all runs.
     """
     if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
         raise UsageError("plan is for free decays; the records of this result are driven.")
@@ -93,7 +94,20 @@ def plan(
     }
     asked = xr.Dataset(given, {"force": [*wanted]})
     planned = _planned(result, asked, duration, sampling_rate, repeats, tell)
-    return planned.assign_attrs(wanted=wanted)
+    return _with_known_errors(planned, judged.best(result), wanted)
+
+
+def _with_known_errors(planned: xr.Dataset, main: xr.Dataset, wanted: Mapping[str, float]) -> xr.Dataset:
+    """Add to a plan the errors that are wanted and those by the records of the result."""
+    symbols = planned.force.values.tolist()
+    known = main.sel(force=symbols)
+    values = {
+        "wanted": [wanted.get(symbol, np.nan) for symbol in symbols],
+        "stated_error": known.standard_error.values,
+        "error_of_model": judged.error_parts(known)[1],
+    }
+    with_units = planned.assign_coords(unit=("force", known.unit.values))
+    return with_units.assign(described("plan", values))
 
 
 @signal_scale.in_units_of_the_motion
@@ -124,7 +138,7 @@ def _planned(
     every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
-    in_part = str(result.attrs.get("held_out", "")).startswith("the last third")
+    in_part = "holdout_given" in result and not result["holdout_given"]
     rows, motions_of = list[dict[str, Any]](), list[tuple[dict[str, RunPrediction], Array]]()
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))

@@ -22,9 +22,9 @@ END_ROOT = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 # Standard errors of the first step by which the ends are looked for, by how much the next is longer, and how
 # many each way: some fifty errors.
 STEP_OUT, STEP_GROWTH, MOST_STEPS_OUT = 1.0, 1.5, 8
-# The root of the deviance at an end is right to this, after so many looks at most.
+# Accuracy of the root of the deviance at an end, and largest number of evaluations.
 END_TOLERANCE, MOST_LOOKS = 0.02, 4
-# The interval by the standard error is no good where an end is off by this part of it.
+# The interval by the standard error is misleading if an end is off by this part of it.
 OFF = 0.1
 # Part of a standard error.
 ROUNDING_OF_A_LIMIT = 1e-9
@@ -111,7 +111,7 @@ def _at_limit(value: Array, limit: Array, error: Array) -> Array:
 
 
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
-    """Return where the deviance rejects a parameter on one side; its limit, or infinity, if nowhere.
+    """Find the value at which the deviance rejects a parameter on one side; else its limit, or infinity.
 
     Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
     """

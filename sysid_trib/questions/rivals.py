@@ -126,7 +126,7 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
     step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
     offered, options = effects.candidates_of(tree), json.loads(tree.attrs["options"])
     rest = [force for force in schema.library_of(after) if force.symbol != step.symbol.item()]
-    # The evidence of an effect falls where its coefficient is not the one that physics knows.
+    # The evidence of an effect falls if its coefficient is not the known physical value.
     misnamed = effects.misnamed_effects(tree)
     known = {f.symbol: f.coefficient for f in offered if f.coefficient and f.symbol not in misnamed}
     records = [tree[group].to_dataset() for group in variables.record_groups(tree)]

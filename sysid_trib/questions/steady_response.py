@@ -56,7 +56,7 @@ def forced_response(
     base : bool
         Of a model without inputs: `drive` is the displacement of a base, from which the signal is counted.
     seed : int
-        Of the draws for the bands.
+        Seed of the draws for the bands.
 
     Returns
     -------
@@ -127,7 +127,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
     there = np.abs(checks[2] / checks[1] - 1.0)
     # A simulated motion that is farther off, as a part of itself, has left its branch.
     left_open = float(np.max(there[there < 0.2], initial=0.0))
-    # Where no draw has a motion there is none, and no band.
+    # If no draw has a motion there is no motion, and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
     # The error of the lines is the same in each draw; all have the difference from the simulations.
@@ -233,7 +233,7 @@ def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array
         there = np.flatnonzero(np.isfinite(amplitude[sweep]))
         if not len(there):
             continue
-        # The largest, but for the very end of its branch, and others that are evenly apart.
+        # The largest motion, except at the very end of its branch, and others that are evenly spaced.
         apart = there[np.linspace(0, len(there) - 1, CHECKED + 1).round().astype(int)[1:-1]]
         largest = there[np.argmax(amplitude[sweep, there])]
         for at in {*apart.tolist(), int(np.clip(largest - 3 * (1 - 2 * sweep), there[0], there[-1]))}:

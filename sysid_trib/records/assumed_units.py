@@ -96,11 +96,11 @@ def unit_of(
         # "deg" of a rate is deg/s.
         given = replace(given, quantity=how.signal)
     if given and stated and stated.known and not _agree(stated, given):
-        known = "" if given.known else f", which is none of those that are known ({lab.OFFERED_UNITS})"
+        known = "" if given.known else f", which is unknown (known are {lab.OFFERED_UNITS})"
         raise _contradicted(column, stated.text, "units", how.units, known)
     if given and not given.known and given.quantity == "angle":
         # In whatever it is, no coefficient would have its size.
-        wrong = f"{table.source}: --units '{how.units}' is no unit of an angle that is known"
+        wrong = f"{table.source}: --units '{how.units}' is no known unit of an angle"
         raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
     unit, why = given or stated, ""
     if unit is None:
@@ -127,8 +127,8 @@ def unit_of(
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
         wrong = f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much"
         raise RecordError(
-            f"{wrong} for an oscillation; if it is in degrees say so with --units deg, if it is no "
-            "angle name its unit."
+            f"{wrong} for an oscillation; give --units deg if it is in degrees, or its unit if it "
+            "is no angle."
         )
     return unit, why
 
@@ -152,7 +152,7 @@ def _assumed_unit(
     ----------
     table : FileTable
     signal : Column
-        Of its columns the signal.
+        Signal among its columns.
     time, values : (sample,) array of float, s and the column's unit
         The signal without bad samples.
     meant : str, optional
@@ -195,13 +195,13 @@ def _assumed_unit(
     return unit, f"unit not stated: {why}"
 
 
-# An axis that points down shows gravity but for so much of it, in a sensor that is not calibrated; the three
-# axes of one show it together but for less.
+# An axis that points down shows gravity within this part, in a sensor that is not calibrated; the three axes
+# of one sensor show it together within a smaller part.
 OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
 
 
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
-    """Return why a column is an accelerometer axis in m/s^2 (three axes at rest show gravity), or nothing."""
+    """Return the reason for an accelerometer axis in m/s^2 (gravity on three axes), or nothing."""
     axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
     # More columns are gravity in some way by chance.
     if len(axes) != 3 or column not in axes:

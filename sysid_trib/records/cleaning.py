@@ -9,7 +9,7 @@ from sysid_trib.records.half_periods import noise_level, quantisation_step
 from sysid_trib.records.signal import LONGEST_FILLED, clamped_knots
 
 WRAP_SHARE = 0.75
-# Samples on either side that show how the motion goes on.
+# Samples on either side that show how the motion continues.
 CUT_REACH = 3
 
 
@@ -94,7 +94,7 @@ def unwrapped(signal: Array, turn: float | None = None) -> tuple[Array, float, i
     -------
     whole : (sample,) array of float
     turn : float
-        What was added or taken off at each cut; nan where there is none.
+        Step that was added or removed at each cut; nan where there is none.
     cuts : int
     """
     if turn is None:
@@ -124,7 +124,7 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
     apart = np.maximum(np.abs(before), np.abs(after)) < WRAP_SHARE * span
     slope = 0.5 * (before + after) / CUT_REACH
     against = (before * after > 0.0) & (slope * step[cut] < 0.0)
-    # Part of the cuts at which the motion goes on on either side, and fewest of them.
+    # Part of the cuts at which the motion continues on either side, and fewest of them.
     if np.count_nonzero(against & apart) < max(4, 0.6 * np.count_nonzero(apart)):
         return float("nan"), 0
     # The step between the two ends of a cubic through the samples on either side.
@@ -135,7 +135,7 @@ def _turn_and_cuts(signal: Array) -> tuple[float, int]:
 
 
 def pulses(signal: Array) -> bool:
-    """Return true if a signal rests at one level and leaves it in pulses, as light behind a barrier does."""
+    """Return true if a signal rests at one level and leaves it in pulses, like light behind a barrier."""
     low, high = np.percentile(signal, [0.5, 99.5])
     # Clearly on either side: noise about the middle is no crossing.
     clear = np.flatnonzero(np.abs(signal - 0.5 * (low + high)) > 0.2 * (high - low))
@@ -152,11 +152,11 @@ def pulses(signal: Array) -> bool:
     return bool(max(high_for, low_for) > 3.0 * min(high_for, low_for))
 
 
-# Of the spline: its degree, knots in a period, and fewest samples between knots.
+# Properties of the spline: its degree, knots in a period, and fewest samples between knots.
 OUTLIER_DEGREE, KNOTS, SAMPLES_PER_INTERVAL = 5, 12, 3
 # An impact bends the motion: then the neighbours deviate as well, by more than this part.
 NEIGHBOURS, NEIGHBOURS_PART = 3, 0.2
-# Noise with so many samples in its tails has no outliers.
+# Noise with this number of samples in its tails has no outliers.
 MOST_OUTLIERS = 0.05
 
 
@@ -170,7 +170,7 @@ def outliers(time: Array, signal: Array, period: float) -> Index:
     signal : (sample,) array of float
         In any unit.
     period : float, s
-        Of the swing.
+        Period of the swing.
 
     Notes
     -----
@@ -215,7 +215,7 @@ def _off_the_others(time: Array, signal: Array, period: float, least: tuple[floa
         if not further.any():
             break
         bad = bad | further
-    # Where it stays at the end of its range a sensor is clipped.
+    # A signal that stays at the end of its range is clipped.
     at_end = np.minimum(signal - np.min(signal), np.max(signal) - signal) <= limit
     clipped = at_end & (np.append(False, at_end[:-1]) | np.append(at_end[1:], False))
     bad &= (off > limit) & ~clipped

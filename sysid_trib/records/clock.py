@@ -20,7 +20,7 @@ AT_ONCE = 0.5
 GIVE_RATE = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
 
 
-# From when a clock counts, as a sentence says it.
+# Origin of a clock, in words.
 CLOCKS: dict[column.ClockKind, str] = {
     "dates": "by dates without a time zone",
     "universal": "in universal time (from 1970, or dates with a time zone)",
@@ -63,7 +63,7 @@ class Clock(NamedTuple):
     breaks : tuple of float, s
         Times at which the clock was set back: what comes after is a piece of its own.
     seen : tuple of str
-        What was seen of it.
+        Observations on the clock.
     counted_from : float, s
         By the stamps, what the record calls 0 s.
     """
@@ -93,7 +93,7 @@ def read_clock(
     stamps : (row,) array of float
         In the unit of the file; nan where one is missing.
     factor : float
-        Of that unit, in s.
+        Factor of that unit, in s.
     source : str
         Name of the file, for messages.
     values : (row,) array of float
@@ -167,9 +167,9 @@ def check_period(time: Array, values: Array, whole: bool, source: str, remedy: s
     whole : bool
         Whether the stamps are whole numbers.
     source : str
-        Of whom the question speaks.
+        Source that the error names.
     remedy : str
-        What to give.
+        Option to give.
 
     Raises
     ------

@@ -56,7 +56,7 @@ class Column:
         # With the capitals that the header has: `mT`, where `split_header` says `mt`.
         at = name.lower().rfind(in_header)
         in_header = name[at : at + len(in_header)] if at >= 0 else in_header
-        # In the machine's own order of bytes: not all that follows knows the other one.
+        # In the machine's own byte order: not all later functions accept the other one.
         cells = cells.astype(cells.dtype.newbyteorder("="), copy=False)
         return cls(name, cells, source, base, unit or in_header)
 

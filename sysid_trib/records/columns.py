@@ -56,7 +56,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     Parameters
     ----------
     table : FileTable
-        What the file holds.
+        Contents of the file.
     how : Reading
         Columns, quantity and sampling rate, where they are given.
     driving : list of Column

@@ -28,7 +28,7 @@ def with_constants(
     table : FileTable
         That it is from.
     rows : (time,) array of int
-        Of the table, one for each time.
+        Rows of the table, one for each time.
     wanted : mapping of str to str or float
         By the name that formulas hold: a number, or where the file has it, the name of a column that does not
         vary or of a number that the file states once (`kp = 100` in a comment, a scalar of MATLAB).

@@ -42,7 +42,7 @@ def free_part(swing: Swing) -> Swing:
             stop = int(np.searchsorted(time, halves.crossing[(free or run).stop]))
             small = halves.peak[run.stop - 1] < 4.0 * swing.oscillation.floor
             reason = "is lost in the noise" if small else "does not swing freely"
-            reason = ", in which it leaves the course of the decay" if free else f" in which it {reason}"
+            reason = ", in which it deviates from the decay" if free else f" in which it {reason}"
             after = f"the last {time[-1] - time[stop - 1]:.4g} s{reason}"
     return replace(swing, free=slice(start, stop), before=before, after=after, stop_time=float(stop_time))
 
@@ -148,7 +148,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     swing : Swing
         Found in the angle, or in what was measured.
     said : str
-        What was done to the samples before.
+        Earlier changes of the samples.
 
     Returns
     -------
@@ -167,8 +167,8 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
         variables = {"measured": xr.DataArray(signal, at, "measured_time", attrs=own_attrs)}
         period = swing.oscillation.period
         signal = as_position(time, signal, period, record.attrs)
-        # Samples of a period that are kept of an integrated signal: integration leaves next to no noise above
-        # them.
+        # Samples of a period that are kept of an integrated signal: after integration almost no noise remains
+        # above them.
         every = max(1, int(period / 32 * (time.size - 1) / (time[-1] - time[0])))
         every = every if record.attrs["integrations"] else 1
         time, signal = time[::every], signal[::every]

@@ -14,9 +14,9 @@ from sysid_trib.records.inputs import ROLE, KnownInput, inputs_of, integral_of_r
 from sysid_trib.records.saturation import refuse_saturated
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
-# A part of a record that is used has so many samples, and lasts so many periods.
+# Fewest samples and fewest periods of a part of a record that is used.
 FEWEST_IN_PART, SHORTEST_RUN = 20, 2.0
-# Where more of the steps are long, the clock is uneven, and no sample is missing.
+# If more of the steps are long, the clock is uneven, and no sample is missing.
 MOST_GAPS = 0.1
 # Degree of the spline through the samples that are there.
 DEGREE = 7
@@ -95,7 +95,8 @@ def driven_parts(
     kept = [p for p in pieces if p.sizes["time"] >= fewest and np.ptp(p.time.values) >= lasting]
     if not kept:
         raise DecayError(
-            f"Gaps part this record ({_listed_gaps(time, gaps)}), and none of its {len(pieces)} parts lasts "
+            f"Gaps divide this record ({_listed_gaps(time, gaps)}), and none of its "
+            f"{len(pieces)} parts lasts "
             "for two periods; record it without them."
         )
     if len(pieces) > 1:
@@ -132,14 +133,14 @@ def _own_quantity_apart(part: xr.Dataset) -> xr.Dataset:
 
 
 def _signal_names(record: xr.Dataset) -> list[str]:
-    """Return the names of what was measured: the rate or acceleration itself where it is compared."""
+    """Return the names of the measured quantities: the rate or acceleration itself if it is compared."""
     if MEASURED_ITSELF in record:
         return [MEASURED_ITSELF]
     return [str(name) for name in ("angle", record.attrs.get("measured")) if name in record]
 
 
 def _shown(record: xr.Dataset, name: str) -> str:
-    """Return the name of a variable in a sentence: what was measured itself is a rate or an acceleration."""
+    """Return the name of a variable in a sentence: the measured rate or acceleration by its own name."""
     return str(record.attrs.get("measured", name)) if name == MEASURED_ITSELF else name
 
 
@@ -279,7 +280,7 @@ def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
         name = str(key)
         if values.dims != ("time",) or values.dtype.kind not in "fiu":
             continue
-        # Where it was measured a sample stays as it is.
+        # A measured sample is unchanged.
         given = values.values.astype(float)
         between = known[name].of(new - time[0]) if name in known else _between(time, given, new)
         filled = np.empty(whole.size)

@@ -15,7 +15,7 @@ MOSTLY_HELD = 0.5
 
 
 def is_named_as_drive(column: Column) -> bool:
-    """Return whether name or unit of a column is that of what drives: a torque, a voltage, a command."""
+    """Return true if name or unit of a column is that of an input: a torque, a voltage, a command."""
     if is_wanted(column):
         return True
     tokens = _tokens(column)
@@ -25,7 +25,7 @@ def is_named_as_drive(column: Column) -> bool:
 
 
 def is_wanted(column: Column) -> bool:
-    """Return whether a column holds what the motion should be, such as a goal position: no force."""
+    """Return true if a column is the wanted motion, such as a goal position, which is no force."""
     return bool(_tokens(column) & {*_WORDS["wanted"]})
 
 
@@ -36,7 +36,7 @@ def _tokens(column: Column) -> set[str]:
 
 
 def moves(column: Column) -> bool:
-    """Return whether a column holds numbers that change, and is no clock or counter."""
+    """Return true if a column contains numbers that change, and is no clock or counter."""
     try:
         values = column.values
     except SysidTribError:
@@ -60,5 +60,5 @@ def drives_among(columns: Iterable[Column], signal: Column) -> list[Column]:
 
 
 def is_held(values: np.ndarray) -> bool:
-    """Return whether an input stays where it is from sample to sample most of the time, as a square wave."""
+    """Return true if an input is constant from sample to sample most of the time, like a square wave."""
     return bool(np.mean(np.diff(values) == 0.0) > MOSTLY_HELD)

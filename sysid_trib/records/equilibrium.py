@@ -132,7 +132,7 @@ def _settle(time: Array, signal: Array, period: float, equilibrium: float | None
     centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
     error = np.nan
     halves, run = _split(oscillation, centre)
-    # From the smoothed points first, which is quick, then from all.
+    # First by the smoothed points, which is quick, then by all.
     for source_time, source in ((oscillation.time, oscillation.signal),) * 3 + ((time, signal),) * 2:
         if equilibrium is not None or run.stop - run.start < 4:
             break
@@ -189,7 +189,7 @@ def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Ar
     # In blocks: the intermediate arrays stay in the cache, however long the record is.
     for start in range(0, len(first), HALF_PERIODS_AT_ONCE):
         begin = first[start : start + HALF_PERIODS_AT_ONCE]
-        # One without samples, as the next one starts where it does, takes the next one's first.
+        # A half period without samples takes the first sample of the next one.
         last = start + len(begin)
         end = len(phase) if last == len(first) else max(first[last], begin[-1] + 1)
         part = slice(begin[0], end)

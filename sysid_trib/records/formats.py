@@ -87,7 +87,7 @@ def _json_content(path: Path) -> Any:
     if not content.startswith((b"{", b"[")) or not content.endswith((b"}", b"]")):
         return None
     lines = content.splitlines()
-    # Where the first line is whole, the others are rows too.
+    # If the first line is complete, the others are rows too.
     for parts in ([content], lines if len(lines) > 1 else []):
         with suppress(ValueError, RecursionError):
             values = [json.loads(part) for part in parts if part.strip()]
@@ -166,7 +166,7 @@ def read_matlab(path: Path) -> Contents:
     from scipy.io.matlab import MatReadWarning
 
     with warnings.catch_warnings():
-        # Objects have no names that it knows.
+        # The reader knows no names of objects.
         warnings.simplefilter("ignore", MatReadWarning)
         loaded = loadmat(path, simplify_cells=True)
     content = {k: v for k, v in loaded.items() if not k.startswith("__")}
@@ -215,8 +215,8 @@ def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any])
         ),
     }.get(kinds[0], "t = x.Time; y = x.Data; save('record.mat', 't', 'y')")
     raise RecordError(
-        f"{path.name}: holds objects of MATLAB ({held}), whose numbers nothing but MATLAB can read; save "
-        f"them there as arrays: {how}; or have Simulink save arrays (To Workspace, format Array)."
+        f"{path.name}: contains objects of MATLAB ({held}), which only MATLAB can read; save them there as "
+        f"arrays: {how}; or let Simulink save arrays (To Workspace, format Array)."
     )
 
 

@@ -107,14 +107,14 @@ def free_decays(
     checked_signal(record, *filter(None, [getattr(record, "attrs", {}).get("measured")]))
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
-    # Where a rate or an acceleration was measured, it shows the swing best: its noise is white.
+    # A measured rate or acceleration shows the swing best: its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
     time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
     value = None if equilibrium == "auto" else _given(equilibrium)
     if value is not None and measured.name != "angle":
-        raise UsageError(f"{source}: an equilibrium of an integrated angle cannot be given; leave it out.")
+        raise UsageError(f"{source}: the equilibrium of an integrated angle cannot be given; leave it out.")
     if value is not None and not angle.min() < value < angle.max():
         reach = f"{angle.min():.4g} to {angle.max():.4g} {inside['angle'].attrs.get('units', 'rad')}"
         wrong = f"{source}: an equilibrium of {value:g} is outside of the record, which runs from {reach}"
@@ -235,9 +235,11 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
-    """Return the swing that a piece holds, after what is clipped, or the reason why it holds none."""
+    """Return the swing of a piece after its clipped part, or the reason why it has none."""
     if cleaning.pulses(signal):
-        wrong = f"{source}: the signal rests at one level and leaves it in pulses, as that of a light barrier"
+        wrong = (
+            f"{source}: the signal rests at one level and leaves it in pulses, like that of a light barrier"
+        )
         raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
     swing = find_swing(time, signal, value)
     if swing is None:
@@ -275,7 +277,7 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     more = ", ..." if wrong.size > 3 else ""
     said = (
         f"{wrong.size} half period{'s' * (wrong.size > 1)} left out, from {listed}{more} s, whose amplitude "
-        "is off that of those before and after, as where a tracker is wrong"
+        "differs from those before and after, like an error of a tracker"
     )
     bounds = np.flatnonzero(np.diff(left_out)) + 1
     parts = [part for part in np.split(np.arange(swing.time.size), bounds) if not left_out[part[0]]]

@@ -12,7 +12,7 @@ from sysid_trib.records.equilibrium import Swing
 FEWEST_EXTREMA = 5
 # Least number of half periods in which a drive holds the amplitude.
 DRIVEN_HALF_PERIODS = 8
-# A beat rises over so many half periods at least.
+# Least number of half periods in which a beat rises.
 FEWEST_RISING = 5
 # Between its maxima the amplitude of a beat falls by this part of the largest one at least.
 TROUGH = 0.3
@@ -121,7 +121,7 @@ def _refuse_beats(swing: Swing, source: str) -> None:
     if quarter < 1 or rise.size < FEWEST_RISING:
         return
     lasts = swing.halves.duration[run.stop : run.stop + rise.size] / (0.5 * swing.oscillation.period)
-    # In most half periods the motion goes on, and in most of them it rises.
+    # In most half periods the motion continues, and in most of them it rises.
     swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > 0.7
     # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
     hollow = fall[-quarter - 1] - fall[-1] < 0.8 * (fall[0] - fall[quarter])
@@ -163,7 +163,8 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
     )
 
 
-# A half period is wrong if it is off its neighbours on both sides by this part, while they go on decaying.
+# A half period is wrong if it differs from its neighbours on both sides by this part, while they continue to
+# decay.
 WRONG_PART = 0.08
 # Most half periods that are wrong, of so many, and at least; they are no more than a swing or two in a row.
 WRONG_OF, FEWEST_WRONG = 30, 4
@@ -227,7 +228,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     int
         0 where nothing is clipped.
     str
-        What is left out, and why.
+        Description of the samples left out, with the reason.
 
     Raises
     ------
@@ -270,7 +271,7 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
         near = np.concatenate(([0], np.cumsum(np.abs(limit - angle) <= width)))
         return np.where(halves.sign == side, near[stops] - near[starts], 0)
 
-    # At the end of the sensor's range, exactly or within so many noise levels.
+    # Samples at the end of the sensor's range, exactly or within this number of noise levels.
     for width in (1e-9 * height, 6.0 * noise):
         # A cosine stays within so much of its top for this part of a half period.
         usual_width = max(width, swing.oscillation.step)
@@ -319,5 +320,5 @@ def _nearly_stopped(swing: Swing, half: int) -> bool:
     """Return true if the amplitude, at its pace, is about to end or to be lost in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
-    # Friction alone stops a swing that, at its last pace, would end within so many half periods.
+    # Friction alone stops a swing that, at its last pace, would end within this number of half periods.
     return bool(peak[half] < 4.0 * pace + 4.0 * swing.oscillation.floor)

@@ -287,7 +287,7 @@ def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     # Steady amplitude first: this removes the leakage of a decaying one from the record's start to its end.
     trend = _log_trend(halves, grid)
     steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
-    # Odd about both ends, as the motion itself is about a zero crossing but for its decay.
+    # Odd about both ends, as the motion itself is about a zero crossing, except for its decay.
     signal = scipy.signal.hilbert(np.concatenate([steady, -steady[::-1]]))[:count]
     phase = np.unwrap(np.angle(signal))
     # The branch on which the first extremum has the phase zero.

@@ -77,7 +77,7 @@ def sample_responses(decay: xr.Dataset, extremum_time: Array) -> sp.csr_matrix:
     decay : Dataset
         `angle(time)` about its equilibrium, as `envelope` takes it.
     extremum_time : (half_period,) array of float, s
-        Those of its half periods that are wanted, one after the other.
+        Half periods to compute, one after the other.
 
     Returns
     -------
@@ -119,7 +119,7 @@ def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Datas
         ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as
         it is.
     curve
-        What gives the extrema: ``half-sines``, or the ``analytic-signal`` (see `analytic_extrema`).
+        Curve that gives the extrema: ``half-sines``, or the ``analytic-signal`` (see `analytic_extrema`).
 
     Returns
     -------
@@ -264,7 +264,7 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
 
-    # For extrema, then for their times.
+    # First for extrema, then for their times.
     of_half_period = np.stack([size, size * (duration / np.pi)])
     of_extremum = np.stack([np.ones(count), 1.0 / b])
 

@@ -14,7 +14,7 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.signal import ANGLE_UNIT
 
 ANGLE, TIME = "angle", "time"
-# How a record is given, for messages.
+# Forms of a record, for messages.
 GIVE_A_RECORD = "give (t, angle), a pandas Series or DataFrame with times, or a Dataset with angle(time)"
 
 
@@ -55,7 +55,7 @@ def as_record(given: Any) -> Any:
         return _of_columns(_column(TIME, plain[:, 0]), _column(ANGLE, plain[:, 1]), "array")
     if isinstance(given, xr.DataArray):
         if given.ndim != 1:
-            raise UsageError(f"A DataArray is a record over time alone; this one is over {given.dims}.")
+            raise UsageError(f"A DataArray must have time as its only dimension; this one has {given.dims}.")
         given = _of_data_array(given)
     if is_pair(given):
         return _of_pair(*given)
@@ -173,7 +173,7 @@ def _checked_record(given: Any, function: str) -> xr.Dataset:
     record: xr.Dataset = as_record(given)
     if "angle" not in record.variables:
         if "coefficient" in record:
-            raise UsageError(f"{function} takes a record, not a result; give the record that it is from.")
+            raise UsageError(f"{function} takes a record, not a result; give the record of the result.")
         names = [str(name) for name, values in record.data_vars.items() if values.ndim == 1]
         remedy = f"rename its signal: record.rename({names[0] if len(names) == 1 else 'NAME'}='angle')"
         held = ", ".join(map(str, record.data_vars)) or "nothing"
@@ -203,7 +203,7 @@ def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
         raise UsageError(f"Which column holds the times? Name it time; there are {listed}.")
     time = named[0] if named else _of_index(frame.index, "DataFrame")
     others = [column for column in columns.values() if column is not time]
-    # As it is called, as it is called without its unit, or what alone is an angle or alone there.
+    # The name as it is, the name without its unit, or the only angle by unit or by name.
     for pool in (
         [column for column in others if column.name == ANGLE],
         [column for column in others if column.base == ANGLE],

@@ -128,7 +128,7 @@ def values_of_inputs(
     ----------
     inputs : mapping of str to KnownInput
     channels : iterable of Channel
-        What is wanted.
+        Inputs to return.
     elapsed : array of float, s
     frequency : float, rad/s
         Reference frequency.
@@ -178,7 +178,7 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
         )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
-    # Two clocks of large numbers have one instant but for their rounding.
+    # Two clocks of large numbers have the same instant up to their rounding.
     rounding = 1e-3 * float(np.median(np.diff(record.time.values.astype(float))))
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
@@ -285,7 +285,7 @@ CONSTANT_WITHIN = 1e-12
 
 
 def is_constant(values: Array) -> bool:
-    """Return whether an input does not change but for rounding."""
+    """Return true if an input is constant up to rounding."""
     return bool(np.ptp(values) <= CONSTANT_WITHIN * np.max(np.abs(values), initial=0.0))
 
 
@@ -303,7 +303,7 @@ def integral_of_rate(time: Array, rate: Array) -> Array:
 
 
 def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
-    """Return a driven record whose rate or acceleration was measured with that as what is compared.
+    """Return a driven record whose measured rate or acceleration is the compared quantity.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ CERTAIN_LINE = 30.0
 SEARCH_ROUNDS, REFINEMENTS, MOST_NEW, MOST_COMPONENTS = 4, 3, 8, 24
 # A line so near to a known one, in parts of the frequency, is another mode if it has this part of its height.
 NEAR_LINE, LEAST_HEIGHT = 0.2, 0.02
-# Knots of an envelope: so many beats with the next line, and so many in a fall by e, from least to most.
+# Knots of an envelope: number of beats with the next line, and number in a fall by e, from least to most.
 BEATS_A_KNOT, KNOTS_A_FALL, LEAST_KNOTS, MOST_KNOTS = 2.0, 4.0, 4, 60
 # A carrier is taken from a band of this part of the distance to the next line, or of the frequency.
 BAND_OF_DISTANCE, BAND_OF_FREQUENCY = 0.4, 0.08
@@ -60,7 +60,7 @@ class Ringing:
     components : tuple of Component
         By rising frequency.
     kinds : tuple of str
-        Of each of them: ``mode``, ``harmonic``, ``line`` (steady), ``weak``.
+        Kind of each: ``mode``, ``harmonic``, ``line`` (steady), ``weak``.
     residual : (sensor,) array of float
         RMS of what they leave.
     second_blow : int or None
@@ -96,7 +96,7 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
     ----------
     signals : (sensor, sample) array of float
     interval : float, s
-        Of the samples.
+        Interval of the samples.
     """
     onset, start, second = _free_part(signals)
     noise = np.maximum(_white_noise(signals[:, start:second]), LEAST_NOISE * np.ptp(signals, axis=1))
@@ -201,7 +201,7 @@ def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dic
     lines &= largest > ABOVE_MEDIAN * median_filter(largest, 2 * MEDIAN_BINS + 1, mode="nearest")
     lines &= largest > np.sqrt(signals.shape[0] + 2.0 * np.log(spectrum.size) + CERTAIN_LINE)
     if not (known or lines.any()) and largest.max() > ABOVE_MEDIAN * np.median(spectrum):
-        # Of a short record the median holds the skirts of its one line.
+        # In a short record the median includes the skirts of its single line.
         lines[int(np.argmax(largest))] = True
     made = []
     for at in np.flatnonzero(lines):
@@ -270,13 +270,13 @@ def amplitude_at(component: Component, samples: Array) -> Array:
 
 
 def is_multiple(ratio: float) -> bool:
-    """Return whether a ratio of frequencies is 2, 3, ..."""
+    """Return true if a ratio of frequencies is 2, 3, ..."""
     whole = round(ratio)
     return 2 <= whole <= MOST_MULTIPLE and abs(ratio / whole - 1.0) < MULTIPLE_TOLERANCE
 
 
 def are_close(frequency: float, other: float, ringing: Ringing) -> bool:
-    """Return whether modes of two frequencies are too close to be separated reliably with one sensor."""
+    """Return true if modes of two frequencies are too close to be separated reliably with one sensor."""
     return ringing.signals.shape[0] == 1 and abs(other / frequency - 1.0) < CLOSE_FREQUENCIES
 
 

@@ -34,7 +34,7 @@ FEWEST_PERIODS, FEWEST_BEATS = 10.0, 3.0
 # Parts of a mode that its shape, and all modes together, may leave; the second only beyond so many times the
 # noise.
 MOST_OUT_OF_SHAPE, MOST_UNEXPLAINED, UNEXPLAINED_NOISE = 0.25, 0.3, 5.0
-# What all modes leave at a sensor is said if it is so many times its white noise.
+# The residual of all modes at a sensor is reported if it exceeds this multiple of its white noise.
 LARGE_RESIDUAL = 1.5
 # The end of a decay is left out where its amplitude is below so many times the noise of a sample that is
 # kept, if so many periods remain: half-sines bias the frequency there by more than its band.
@@ -410,8 +410,8 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
         left_out = 1e3 * separate.first * interval
         said.append(
-            f"1 of {separate.every} samples kept, {a_period:.3g} a period, behind a filter of zero phase "
-            f"that leaves {left_out:.3g} ms out at both ends"
+            f"1 of {separate.every} samples kept, {a_period:.3g} a period, after a filter of zero phase, "
+            f"without {left_out:.3g} ms at both ends"
         )
     after = own.stop * interval - (separate.first + separate.signal.size * separate.every) * interval
     if after > 2.0 * separate.first * interval + 1e-9:

@@ -26,8 +26,8 @@ SECONDS, SECONDS_PER_BYTE = 4.0, 5e-8
 BUSY = 15.0
 # Bytes of memory beyond those of the process: to begin with, and for each byte of the file.
 MEMORY, MEMORY_PER_BYTE = 2**29, 16
-# How a file was read: to its end or not, it points outside of itself or in circles, the package that reads it
-# is not installed.
+# Outcomes of reading a file: complete or not, external or circular links, the package that reads it is not
+# installed.
 WHOLE, DAMAGED, LINKED, NO_READER = "whole", "damaged", "linked", "no reader"
 # Modules that readers need, imported before a process is forked.
 PACKAGES: dict[str, tuple[str, ...]] = {
@@ -115,7 +115,7 @@ def _started() -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        # In a group of its own: an interrupt from the keyboard is not meant for it.
+        # In a separate process group: an interrupt from the keyboard must not reach it.
         process_group=None if sys.platform == "win32" else 0,
     )
     atexit.register(_end, process, os.getpid())

@@ -58,33 +58,33 @@ def read_record(
         Name or number of the signal's column, or a formula of columns, `atan2(x - 3.1, -y)`; else the column
         that can be meant alone.
     signal : {"angle", "displacement", "rate", "acceleration"}, optional
-        What was measured; else what unit and name say. A rate is integrated once and an acceleration twice,
-        without the drift of their bias.
+        Measured quantity; by default by unit and name. A rate is integrated once and an acceleration twice,
+        without the drift due to their bias.
     units : str, optional
-        Its unit, where the file does not say it: rad, deg, mrad, mm, px, V, au, rad/s, g, ...
+        Unit of the signal, if the file does not state it: rad, deg, mrad, mm, px, V, au, rad/s, g, ...
     sampling_rate : float, Hz, optional
-        Instead of a time column.
+        Sampling rate in place of a time column.
     time_units : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
-        Where the file does not say it; if not given either, s.
+        Unit of the time, if the file does not state it; by default s.
     length : float, m, optional
-        Of a pendulum: turns a displacement in a unit of length into an angle.
+        Length of a pendulum: a displacement in a unit of length becomes an angle.
     input : str, sequence of str, or mapping of str to str, optional
-        Columns of what drives the motion: `"V1"` is the input `u` of formulas, `{"u": "V1", "b": "V2"}` are
-        several by their names; `"base.mat:y"` is a column of another file, with its own clock, and
-        `"*_y.mat:y"` of that whose name is most like the record's.
+        Columns of the inputs that drive the motion: `"V1"` is the input `u` of formulas,
+        `{"u": "V1", "b": "V2"}` are several by their names. `"base.mat:y"` is a column of another file, with
+        its own clock; `"*_y.mat:y"` is one of the file with the most similar name.
     between : {"smooth", "linear", "held", "cubic"}, optional
-        What inputs are between their samples: smooth, as of a signal that was measured without aliasing;
-        held, as a converter puts it out. Without it they are smooth, or held where they move in steps.
+        Interpolation of inputs between their samples: smooth, like a signal measured without aliasing; held,
+        like the output of a converter. By default smooth, or held if they move in steps.
     constants : mapping of str to (str or float), optional
-        What is known of the run and does not vary in it, such as a gain, a load or a temperature, by the name
-        that formulas hold: a number, the name of a column, or that of a number which the file states once.
+        Known constants of the run, such as a gain, a load or a temperature, by their names in formulas: a
+        number, the name of a column, or the name of a number that the file states once.
 
     Returns
     -------
     Dataset
         `angle(time)` in rad, or a displacement in the file's unit (its attribute `units`), and `rate(time)`
-        or `acceleration(time)` where that was measured. Times are those of the file. Attrs say how it was
-        understood: `signal`, `angle_unit_in_file`, `clock`, `reading`.
+        or `acceleration(time)` where that was measured. Times are those of the file. Attrs describe the
+        reading: `signal`, `angle_unit_in_file`, `clock`, `reading`.
 
     Raises
     ------
@@ -96,7 +96,7 @@ def read_record(
     """
     if not isinstance(path, str | os.PathLike):
         raise UsageError(
-            "read_record reads a file; what is in memory is a record as it is: st.free_decay((t, angle))."
+            "read_record reads a file; data in memory are used directly: st.free_decay((t, angle))."
         )
     given = time, angle, signal, units, sampling_rate, time_units, length
     how = reading.Reading(
@@ -200,7 +200,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
 def _as_record(
     time: Array, values: Array, unit: lab.SignalUnit, attrs: Mapping[str, Any], how: reading.Reading
 ) -> xr.Dataset:
-    """Return the record of a signal: `angle(time)`, and what was measured if that is another quantity.
+    """Return the record of a signal: `angle(time)`, and the measured quantity if that is another one.
 
     A rate is integrated once, an acceleration twice, without the drift of a bias. An accelerometer on a
     pendulum feels g sin(x) + r x'' along its path; without friction x'' = -w^2 sin(x), so that to first order

@@ -37,25 +37,25 @@ class Reading:
     time, angle : str or int, optional
         Columns of time and signal, by name or number from 0.
     signal : {"angle", "displacement", "rate", "acceleration", "accelerometer"}, optional
-        What was measured; an accelerometer on a pendulum feels gravity's component along its path too.
+        Measured quantity; an accelerometer on a pendulum also measures gravity's component along its path.
     units : str, optional
         Unit of the signal.
     sampling_rate : float, Hz, optional
-        Instead of a time column.
+        Sampling rate in place of a time column.
     time_units : {"s", "ms", "us", "ns", "min", "h", "d"}, optional
         Unit of the time column.
     length : float, m, optional
-        Of a pendulum: turns a displacement in a unit of length into an angle.
+        Length of a pendulum: a displacement in a unit of length becomes an angle.
     distance : float, m, optional
-        Of an accelerometer from the axis of the pendulum that it is on.
+        Distance of an accelerometer from the axis of its pendulum.
     usual : str, optional
-        What is usually measured of such a system: the signal's quantity where nothing says it.
+        Usual quantity of such a system: that of the signal if it is not stated.
     gravity : bool
         Whether the body may swing under gravity; if not, its frequency does not tell the unit of an angle.
     inputs : mapping of str to (str or int)
         Columns of inputs by the names that forces hold, `{"u": "V1"}`; of another file `base.mat:y`.
     between : {"smooth", "linear", "held", "cubic"}, optional
-        What inputs are between their samples (see `KnownInput`); without it see `usual_between`.
+        Interpolation of inputs between their samples (see `KnownInput`); by default `usual_between`.
     constants : mapping of str to (str or float)
         Known constants of the run by the names that forces hold, `{"kp": 100.0, "load": "load"}`: a number,
         or a column that does not vary.
@@ -137,7 +137,7 @@ def with_expression(table: FileTable, text: str, units: str | None) -> FileTable
     if unit is None:
         columns = ", ".join(column.name for column in held.values())
         wrong = f"{table.source}: the unit of --angle '{text}' does not follow from its columns ({columns})"
-        raise UsageError(f"{wrong}, whose numbers it takes as they are; say it with --units (units=).")
+        raise UsageError(f"{wrong}, whose numbers it takes unchanged; state it with --units (units=).")
     base = next(iter(held)) if len(held) == 1 else ""
     made = Column(text, np.where(np.isfinite(signal), signal, np.nan), table.source, base, unit)
     return replace(table, columns=(*table.columns, made))
@@ -263,7 +263,7 @@ def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
 
 
 def _power(tree: ast.AST) -> float | None:
-    """Return the power of the columns' unit in a formula, 0 of a number; None of what has none."""
+    """Return the power of the columns' unit in a formula, 0 for a number; None if it has no power."""
     match tree:
         case ast.Constant() | ast.Name(id="pi"):
             return 0.0

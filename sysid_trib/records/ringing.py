@@ -55,7 +55,7 @@ class Component:
     stop : int
         Number of samples in which it is seen; it is zero after them.
     spacing : float
-        Of the knots of its envelope, in samples.
+        Spacing of the knots of its envelope, in samples.
     envelope : (spline, sensor) array of complex
         Coefficients of the splines.
     error : (spline,) array of float

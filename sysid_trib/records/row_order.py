@@ -10,7 +10,7 @@ from sysid_trib.records.column import MOST_SET_BACK, Column
 
 # Rows from which on the steps of a clock are known.
 FEWEST_ROWS = 12
-# A column sorted by its values is a clock if so many of its steps are within so much of the usual one.
+# A column sorted by its values is a clock if this part of its steps is within this part of the usual one.
 EVEN_PART, EVEN_WITHIN = 0.9, 0.3
 # Part of the stamps that may be there twice.
 MOST_DOUBLED = 0.01
@@ -24,7 +24,7 @@ def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     Parameters
     ----------
     columns : sequence of Column
-        Of one file.
+        Columns of one file.
     """
     said: list[str] = []
     columns = tuple(columns)

@@ -50,11 +50,11 @@ class RowTimes(NamedTuple):
     clock : Clock
         Times in s, and the rows that they belong to.
     unit : str
-        Of the times in the file.
+        Unit of the times in the file.
     said : list of str
-        What is to be said of it.
+        Sentences on the times.
     origin : Origin
-        What these times call 0 s.
+        Instant that these times call 0 s.
     """
 
     clock: Clock
@@ -70,10 +70,10 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
     ----------
     table : FileTable
     time : Column or None
-        Of its columns the time, if any.
+        Time among its columns, if any.
     signal : Column
     values : (row,) array of float
-        Of the signal.
+        Values of the signal.
     how : Reading
 
     Returns
@@ -116,7 +116,7 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
 
 
 def _origin(time: Column, clock: Clock, unit: str | None) -> Origin:
-    """Return what the times of a clock call 0 s: stamps that are counted as a calendar does are dates."""
+    """Return the instant that the times of a clock call 0 s; stamps that count like a calendar are dates."""
     kind, instant = time.first_instant
     counted = Origin(kind, instant).later(clock.counted_from)
     low, high = COUNTED_FROM_1970
@@ -233,12 +233,12 @@ def with_inputs(
     table : FileTable
         That it is from.
     rows : (time,) array of int
-        Of the table, one for each time.
+        Rows of the table, one for each time.
     how : Reading
         `inputs` are columns by name or number, formulas of them, or of another file as `base.mat:y`;
         `between` is what is between their samples.
     origin : Origin
-        What the times of the record call 0 s.
+        Instant that the times of the record call 0 s.
 
     Returns
     -------

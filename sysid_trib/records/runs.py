@@ -24,7 +24,7 @@ RecordLike: TypeAlias = (
     | Mapping[str, ArrayLike]
     | tuple[ArrayLike, ArrayLike]
 )
-# One, or several.
+# One decay, or several.
 RecordsLike: TypeAlias = RecordLike | Iterable[RecordLike]
 
 

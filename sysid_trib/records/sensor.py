@@ -10,7 +10,7 @@ from sysid_trib.arrays import Array
 
 # Values and candidate steps that are looked at.
 MOST_VALUES = 20_000
-# Spacings of up to so many steps count: over more the step itself is not known well enough.
+# Spacings of up to this number of steps count: over more the step itself is too uncertain.
 MOST_STEPS = 20.0
 # Distance from a whole number of steps that is rounding, and the part of the spacings it must explain. By
 # chance it explains a fifth.
@@ -50,7 +50,7 @@ def _lattice(values: Array, fewest: int) -> float:
     first = max(0, (values.size - MOST_VALUES) // 2)
     values = values[first : first + MOST_VALUES]
     spacing = np.diff(values)
-    # Below this part of the range two values are one, but for rounding.
+    # Below this part of the range two values are equal up to rounding.
     spacing = np.sort(spacing[spacing > 1e-12 * np.ptp(values)]) if values.size > 1 else spacing
     if spacing.size < fewest:
         return float("nan")
@@ -82,7 +82,7 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
     decay : Dataset
         `angle(time)`.
     noise : float, rad
-        Of a sample.
+        Noise of a sample.
 
     Notes
     -----

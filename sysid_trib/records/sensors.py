@@ -20,9 +20,10 @@ from sysid_trib.records.signal import uniform_pieces, unit_of_signal
 
 # Samples of a record that separate modes at least.
 FEWEST_SAMPLES_OF_SENSORS = 500
-# A sensor is clipped where it is at one end of its range in so many runs, of so many samples in all.
+# A sensor is clipped if it is at one end of its range in this number of stretches, of this number of samples
+# in all.
 CLIPPED_RUNS, CLIPPED_SAMPLES = 2, 4
-# Of a sensor of coarse steps, fewer than this in its range, nothing is said of clipping.
+# Clipping is not judged for a sensor of coarse steps, with fewer than this in its range.
 FEWEST_STEPS = 50
 # Quantities among which sensors are chosen: the first that a file has.
 SENSOR_QUANTITIES = ("acceleration", "rate", "displacement", "angle")

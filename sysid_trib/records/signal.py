@@ -105,7 +105,7 @@ class Piece(NamedTuple):
         In steps that differ by 2 % at most.
     signal : (sample,) array of float
     changes : str
-        What was done to make the steps even; empty if they were.
+        Changes that made the steps even; empty if they were even.
     """
 
     time: Array
@@ -133,7 +133,7 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
         Rising, in any steps.
     signal : (sample,) array of float
     period : float, s
-        Of the oscillation: a gap of more than a quarter of it parts the record.
+        Period of the oscillation: a gap of more than a quarter of it parts the record.
     breaks : tuple of float, s
         Further times at which a piece starts.
 
@@ -155,7 +155,7 @@ def is_uniform(time: Array) -> bool:
     """Return true if all steps are within 2 % of the median (the limit itself is on the good side)."""
     steps = np.diff(time)
     median = float(np.median(steps))
-    # Deviation of a step from the usual one that the methods take as it is.
+    # Largest relative deviation of a step from the usual one that needs no resampling.
     return bool(np.abs(steps - median).max(initial=0.0) <= (1.0 + 1e-6) * 0.02 * median)
 
 
@@ -196,7 +196,7 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
         Rising.
     signal : (sample,) array of float
     period : float, s
-        Of the oscillation.
+        Period of the oscillation.
 
     Returns
     -------
@@ -216,14 +216,13 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
 
 
 def _drift(time: Array, signal: Array, period: float) -> Array:
-    # Knots of drift and envelope are so many periods apart: slower than the swing, faster than a bias
-    # drifts.
+    # Periods between the knots of drift and envelope: slower than the swing, faster than the drift of a bias.
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
     waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
-    # The columns of one spline next to each other: the normal equations are banded, and their solution takes
-    # a time that goes with the number of periods.
+    # The columns of each spline are adjacent: the normal equations are banded, and the solution time is
+    # proportional to the number of periods.
     columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
     splines = slow.shape[1]
     design = columns[:, np.arange(len(waves) * splines).reshape(len(waves), splines).T.ravel()].tocsr()
@@ -243,7 +242,7 @@ def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any,
     ----------
     time, measured : (sample,) array of float
     period : float, s
-        Of the oscillation.
+        Period of the oscillation.
     attrs : mapping
         `integrations`, how often it is integrated; `felt_per_sine` of an accelerometer on a pendulum, which
         feels so much times the sine of the angle.

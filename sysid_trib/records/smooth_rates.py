@@ -26,7 +26,7 @@ from sysid_trib.records.ringing import (
 # amplitude.
 RATES_A_FALL, FEWEST_RATES, MOST_RATES, RATE_DEGREE, IN_TIME = 2.0, 3, 10, 3, 0.3
 POLISHING_ROUNDS, LEAST_GAIN = 12, 1.0
-# Of Levenberg and Marquardt's steps, beside the diagonal of the normal equations.
+# Damping of Levenberg and Marquardt's steps, relative to the diagonal of the normal equations.
 LEAST_DAMPING, MOST_DAMPING, LARGEST_LEVEL = 1e-9, 1.0, 40.0
 
 
@@ -159,7 +159,7 @@ def _newton_step(
     sensors, total = len(noise), 2 * sum(len(noise) + count for count in counts)
     normal, target = np.zeros((total, total)), np.zeros(total)
     for sensor in range(sensors):
-        # How what is sought weighs in the columns of this sensor.
+        # Weights of the unknowns in the columns of this sensor.
         mapped = np.zeros((len(gram), total))
         row = place = 0
         for shape, count in zip(shapes, counts, strict=True):

@@ -52,7 +52,7 @@ def least_squares_spline(tau: Array, values: Array, intervals: int | None = None
     tau : (sample,) array of float
     values : (sample,) or (sample, record) array of float
     intervals : int, optional
-        Of its knots.
+        Intervals of its knots.
 
     Raises
     ------

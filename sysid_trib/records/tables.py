@@ -40,11 +40,11 @@ class FileTable:
     columns : tuple of Column
         In the order of the file.
     notes : tuple of str
-        What else it says: comment lines, texts and scalars as `name = value`.
+        Notes of the file: comment lines, texts and scalars as `name = value`.
     checksum : str
         SHA-256 of its content.
     said : tuple of str
-        What was done to its rows.
+        Changes of its rows.
     """
 
     source: str

@@ -206,7 +206,7 @@ def _rewritten(text: str, pattern: str, sign: str, plain: str) -> str:
 
 def _without_labels(lines: list[str]) -> list[str]:
     """Return lines with bare numbers if each row has the same labels or units, which the head then has."""
-    # By a line in the middle: a logger may greet and say farewell.
+    # By a line in the middle: a logger may write a greeting and a farewell.
     middle = lines[len(lines) // 2] if lines else ""
     for delimiter in DELIMITERS:
         labels, _, units = _dressed(middle, delimiter) or ((), (), ())
@@ -271,7 +271,7 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 if delimiter is not None and delimiter not in line:
                     continue
                 fields = _fields(line, delimiter)
-                # Cells may be empty, but for the last one.
+                # Cells may be empty, except the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
                 # `data:` below a fact.
@@ -400,7 +400,7 @@ LONGEST_UNIT = 8
 
 
 def _with_unit(name: str, said: str) -> str:
-    """Return a name with what stands below it: its unit, or what is measured."""
+    """Return a name with the unit or quantity below it."""
     plain = said.strip().removeprefix("(").removesuffix(")") if said.count("(") == 1 else said.strip()
     plain = plain.strip("[] ")
     if is_missing(plain) or plain.lower() == "none" or split_header(name)[1]:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 STANDARD_GRAVITY = 9.80665
-# How laboratories call columns, spell units, and write that a value is missing.
+# Words of laboratories: names of columns, spellings of units, and marks of missing values.
 LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 
 
@@ -28,7 +28,7 @@ _PER_TURN = {"rev": 1.0, "deg": 360.0, "gon": 400.0, "arcmin": 21600.0, "arcsec"
 RADIANS = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6}
 RADIANS |= {name: _TURN / count for name, count in _PER_TURN.items()}
 METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
-# How often a signal is to be integrated to become an angle or a displacement.
+# Number of integrations that turn a signal into an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 # An accelerometer on a pendulum does not measure a derivative of the angle.
 ACCELEROMETER = "accelerometer"
@@ -51,7 +51,7 @@ class SignalUnit:
     text : str
         By its usual name; one that is not known as the file has it.
     quantity : {"angle", "displacement", "rate", "acceleration"}
-        What is measured in it.
+        Quantity measured in it.
     position : str
         Unit of the angle (rad) or displacement that it is, or becomes when it is integrated over s.
     factor : float
@@ -286,7 +286,7 @@ def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0)
     ----------
     notes : sequence of str
     place : int, optional
-        Of the signal among the columns that are no times.
+        Place of the signal among the columns that are no times.
     signals : int
         How many of these there are: of a list of so many units it is that at its place.
     """

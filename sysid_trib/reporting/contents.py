@@ -42,7 +42,7 @@ DECIMATED = (
     "of each stretch, so that none of its peaks is lost."
 )
 TITLE = "Forces of a free decay"
-# By kind of result: the title of its page, and its blocks.
+# Title of the page and its blocks, by kind of result.
 PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "identify": (TITLE, identification.estimate_blocks),
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
@@ -69,7 +69,7 @@ def sections_of(
     Parameters
     ----------
     blocks : iterable of Block
-        Those of `--explain` are shown.
+        Blocks; those of `--explain` are shown.
     figures : mapping of str to sequence of Part
         By the titles of sections.
 
@@ -126,7 +126,7 @@ def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
-# Of a discovery, whose identifications are models and no methods.
+# For a discovery, whose identifications are models and no methods.
 BY_MODEL = {"before": "of the start model", "after": "of the final model"}
 
 
@@ -140,11 +140,11 @@ def campaign_contents(
     store : Dataset
         As `campaign` returns it.
     compared : Dataset, optional
-        What varies between its records; None of too few.
+        Variation between its records; None if there are too few.
     conditions : DataFrame, optional
         A row a record.
     command : str
-        What made it.
+        Command that made it.
     """
     figures: dict[str, list[Part]] = {}
     if compared is not None and conditions is not None:

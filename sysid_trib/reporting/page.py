@@ -18,14 +18,14 @@ from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.reporting import provenance
 from sysid_trib.reporting.contents import Part, contents_of
 from sysid_trib.results.files import write_file
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.kinds import contents_text, identifications_of, kind_of
 
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
 # Letters are outlines: they were placed by the widths of a font that few readers have.
 SETTINGS: dict[Any, Any] = {"svg.fonttype": "path", "path.simplify_threshold": 0.2}
 # Dots an inch of parts drawn as an image: cells of a map, each of one colour.
 IMAGE_DPI = 200
-# Of a point; a figure as wide as the page has 518 of them.
+# Digits of a point; a figure as wide as the page has 518 points.
 COORDINATE_DIGITS = 2
 DECIMAL = re.compile(r"-?\d+\.\d+")
 # Attributes that refer to an element by its id, and their names in HTML; an image is its own address.
@@ -52,7 +52,7 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
     figure.supxlabel("")
     figure.dpi = IMAGE_DPI
     with mpl.rc_context(SETTINGS | {"svg.hashsalt": name}):
-        # By `savefig` a figure is drawn twice.
+        # `savefig` draws a figure twice.
         FigureCanvasSVG(figure).print_svg(written, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())
     # The creator, and a style of all elements, which within a page would apply to the whole page.
@@ -102,7 +102,7 @@ def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> No
     Parameters
     ----------
     result : xr.DataTree or xr.Dataset
-        Result of `cross_check`, `laws`, `compare`, `discover` or `identify`.
+        Result of `identify`, `cross_check`, `laws`, `compare`, `discover` or `difference`.
     path : path-like
         The page, HTML. It loads nothing from the network, and contains no script.
 
@@ -126,8 +126,13 @@ def page(result: xr.DataTree | xr.Dataset) -> str:
     tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
     if not isinstance(tree, xr.DataTree) or not kind_of(tree):
         raise UsageError(
-            "A report is of a result of identify, cross_check, laws, compare or discover, not of "
-            f"{_named(result)}."
+            "A report is of a result of identify, cross_check, laws, compare, discover or difference, not of "
+            f"{contents_text(result)}; that of a campaign is made by the command: sysid-trib report STORE."
+        )
+    if kind_of(tree) == "difference" and not identifications_of(tree):
+        raise UsageError(
+            "This difference of two identifications has none of their records, which its page shows; make it "
+            "of the records: difference(record, other)."
         )
     try:
         title, summary, sections = contents_of(tree)
@@ -169,10 +174,3 @@ def rendered(content: Part) -> str:
     )
     environment.globals["inline_svg"] = inline_svg
     return environment.get_template("page.html").render(content)
-
-
-def _named(result: object) -> str:
-    if isinstance(result, xr.DataTree | xr.Dataset):
-        parts = [*getattr(result, "children", ()), *result.data_vars]
-        return f"data with {', '.join(map(str, parts[:6])) or 'nothing in it'}"
-    return type(result).__name__

@@ -156,7 +156,7 @@ def _one_decay(data: xr.Dataset) -> str:
     if "input_columns" in attrs:
         first, last = window
         return f"{read}.sel(time=slice({first!r}, {last!r}))"
-    if "free_decay" not in attrs:
+    if "free_decay" not in attrs or "equilibrium" not in data:
         return read
     cut = {"window": window, "equilibrium": data.equilibrium.item()}
     return f"st.free_decay({read}, {_given(cut)})"

@@ -2,7 +2,7 @@
 
 import html
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,13 +12,26 @@ from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.errors import UsageError, printable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.physics.consequences import with_consequences
-from sysid_trib.printing import Block, Layer, campaign, driven, looked
+from sysid_trib.printing import Block, Layer, campaign, driven, looked, modes
 from sysid_trib.printing.written import blocks_of_layer, write_blocks
 from sysid_trib.reporting.contents import PAGES, as_table
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.kinds import contents_text, kind_of
 
-# Datasets other than results that can be shown: variables by which they are recognised.
-CAMPAIGN, BACKBONE, RESPONSE = {"status", "message"}, {"damping_ratio", "dissipative_force"}, {"left_open"}
+# Of what else than results is shown: variables by which it is known, and its blocks.
+OTHERS: dict[frozenset[str], Callable[[xr.Dataset], Iterable[Block]]] = {
+    frozenset({"status", "message"}): lambda data: campaign.campaign_blocks(data, counts_of(data), None),
+    frozenset({"damping_ratio", "dissipative_force"}): (
+        lambda data: looked.backbone_blocks({"backbone": data}, [])
+    ),
+    frozenset({"left_open"}): driven.response_blocks,
+    frozenset({"drive", "phase"}): modes.mode_response_blocks,
+    frozenset({"entropy", "meets"}): driven.plan_blocks,
+    frozenset({"first_amplitude", "damping_ratio", "duration"}): modes.modes_blocks,
+}
+SHOWN = (
+    "a result of identify, laws, compare, discover, difference, campaign, look, modes, plan, backbone or "
+    "forced_response, or a force library"
+)
 
 
 @dataclass(frozen=True, repr=False)
@@ -44,7 +57,7 @@ class Shown:
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
-        """Return it as HTML, which notebooks ask for."""
+        """Return the HTML that notebooks ask for."""
         parts: list[str] = []
         for block in blocks_of_layer(self.blocks, self.layer):
             parts += [f"<p>{html.escape(printable(sentence))}</p>" for sentence in block.sentences]
@@ -69,13 +82,13 @@ def _table_html(table: dict[str, Any]) -> str:
 
 
 def show(result: xr.Dataset | xr.DataTree | ForceLibrary, *, explain: bool = False) -> Shown:
-    """Return what the command prints of a result, as text and as HTML.
+    """Return the output of a command for a result, as text and as HTML.
 
     Parameters
     ----------
     result : Dataset, DataTree or ForceLibrary
-        Of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign`, `backbone`,
-        `forced_response`, or a force library.
+        Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign`, `look`, `modes`,
+        `plan`, `backbone`, `forced_response`, or a force library.
     explain : bool
         Whether all is said, as by `--explain`.
 
@@ -96,23 +109,14 @@ def _blocks_of(result: xr.Dataset | xr.DataTree | ForceLibrary) -> Iterable[Bloc
     """Return sentences and tables on a result."""
     if isinstance(result, ForceLibrary):
         return [Block([result.title, looked.NORMALISED], table=looked.force_table(result))]
-    if not isinstance(result, xr.Dataset | xr.DataTree):
-        raise UsageError(
-            f"show takes a result of identify, laws, compare, discover or difference, not an object of type "
-            f"{type(result).__name__}."
-        )
-    tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
-    if kind := kind_of(tree):
-        return PAGES[kind][1](with_consequences(tree))
-    data = tree.to_dataset()
-    held = {str(name) for name in data.data_vars}
-    if held >= CAMPAIGN:
-        return campaign.campaign_blocks(data, counts_of(data), None)
-    if held >= BACKBONE:
-        return looked.backbone_blocks({"backbone": data}, [])
-    if held >= RESPONSE:
-        return driven.response_blocks(data)
-    names = ", ".join([*map(str, tree.children), *sorted(held)][:6]) or "nothing"
-    raise UsageError(
-        f"show takes a result of identify, laws, compare, discover or difference; this one contains {names}."
-    )
+    if isinstance(result, xr.Dataset | xr.DataTree):
+        tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
+        if kind := kind_of(tree):
+            return PAGES[kind][1](with_consequences(tree))
+        if {"decay", "decay_1"} & set(tree.children):
+            return looked.look_blocks(tree)
+        data = tree.to_dataset()
+        for held, blocks_of in OTHERS.items():
+            if held <= set(data.data_vars):
+                return blocks_of(data)
+    raise UsageError(f"show takes {SHOWN}, not {contents_text(result)}.")

@@ -12,8 +12,6 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces import force
 from sysid_trib.forces.library import library_of_text
 
-# Between the names of a pair of candidates, and between pairs.
-PAIR, PAIRS = " and ", "; "
 # Number of standard errors at which an effect needs a name.
 NAMED = 20.0
 
@@ -134,8 +132,8 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
     """Return effects whose coefficient differs from the known one, and the known one."""
     offered, steps = candidates_of(tree), tree["steps"].to_dataset()
     known = {symbol: offered[symbol].coefficient for symbol in added_effects(tree)}
-    # Standard errors by which a coefficient differs from the one that physics knows where it is another
-    # force's.
+    # Standard errors by which a coefficient differs from its known physical value if it belongs to another
+    # force.
     return {
         symbol: value
         for at, (symbol, value) in enumerate(known.items())
@@ -169,16 +167,17 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     return {effect: likely.pop(effect), **likely}
 
 
-def replacing_pairs(step: xr.Dataset) -> list[str]:
-    """Return pairs of candidates that compete with a step's effect, such as "lambda and delta"."""
-    text = str(step.pairs.item())
-    return text.split(PAIRS) if text else []
+def replacing_pairs(step: xr.Dataset) -> list[list[str]]:
+    """Return pairs of candidates that compete with a step's effect."""
+    pairs = step.pairs.values.tolist() if "pairs" in step else []
+    return [pair for pair in pairs if pair[0]]
 
 
 def alternatives_of(step: xr.Dataset) -> list[str]:
     """Return candidates, then pairs of them, that cannot be separated from the effect that has the name."""
     named = named_effect(step)
-    return [*(symbol for symbol in credible_set(step) if symbol != named), *replacing_pairs(step)]
+    pairs = (" and ".join(pair) for pair in replacing_pairs(step))
+    return [*(symbol for symbol in credible_set(step) if symbol != named), *pairs]
 
 
 def named_effect(step: xr.Dataset) -> str:

@@ -30,7 +30,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
     Parameters
     ----------
     tree : DataTree
-        What netCDF gave back.
+        Tree that netCDF returned.
     path : path
         Its file, for the message.
 
@@ -52,7 +52,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
     return tree
 
 
-# How the names of files begin that are not whole yet.
+# Beginning of the names of incomplete files.
 TEMPORARY = ".sysid-trib-"
 
 

@@ -8,25 +8,26 @@ import xarray as xr
 from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.errors import UsageError
 from sysid_trib.results.effects import significant, sufficient_forces
-from sysid_trib.results.kinds import has_input, identifications_of, kind_of
+from sysid_trib.results.kinds import contents_text, has_input, identifications_of, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
-# Beyond so many noise levels (RMS) a residual is large.
+# A residual is large beyond this number of noise levels (RMS).
 LARGE = 1.5
 # Default held-out part of `discover`.
 LAST_THIRD = "the last third"
 VERDICTS = ("explained", "explained with a random force", "approximate", "not explained", "undetermined")
+EXPLAINED_VERDICTS = ("explained", "explained with a random force")
 UNEXPLAINED = ("approximate", "not explained")
 JUDGED = "judged"
 
 
 def judged_of(tree: xr.DataTree) -> xr.Dataset:
-    """Return what was judged of each model of a result, over `model`."""
+    """Return the judged variables of each model of a result, over `model`."""
     return tree[JUDGED].to_dataset()
 
 
 def comparison_of(tree: xr.DataTree) -> xr.Dataset:
-    """Return the table of methods of `compare` with what was judged of each, nan of one without a result."""
+    """Return the table of methods of `compare` with their judged variables, nan for one without a result."""
     table = tree["comparison"].to_dataset()
     judged = judged_of(tree)[["residual_rms", "residual_over_noise", "failure", "verdict"]]
     judged = judged.reindex(model=table.model.values, fill_value={"failure": "", "verdict": ""})
@@ -72,7 +73,12 @@ def verdict_of(tree: xr.DataTree) -> str:
 
 def follows(tree: xr.DataTree) -> bool:
     """Return true if the preferred model follows the record: only then consequences are computed."""
-    return verdict_of(tree).startswith("explained") or verdict_of(tree) == "approximate"
+    return is_explained(tree) or verdict_of(tree) == "approximate"
+
+
+def is_explained(tree: xr.DataTree) -> bool:
+    """Return true if the residual of the preferred model is noise, of the sensor or with a random force."""
+    return verdict_of(tree) in EXPLAINED_VERDICTS
 
 
 def is_unexplained(tree: xr.DataTree) -> bool:
@@ -144,7 +150,7 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     Parameters
     ----------
     result : Dataset or DataTree
-        Of `identify`, `laws`, `compare`, `discover`, or an identification itself.
+        Result of `identify`, `laws`, `compare`, `discover`, or an identification itself.
 
     Returns
     -------
@@ -161,10 +167,19 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
             return result
         preferred = None
     else:
-        preferred = main_result(result)
-    if preferred is None:
-        raise UsageError("This result contains no preferred identification; give one of identify or laws.")
-    return preferred
+        preferred = main_result(result) if isinstance(result, xr.DataTree) else None
+    if preferred is not None:
+        return preferred
+    tree = xr.DataTree(result) if isinstance(result, xr.Dataset) else result
+    if isinstance(tree, xr.DataTree) and kind_of(tree) == "difference":
+        raise UsageError(
+            "A difference prefers none of its identifications; give best one of the two results of which it "
+            "is, or take the group sample_first or sample_second of a difference of records."
+        )
+    raise UsageError(
+        f"There is no preferred identification in {contents_text(result)}; give a result of identify, laws, "
+        "compare or discover."
+    )
 
 
 def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:

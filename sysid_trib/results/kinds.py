@@ -16,7 +16,7 @@ def si_of(tree: xr.DataTree) -> xr.Dataset | None:
 
 
 def kind_of(tree: xr.DataTree) -> str:
-    """Return what made a result: one of identify, cross_check, laws, driven, compare, difference, discover.
+    """Return the kind of a result: identify, cross_check, laws, driven, compare, difference or discover.
 
     Empty if none did.
     """
@@ -30,6 +30,14 @@ def kind_of(tree: xr.DataTree) -> str:
         return "discover"
     made_by = tree["judged"].attrs.get("made_by", "") if "judged" in tree.children else ""
     return "cross_check" if made_by == "identify" else str(made_by)
+
+
+def contents_text(result: object) -> str:
+    """Return in a few words what something is that is no result of the kind asked for."""
+    if not isinstance(result, xr.DataTree | xr.Dataset):
+        return f"an object of type {type(result).__name__}"
+    names = [*map(str, getattr(result, "children", ())), *sorted(map(str, result.data_vars))]
+    return f"data with {', '.join(names[:6]) or 'nothing in it'}"
 
 
 def is_of_driven(tree: xr.DataTree) -> bool:

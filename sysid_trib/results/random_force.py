@@ -20,9 +20,9 @@ class RandomForce:
         One-sided power spectral density of the acceleration: a velocity that it alone drives has the variance
         density/2 * time. 0 where the maximum of the likelihood is there.
     standard_error : float, (rad/s^2)^2/Hz
-        Of the density; nan where it was given, or left out.
+        Standard error of the density; nan where it was given, or left out.
     p_value : float
-        Of no random force, by half a chi-square (Chernoff 1954); nan where it was given, or left out.
+        P-value of no random force, by half a chi-square (Chernoff 1954); nan if it was given, or left out.
     """
 
     density: float = 0.0

@@ -219,7 +219,7 @@ class _SignalScale:
 
 
 def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
-    """Return scale of what is given: that of a result, or of the motions of decays; None of usual angles."""
+    """Return the scale of a result, or of the motions of decays; None for usual angles."""
     datasets = [part for part in _parts(given) if isinstance(part, xr.Dataset)]
     known = [d for d in datasets if UNIT_ATTR in d.attrs]
     decays = [d for d in datasets if "angle" in d and UNIT_ATTR not in d.attrs]

@@ -18,7 +18,7 @@ from sysid_trib.arrays import (
 from sysid_trib.errors import UsageError
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 6
+FORMAT_VERSION = 7
 # Parts of each run in which a result is fitted again, from and to in parts of its length.
 PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
 # A coefficient's unit differs from force to force.
@@ -152,7 +152,7 @@ def signal_units(data: Any) -> str:
 
 
 def small_units(units: str) -> tuple[float, str]:
-    """Return the factor and unit of what is small beside the signal: mrad for angles, else the same."""
+    """Return factor and unit for small parts of the signal: mrad for angles, else the same."""
     return (1e3, "mrad") if units == "rad" else (1.0, units)
 
 

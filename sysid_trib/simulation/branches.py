@@ -81,7 +81,7 @@ def signs_ahead(program, c):
     state_at(program, c, J, y, 0.0)
     signs_and_values(program, c, c.v[at.SIGNS_FAR])
     if reverses(program):
-        # A reversal is an event of its own, at which the memory is replaced: before it v has its sign.
+        # A reversal is a separate event, at which the memory is replaced: before it v has its sign.
         c.v[at.VALUES, 0] = np.inf
     by_nearness(c.v[at.VALUES], c.v[at.SIGNS], c.v[at.SIGNS_FAR], c.v[at.SIGNS])
     rates_of(program, J, c.v[at.SIGNS])
@@ -138,7 +138,7 @@ def settle(program, c):
         # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
         if speed <= at.AT_REST or (sticks and speed * speed < 2.0 * at.CREEP * min(-up, down)):
             if not sticks:
-                # Where both push away (negative friction) it goes towards x = 0.
+                # If both sides push away (negative friction) it goes towards x = 0.
                 rises = up > 0.0 and (down >= 0.0 or c.v[at.STATE, 0] < 0.0)
                 put(c.v[at.MEMORY_UP] if rises else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
                 put(c.v[at.SIGNS_UP] if rises else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])

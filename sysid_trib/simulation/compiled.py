@@ -88,7 +88,7 @@ def tell_of_compiling() -> None:
 
 @cache
 def _folder() -> Path:
-    """Return the folder of what is compiled, of this user and of these sources."""
+    """Return the folder of compiled functions, of this user and of these sources."""
     here = Path(__file__).parent
     texts = b"".join(file.read_bytes() for file in sorted(here.glob("*.py")))
     digest = hashlib.sha256(texts + numba.__version__.encode()).hexdigest()[:16]

@@ -40,13 +40,13 @@ MAX_ROUNDS = 8
 SETTLED_START, NEAR_START = 1e-5, 3e-5
 # After a step as long as this part of the swing the derivatives are taken anew.
 FAR_START = 1e-2
-# And after one that is not shorter than this part of the one before: with one slope for both sides of a rest
-# with friction the start goes to and fro.
+# And after a step that is not shorter than this part of the one before: if both sides of a rest with friction
+# have one slope, the start alternates between them.
 NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
 # A direction is lost in rounding if it moves the motion by this part of the other directions.
 SINGULAR = 1e-7
-# A motion that does not come near the record in so many rounds has slipped out of phase.
+# A motion that does not come near the record in this number of rounds has slipped out of phase.
 NEARBY_ROUNDS = 4
 
 
@@ -149,7 +149,7 @@ def fit_start(
     offset : float or None, rad
         First guess of the sensor's zero; None holds it at zero.
     sensitivity : (sample, 2) array of float, optional
-        Of a model nearby; its own where left out.
+        Sensitivity of a model nearby; by default its own.
     near : bool
         Whether the motion need only be near the record, not the best of all: the last step is then taken by
         its start alone.
@@ -231,7 +231,7 @@ def measured_motion(
     -------
     motion : SimulatedMotion
     residual : (sample,) array of float
-        What was measured minus motion and bias, in the unit of the sensor.
+        Measured signal minus motion and bias, in the unit of the sensor.
 
     Raises
     ------
@@ -240,7 +240,7 @@ def measured_motion(
     """
     (quantity, distance), time, values = measured_part(run)
     part = slice(None) if fitted is None else fitted
-    # Of a body that may be anywhere, and moves at any speed, nothing tells a bias.
+    # The bias of a body that may be anywhere, and moves at any speed, cannot be determined.
     biased = first_zero(model) is not None
     begin, last = np.array(start, dtype=float), np.inf
     scale = np.array([1.0, model.reference_frequency, model.reference_frequency])[: 2 + biased]

@@ -40,7 +40,7 @@ class Model:
     shapes : mapping of str to float
         `{"dahl.s": 0.02}`; defaults of the library where left out.
     inputs : mapping of str to KnownInput
-        What drives the motion, by the names that forces hold; `input` is an acceleration (rad/s^2) on the
+        Inputs that drive the motion, by their names in formulas; `input` is an acceleration (rad/s^2) on the
         right side of the equation. An input that is not given is zero.
 
     Raises

@@ -131,7 +131,7 @@ class Forcing(NamedTuple):
         From each knot on by powers of tau since it. The first channel is an acceleration over w^2 (rad) that
         pushes if there is one more than forces hold.
     increments : (knot, 2) array of float
-        What is added to x and v at the knots but the start.
+        Increments of x and v at the knots except the start.
     """
 
     knots: Vector
@@ -172,7 +172,7 @@ def integrate(
     most_steps : int
         A period.
     accuracy : float
-        What a step may leave of the series of x and v, in parts of these.
+        Truncation error of the series of x and v that a step may have, relative to these.
 
     Raises
     ------

@@ -41,12 +41,12 @@ def simulate(
     random_force : float, (rad/s^2)^2/Hz
         One-sided density of a white acceleration in the motion.
     seed : int
-        Of the random force.
+        Seed of the random force.
     known_input : (time,) array of float, rad/s^2, or KnownInput, optional
         An acceleration a(t) in theta'' + w^2 (theta + f) = a. An array is smooth between the times, or held
         where it moves in steps (`usual_between`); a `KnownInput` says it.
     inputs : mapping of str to (time,) array of float or KnownInput, optional
-        Inputs by the names that forces hold, `{"u": ...}`, each in its own unit.
+        Inputs by their names in formulas, `{"u": ...}`, each in its own unit.
 
     Returns
     -------
@@ -61,8 +61,8 @@ def simulate(
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
     UsageError
-        It is no model, the density is negative or not finite, an input that is not one finite number for each
-        time, or one that no force holds.
+        Not a model; a negative or infinite density; an input that is not one finite number for each time, or
+        that no force contains.
     """
     if not isinstance(model, Model):
         raise UsageError(
@@ -200,7 +200,7 @@ def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
     fractions = np.concatenate([np.arange(count) / count for count in parts])
     instants = np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
     h = np.diff(instants)
-    # A stream of its own: noise that is added with the same seed is independent of it.
+    # A separate random stream: noise that is added with the same seed is independent of it.
     of_v, of_x = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
     increment_v = np.sqrt(per_tau * h) * of_v
     # Three quarters of the variance h^3/3 of x are due to the gain of v, a quarter is independent.

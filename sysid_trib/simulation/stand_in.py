@@ -23,7 +23,7 @@ def has_curves(model: Model) -> bool:
 
 
 def accuracy_of(model: Model) -> float:
-    """Return what a step of a fitted motion may leave of its series (see `integrate`)."""
+    """Return the truncation error of the series in a step of a fitted motion (see `integrate`)."""
     return CURVE_PART if has_curves(model) else STATE_PART
 
 

@@ -99,7 +99,7 @@ def steps_of(
     size = 2 + len(motion.hidden)
     starts = size if by_start is None else by_start
     first = starts + len(by)
-    # Where each interval begins is given, and so are the derivatives there.
+    # The start of each interval is given, and so are the derivatives there.
     columns = ("",) * starts + by + ("",) * len(places)
     knots, marks, points = _knots(tau, length, model.reference_frequency * bends_of(model), places)
     impulses = np.zeros((len(knots), len(columns)))
@@ -183,7 +183,7 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
 SPEEDS = 8
 _QUANTILES = ndtri((np.arange(SPEEDS) + 0.5) / SPEEDS)
 NORMAL = _QUANTILES / np.sqrt(np.mean(_QUANTILES**2))
-# A speed so many standard errors from zero has one sign.
+# A speed has one sign if it is this number of standard errors from zero.
 ONE_SIGN = 4.0
 
 

@@ -18,7 +18,7 @@ from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_paramete
 
 # In tau: how far it is held where a surface is crossed at rest.
 PASSED = 1e-9
-# Of the size of the motion: no further from a surface than rounding.
+# Relative to the size of the motion: within rounding of a surface.
 AT_ZERO = 1e-14
 # For held bodies, upwards and downwards: table, way, memory and signs.
 HELD_SIDES = ((at.UP, 1.0, at.MEMORY_UP, at.SIGNS_UP), (at.DOWN, -1.0, at.MEMORY_DOWN, at.SIGNS_DOWN))
@@ -74,7 +74,7 @@ def held_step(program, c, n, h, held, ends):
 def _rest_lasts(program, c, n, h, near):
     """Return the largest step over which the signs at rest stay the same."""
     for m in range(len(program.signs)):
-        # Of a surface that is zero at rest nothing is known but at the start.
+        # The sign of a surface that is zero at rest is known only at the start.
         if c.v[at.SIGNS_UP, m] != 0.0:
             r = first_crossing(c.J[program.surfaces[m]], n, h, c.v[at.SIGNS_UP, m], (near, 0.0), c.work)
             if r < h:
@@ -136,7 +136,7 @@ def switched(program, c, which, n, h):
     if count > 0:
         rate = slope(c.J[slot], n, h)
         for q in range(count):
-            # By so much the instant of the switching moves with the parameter.
+            # Change of the instant of the switching with the parameter.
             moves[q] = -of_parameter(c.T, slot, q, n, h) / rate if rate != 0.0 else 0.0
             for i in range(size):
                 c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]

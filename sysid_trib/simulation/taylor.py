@@ -9,7 +9,7 @@ from sysid_trib.simulation.program import FORCING_NUMBERS
 
 # A surface this near to zero, of the size of its series, is at zero.
 ZERO_PART = 1e-13
-# So many parts of a step are looked at for a root, none shorter than this.
+# Number of parts of a step that are searched for a root, none shorter than this.
 MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
 
 
@@ -67,7 +67,7 @@ def _keeps_clear(g, n, low, high):
 
 @inner
 def first_crossing(series, n, h, side, zero, work):
-    """Return where in (0, h] a series leaves its side (+1, -1) of zero; h + 1 if it does not.
+    """Find the place in (0, h] at which a series leaves its side (+1, -1) of zero; h + 1 if it does not.
 
     A zero at 0 itself, up to the number or of the order in `zero`, is divided out; a wrong side there is a
     crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
@@ -198,7 +198,7 @@ def series(program, c, h, held):
             J[i, k + 1] = 0.0 if stays else J[rate, k] / (k + 1)
             for q in range(count):
                 T[i, k + 1, q] = 0.0 if stays else T[rate, k, q] / (k + 1)
-            # Where the step is short for another reason, few orders are enough.
+            # If the step is short for another reason, few orders are enough.
             ends = ends and abs(J[i, k + 1]) * power <= 1e-17 * max(abs(J[i, 0]), abs(J[i, 1]) * h)
         order(program, J, k + 1)
         if held > at.RESTS:
@@ -262,7 +262,7 @@ def _part_of_derivatives(program, c, k):
 
 @inner
 def length(program, c, n, part):
-    """Return a step that leaves less than a part of the states' series, and rounding of the others."""
+    """Return a step with a small truncation error of the states' series, and rounding of the others."""
     J = c.J
     h = radius(J, np.int64(0), np.int64(1), n, part)
     for i in range(2, program.states):
@@ -271,7 +271,7 @@ def length(program, c, n, part):
         if s >= program.states:
             h = min(h, radius(J, s, s, n, at.SURFACE_PART))
     for k in range(n - 1, n + 1 if program.states > 2 else n - 1):
-        # Of a stiff state the derivatives fade, and grow again in steps that are too long for them.
+        # The derivatives of a stiff state fade, and grow again in steps that are too long for them.
         last = _part_of_derivatives(program, c, k)
         if last > 0.0:
             h = min(h, (at.SURFACE_PART / last) ** (1.0 / k))

@@ -78,7 +78,7 @@ class Given(NamedTuple):
     marks : (knot,) array of int
         The motion that starts there, `MOTION_ENDS` or `INPUT_JUMPS`; -1 elsewhere.
     impulses : (knot, parameter) array of float
-        What is added there to the derivatives of v.
+        Impulses added there to the derivatives of v.
     starts, slopes : (motion, state + memory) and (state + memory, parameter) array of float
         States and memory with which they start, and their derivatives, the same of each.
     grid : (sample,) array of float

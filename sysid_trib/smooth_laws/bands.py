@@ -124,7 +124,7 @@ def law_and_jacobian(
     library : ForceLibrary
         Its forces.
     forces : sequence of Force
-        Those of the law.
+        Forces of the law.
     of : {"v", "x"}
     places : (place,) array of float
     run : int or None
@@ -175,7 +175,7 @@ def largest_of_draws(covariance: Array) -> Array:
     Parameters
     ----------
     covariance : (place, place) array of float
-        Of the curve.
+        Covariance of the curve.
     """
     errors = standard_errors(covariance)
     known = np.flatnonzero(errors > 0.0)
@@ -189,7 +189,7 @@ def largest_of_draws(covariance: Array) -> Array:
 
 
 def simultaneous_factor(covariance: Array) -> float:
-    """Return by how many standard errors a band must reach to hold at all places at once, in 95 %.
+    """Return the number of standard errors of a band that is valid at all places at once, in 95 %.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str
     Parameters
     ----------
     name : str
-        Of the curve.
+        Name of the curve.
     values : (place,) array of float
     covariance : (place, place) array of float
     visited : (place,) array of bool
@@ -300,7 +300,7 @@ def interpolation(places: Array, common: Array) -> Array:
     Parameters
     ----------
     places : (place,) array of float
-        Of the law; one that is known for positive places alone is odd.
+        Places of the law; one that is known for positive places alone is odd.
     common : (common,) array of float
     """
     weights = np.zeros((len(common), len(places)))

@@ -121,7 +121,7 @@ class LawFormula:
         Shape parameters are written into their formulas.
     coefficients, errors : (force,) array of float
     chi_square : float
-        Of the law minus the formula, in the metric of the law's covariance.
+        Chi square of the law minus the formula, in the metric of the law's covariance.
     values : (place,) array of float
         The law by this formula over the inertia.
     deviation : float
@@ -244,7 +244,7 @@ class _LawProblem:
         return float(np.exp(fitted.x))
 
     def distance(self, forces: Sequence[Force], value: float) -> _Distance:
-        """Return how far the nearest sum of forces is from the law, at a value of the shape parameter."""
+        """Return the distance of the nearest sum of forces from the law, at a value of its shape."""
         columns = np.column_stack([self.column(force, value) for force in forces])
         if self.of == "x":
             # The frequency is fitted with each formula.

@@ -92,7 +92,7 @@ def with_products(fit: LawFit, *, refine: bool = True) -> LawFit | None:
 
 
 def _visited(runs: Sequence[xr.Dataset], displacement: Array, speed: Array, w: float) -> Mask:
-    """Return which places of a map lie between the smallest and the largest swing of the runs."""
+    """Return the mask of places of a map between the smallest and the largest swing of the runs."""
     largest = float(displacement.max()), float(speed.max())
 
     def size(x: Array, v: Array) -> Array:
@@ -116,14 +116,14 @@ CYCLE_POINTS = 256
 
 
 def readings(fit: LawFit, amplitude: float) -> xr.Dataset | None:
-    """Return whether the runs tell friction that changes with speed from friction that depends on position.
+    """Test whether the runs separate friction that changes with speed from friction that depends on position.
 
     Parameters
     ----------
     fit : LawFit
         By Direct.
     amplitude : float
-        Of the cycle over which forces are averaged, rad.
+        Amplitude of the cycle over which forces are averaged, rad.
 
     Returns
     -------

@@ -35,7 +35,7 @@ from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.refits import between
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 
-# A residual of so many times the other method's is far worse.
+# A residual of this multiple of the other method's is far worse.
 FAR_WORSE = 2.0
 # What two parts of the record reach, by the variable of a law.
 TWICE = {"speed": "speed of two parts", "displacement": "displacement of two parts"}
@@ -378,7 +378,7 @@ def _tree(
 
 
 def _preferred(results: Mapping[str, xr.Dataset], table: xr.Dataset, *, driven: bool) -> str:
-    """Return the method to be preferred: by what was held out, where a residual is more than noise."""
+    """Choose the preferred method: by the held-out prediction if a residual is more than noise."""
     names = list(results)
     missed = {name: float(table.tested_rms.sel(model=name)) for name in names}
     held_out = [float(results[name].get("held_out_rms", np.nan)) for name in names]

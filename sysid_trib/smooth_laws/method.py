@@ -30,7 +30,7 @@ class LawMethod(Constrained):
     random_force : "auto", "off", "estimated" or float
         As that of `methods.Direct`; `auto` is `off`.
     constraints : mapping of str to float, (float, float) or str
-        Of the named forces.
+        Constraints of the named forces.
 
     Notes
     -----

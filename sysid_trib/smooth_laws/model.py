@@ -30,7 +30,7 @@ class LawModel:
     named : ForceLibrary
         Forces outside of the penalty, and those that are held.
     constraints : mapping
-        Of coefficients.
+        Constraints of coefficients.
     odd, even : tuple of str
         Curves of `libraries/curves.toml`; none where the record decides no curve.
     own : tuple of str
@@ -80,7 +80,7 @@ class LawModel:
 
 
 def law_model(system: System, asked: Constraints, library: ForceLibrary | None) -> LawModel:
-    """Return the forces outside of the penalty and what is held."""
+    """Return the forces outside of the penalty, and the held ones."""
     whole = library or load_library()
     symbols = list(dict.fromkeys((*(system.symbols or USUAL), *asked.names)))
     whole = with_shipped(whole, symbols)
@@ -98,12 +98,12 @@ def with_jump(named: ForceLibrary, offered: ForceLibrary) -> ForceLibrary:
 
 
 def smallest_part(amplitudes: Array) -> float:
-    """Return where a law of averaging begins, in parts of the largest amplitude."""
+    """Return the beginning of a law of averaging, in parts of the largest amplitude."""
     return BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
 
 
 def why_no_curve(amplitudes: Array) -> str:
-    """Return why the amplitudes decide no curve, or nothing."""
+    """Return the reason why the amplitudes determine no curve, or nothing."""
     if len(amplitudes) < FEWEST_OF_A_CURVE:
         return (
             f"{len(amplitudes)} half periods are too few for a curve (it takes {FEWEST_OF_A_CURVE}): the "

@@ -24,7 +24,7 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
     Parameters
     ----------
     listed : mapping of str to Dataset
-        Of `law_formulas`, by law.
+        Result of `law_formulas`, by law.
     fit : LawFit
         The laws.
 
@@ -54,7 +54,7 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
 
 
 def held_out_rms(runs: Sequence[xr.Dataset], method: Method, library: ForceLibrary) -> float:
-    """Return what a model identified from two thirds leaves of the last (RMS, rad); nan without a motion."""
+    """Return the RMS residual (rad) of the last third by a model of the rest; nan without a motion."""
     try:
         result = method.identify(one_or_all([holdout.split(run)[0] for run in runs]), library)
         motions = holdout.motions_held_out(result, runs)

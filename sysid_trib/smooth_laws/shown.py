@@ -39,7 +39,7 @@ class Curve:
     visited: Mask
 
     def without(self, known: Array) -> "Curve":
-        """Return the law minus what is known of it, (place,)."""
+        """Return the law minus its known part, (place,)."""
         ends = self.low - known, self.high - known
         return Curve(self.places, self.values - known, self.errors, *ends, self.visited)
 
@@ -196,7 +196,7 @@ def apart(results: Mapping[str, xr.Dataset], law: str) -> tuple[Array, Array]:
 
 
 def feeding(result: xr.Dataset) -> dict[str, list[tuple[float, float]]]:
-    """Return where friction feeds energy in: `certainly` and `seemingly` at visited speeds, and `beyond`.
+    """Find speeds at which friction feeds energy in: `certainly` and `seemingly` if visited, and `beyond`.
 
     Each is a list of stretches of speeds.
     """

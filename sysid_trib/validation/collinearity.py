@@ -19,11 +19,11 @@ FREQUENCY_PARAMETER = "frequency"
 INSEPARABLE = 10.0
 # Value stated for a larger inflation: the columns are the same.
 MOST_INFLATED = 1e4
-# From this inflation on no number is stated.
+# Inflation above which no number is stated.
 ALIKE_FROM = 1e3
 # A parameter takes part in a combination that is not known by this part of it.
 MEMBER_PART = 0.2
-# By which a variable of the formulas is multiplied to try another motion; an advice is worth a factor.
+# Factors of a variable of the formulas for trial motions; the least gain of an advice.
 TRIED_FACTORS, WORTH_FACTOR = (0.0, 2.0), 3.0
 
 
@@ -38,7 +38,7 @@ class Combination:
     inflation : float
         The largest ratio of an error to the one that the parameter would have alone.
     advice : str
-        What motion separates them; empty where there is none.
+        Motion that separates them; empty if there is none.
     """
 
     members: tuple[str, ...]

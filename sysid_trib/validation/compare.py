@@ -8,7 +8,6 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib import records
-from sysid_trib.arrays import root_mean_square
 from sysid_trib.errors import DecayError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -25,11 +24,10 @@ from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import references, schema, signal_scale, variables
-from sysid_trib.results.random_force import is_found, random_force_of
-from sysid_trib.validation import cross_check, holdout, judge, residuals, verdict
+from sysid_trib.validation import cross_check, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
-from sysid_trib.validation.holdout import Trial, in_all_runs
+from sysid_trib.validation.holdout import MethodResult, in_all_runs
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
 # Variables of each method in the group `judged`, which the table of methods therefore lacks.
@@ -90,7 +88,7 @@ def compare(
     contactless : (float, float), rad/s
         Frequency without contact and its standard error, which adds alpha.
     constraints : mapping of str to float, (float, float) or str
-        What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`, by every
+        Fixed values, bounds and ties, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`, by every
         method; one that takes none keeps its row without numbers.
     tell : callable
         Called with a method's label before it starts.
@@ -107,10 +105,10 @@ def compare(
         `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
         `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
-        errors hold in `white_noise` only; and whether it `names_forces`, or identifies curves, which have no
-        numbers over `force` and are never the best method. Of several runs also `run_noise(run)` and, over
-        `model` and `run`, `run_residual_rms`, `run_train_rms`, `run_holdout_rms` (rad). A method is chosen
-        by `sel(model=label)`.
+        errors are valid in `white_noise` only; and whether it `names_forces`, or identifies curves, which
+        have no numbers over `force` and are never the best method. For several runs also
+        `run_noise(run)` and, over `model` and `run`, `run_residual_rms`, `run_train_rms`, `run_holdout_rms`
+        (rad). A method is chosen by `sel(model=label)`.
 
     Raises
     ------
@@ -121,10 +119,10 @@ def compare(
 
     Notes
     -----
-    Held out is the last third by time: each method identifies the first two thirds again, its model is
-    simulated over the last with the start and the sensor's zero fitted there, nothing else. The record's
-    centre was found on the whole. One noise for all: the sensor's (see `sensor_noise`).
-    A method that does not apply keeps its row: nan, and why in `reason`.
+    The last third by time is held out: each method identifies the first two thirds again, and its model is
+    simulated over the last third; only its start and the sensor's zero are fitted there. The centre of the
+    record is that of the whole. All methods have the same noise, the sensor's (see `sensor_noise`).
+    A method that does not apply keeps its row: nan, with the `reason`.
 
     The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
     each run's RMS is over its own. Methods that take one record at a time have no numbers.
@@ -163,36 +161,36 @@ def _compared(
         named = {label: verdict.with_noise(method, "off") for label, method in named.items()}
     else:
         named = verdict.with_common_noise(decay, library, named)
-    trials: dict[str, Trial] = {}
+    by_label: dict[str, MethodResult] = {}
     for at, (label, method) in enumerate(named.items()):
         tell(label, at / len(named))
         held = with_stated(constraints, library, method)
-        trials[label] = _try_method(method, parts, library, contactless, held)
-    results = {label: trial.result for label, trial in trials.items() if trial.result is not None}
+        by_label[label] = _try_method(method, parts, library, contactless, held)
+    results = {label: tried.result for label, tried in by_label.items() if tried.result is not None}
     if not results:
         subject = "this record" if len(runs) == 1 else "these runs together"
-        label, trial = next(iter(trials.items()))
-        raise DecayError(f"No method can identify {subject}. {label}: {trial.row['reason']}.")
+        label, tried = next(iter(by_label.items()))
+        raise DecayError(f"No method can identify {subject}. {label}: {tried.row['reason']}.")
     medians = [(np.median(np.diff(of.extremum_time)), np.median(np.diff(run.time))) for run, *_, of in parts]
     # Samples of a period.
     blocks = [max(1, round(2.0 * half_period / step)) for half_period, step in medians]
-    table = holdout.method_table(trials, [smoothing.sensor_noise(run) for run in runs], blocks)
+    table = holdout.method_table(by_label, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
-    of_best = trials[best].motions
+    of_best = by_label[best].motions
     for at, (name, (run, _, rest, _)) in enumerate(zip(of_records, parts, strict=True)):
         start = variables.described("record", {"holdout_start": float(rest.time.values[0])})
         # A model without a motion has nan.
         nothing = np.full(run.sizes["time"], np.nan)
         residuals_of = {
-            label: trial.motions["residual"][at].residual.values if trial.motions.get("residual") else nothing
-            for label, trial in trials.items()
+            label: tried.motions["residual"][at].residual.values if tried.motions.get("residual") else nothing
+            for label, tried in by_label.items()
         }
         simulated = run.angle.values - np.array(list(residuals_of.values()))
         # For a driven record the noise is at most the residual of the best model.
         of_best_alone = run.angle.values - residuals_of[best][None]
         of_noise = residuals.with_noise_and_models(run, [best], of_best_alone)
-        kept = residuals.with_noise_and_models(run, list(trials), simulated).assign(noise=of_noise.noise)
+        kept = residuals.with_noise_and_models(run, list(by_label), simulated).assign(noise=of_noise.noise)
         groups[name] = kept.assign(start)
     if driven:
         # A driven motion may contain parts that no spline follows: a residual of that size need not be noise.
@@ -202,36 +200,33 @@ def _compared(
         table = table.assign(white)
     of_names = [result for label, result in results.items() if scope_of(named[label]).names_forces]
     table.attrs |= _not_separable(runs, of_names or list(results.values()), library)
-    table, judged = _judged(table, runs, {label: trial.followed for label, trial in trials.items()})
+    table, judged = _judged(
+        table,
+        [groups[name] for name in of_records],
+        {label: tried.followed for label, tried in by_label.items()},
+    )
     return xr.DataTree.from_dict({**groups, **results, "comparison": table, "judged": judged})
 
 
 def _judged(
-    table: xr.Dataset, runs: Sequence[xr.Dataset], followed: Mapping[str, residuals.FollowedRuns | None]
+    table: xr.Dataset, records: Sequence[xr.Dataset], followed: Mapping[str, residuals.FollowedRuns | None]
 ) -> tuple[xr.Dataset, xr.Dataset]:
     """Judge the methods that gave an identification; the table of methods without what is judged."""
     best = table.attrs["best"]
     known = {label: of for label, of in followed.items() if of is not None}
     # The verdict on the noise is that of the last.
     known[best] = known.pop(best)
-    driven, of_best = is_driven(runs), known[best].result
-    tested = tested_driven(known) if driven else residuals.residuals(known, of_best)
-    p_value = float("nan")
-    if not driven and is_found(random_force_of(of_best)):
-        p_value = verdict.p_value_of_dependence(verdict.tested_runs(known[best]))
+    driven = any(map(inputs.inputs_of, records))
     of_known = table.sel(model=list(known))
-    motion = root_mean_square([root_mean_square(run.angle.values) for run in runs])
-    values = {
-        "residual_rms": of_known.residual_rms.values,
-        "residual_over_noise": of_known.residual_over_noise.values,
-        "residual_over_motion": of_known.residual_rms.values / motion,
-        "held_out_rms": of_known.holdout_rms.values,
-        "failure": of_known.failure.values,
-        "random_force_p": np.full(len(known), p_value),
-    }
-    judged = tested.assign(variables.described("judged", values))
-    evidence = verdict.evidence_of_models(judged, known)
-    judged = judge.with_verdicts(judged, evidence, best, "compare")
+    judged = verdict.judged_models(
+        known,
+        [record.sel(model=list(known)) for record in records],
+        tested_driven(known) if driven else residuals.residuals(known, known[best].result),
+        preferred=best,
+        made_by="compare",
+        random_force_p=float("nan") if driven else None,
+        replaced={"held_out_rms": of_known.holdout_rms.values, "failure": of_known.failure.values},
+    )
     there = [label for label in table.model.values if label in known]
     return table.drop_vars(JUDGED_VARIABLES), judged.sel(model=there)
 
@@ -242,7 +237,7 @@ def _try_method(
     library: ForceLibrary,
     contactless: tuple[float, float] | None,
     constraints: Constraints,
-) -> Trial:
+) -> MethodResult:
     """Identify by a method on the training parts, and on the whole; predict the parts held out.
 
     `parts` : each run, what models are identified from, what is held out, and the envelope.
@@ -259,7 +254,7 @@ def _try_method(
     row = {**vars(scope_of(method)), **forces, "time_taken": seconds, "failure": ""}
     row["bias"] = _bias(result)
     if result is None:
-        return Trial(None, row | {"reason": reason}, {})
+        return MethodResult(None, row | {"reason": reason}, {})
     followed = residuals.FollowedRuns(dict(enumerate(runs)), result)
     if names_forces and not forces["neglects"]:
         # The errors of forces that absorb neglected ones would hide their bias.
@@ -279,7 +274,7 @@ def _try_method(
     if not forces["neglects"]:
         row["failure"] = holdout.failure_of(runs, motions["residual"])
     # The reason against the whole comes first; the prediction only adds to it.
-    return Trial(result, row | {"reason": reason or part_reason}, motions, followed)
+    return MethodResult(result, row | {"reason": reason or part_reason}, motions, followed)
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:

@@ -21,15 +21,14 @@ from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
-from sysid_trib.validation import judge
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
-from sysid_trib.validation.verdict import decided, evidence_of_models, p_value_of_dependence, tested_runs
+from sysid_trib.validation.verdict import decided, judged_models, tested_runs
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
-    """Return forces that averaging, or any method, cannot tell apart by principle."""
+    """Return forces that averaging, or any method, cannot separate by principle."""
     library = schema.library_of(result)
     shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -52,7 +51,7 @@ LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
 # Part of the first method's errors that represents terms of second order: these dominate if two methods are
 # nearly the same to first order.
 SECOND_ORDER_PART = 0.1
-# Stated errors of so many times those by the noise allow for more than it.
+# Stated errors of this multiple of those by the noise include more than the noise.
 EXCESS = 1.5
 # Significance level below which runs, or methods, are said to disagree.
 HOMOGENEITY_LEVEL = 0.01
@@ -147,6 +146,9 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     moving = [followed for followed in swings if None not in followed.motions]
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
     difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
+    # Two methods on one record. Samples share no noise (`questions.difference`), the table of `compare`
+    # takes the errors as independent (`holdout.contrast`), and of driven records no influence is known
+    # (`driven._difference`).
     covariance, errors = np.full((len(difference), len(difference)), np.nan), "stated"
     biased = not all(bool(result.get("first_order_bias_removed", True)) for result in results)
     if moving and not biased:
@@ -193,12 +195,13 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
     records = with_motions(followed)
     of_names = dict(zip(names, results, strict=True))
     stochastic = random_force_groups(pair[1])
-    p_value = float("nan")
-    if "random_force" in stochastic:
-        p_value = p_value_of_dependence(stochastic["random_force"])
-    table = judge.judged(records, of_names, residuals(followed, results[1]), random_force_p=p_value)
-    preferred = names[_chosen(results, table)]
-    table = judge.with_verdicts(table, evidence_of_models(table, followed), preferred, "identify")
+    table = judged_models(
+        followed,
+        records,
+        residuals(followed, results[1]),
+        preferred=lambda table: names[_chosen(results, table)],
+        made_by="identify",
+    )
     compared.attrs |= {
         "first": names[0],
         "second": names[1],

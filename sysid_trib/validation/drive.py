@@ -27,7 +27,7 @@ OSCILLATORS = (
 )
 # A model of more forces is taken if its residual is less than this part of that of the best with fewer.
 LESS = 0.8
-# Samples that are looked at: so many a period of the fastest motion, and so many in all.
+# Number of samples in the fit: a period of the fastest motion, and in all.
 PER_PERIOD, MOST_OF_RECORD = 40, 3000
 
 
@@ -42,7 +42,7 @@ class FittingModel:
     forces : tuple of str
         Symbols of its forces.
     residual : float
-        What its motion leaves, over the RMS of what was measured; infinite where it has no motion.
+        Residual of its motion, over the RMS of the measured signal; infinite without a motion.
     """
 
     system: str
@@ -69,7 +69,7 @@ def fitting_models(runs: Sequence[xr.Dataset]) -> list[FittingModel]:
     # Try systems with a held force too: it changes the equation.
     systems = [_of_system(system, names, short) for system in selection.shipped_systems() if system.held]
     kinds = [oscillators, *systems]
-    # A system that is as good as an oscillator of more forces goes before it.
+    # A system precedes an oscillator of more forces if it is equally good.
     return sorted(kinds, key=lambda model: model.residual * (1.0 if model.system else 1.0 / LESS))
 
 
@@ -129,7 +129,7 @@ def _short(run: xr.Dataset) -> xr.Dataset:
 
 
 def between_of(run: xr.Dataset) -> str:
-    """Return what inputs are between their samples: `held` where one is constant for most steps."""
+    """Return the interpolation of inputs between their samples: `held` if one is constant for most steps."""
     known = inputs.inputs_of(run)
     return "held" if any(drives.is_held(of.values) for of in known.values()) else "smooth"
 

@@ -143,7 +143,8 @@ def identified_driven(
                 kept[name] = of.with_result(wider)
     if not kept:
         raise DecayError(
-            "No motion of these forces follows the record; offer other forces (--forces), or a shorter part "
+            "No motion with these forces follows the record; offer other forces "
+            "(--forces), or a shorter part "
             "of it (--window)."
         )
     return _tree(kept, "direct" in kept and random_explains, separated)
@@ -204,7 +205,7 @@ def _random_force_explains(stochastic: FollowedRuns) -> bool:
 
 
 def residual_over_motion(runs: Sequence[xr.Dataset], result: xr.Dataset) -> float:
-    """Return what the motion of a model leaves of runs over the RMS of these; infinite without a motion."""
+    """Return the RMS residual of a model over the RMS of the runs; infinite without a motion."""
     return _sizes(FollowedRuns(dict(enumerate(runs)), result))["residual_over_motion"]
 
 
@@ -230,7 +231,7 @@ def _sizes_of(followed: FollowedRuns) -> list[float]:
 
 
 def _residual(followed: FollowedRuns, at: int) -> Array | None:
-    """Return what the motion leaves of a run, over w for each integration; None where it has no motion."""
+    """Return the residual of a run, over w for each integration; None if it has no motion."""
     run, result = followed.runs[at], followed.result
     if MEASURED not in run:
         motion = followed.motions[at]
@@ -245,12 +246,12 @@ def _residual(followed: FollowedRuns, at: int) -> Array | None:
 
 
 def _per_integration(run: xr.Dataset, result: xr.Dataset) -> float:
-    """Return the reference frequency to the power of the integrations of what was measured."""
+    """Return the reference frequency to the power of the integrations of the measured quantity."""
     return float(result.reference_frequency.item() ** int(run.attrs.get("integrations", 0)))
 
 
 def _size_of(run: xr.Dataset, result: xr.Dataset) -> float:
-    """Return the standard deviation of what was measured, over w for each integration."""
+    """Return the standard deviation of the measured quantity, over w for each integration."""
     own = MEASURED in run
     return float(run[MEASURED if own else "angle"].std()) / (_per_integration(run, result) if own else 1.0)
 
@@ -262,44 +263,23 @@ def _tree(models: Mapping[str, FollowedRuns], random_explains: bool, separated: 
     p_value = float("nan")
     if random_explains:
         p_value = verdict.p_value_of_dependence(verdict.tested_runs(models["direct"]))
-    table = judged_driven(models, records, random_force_p=p_value)
+    table = judge.judged(records, of_names, tested_driven(models), random_force_p=p_value)
     # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
     least = names[int(np.argmin(table.tested_rms.values))]
     preferred = "direct" if random_explains else least
-    evidence = {
-        name: judge.Evidence(
-            residual_is_noise=random_explains or bool(table.p_value.sel(model=name) >= WHITE_LEVEL),
-            residual_over_motion=table.residual_over_motion.sel(model=name).item(),
-            has_random_force=random_explains,
-            # Coloured noise of the sensor has no such test; `_random_force_explains` looked at it.
-            random_force_p=1.0 if np.isnan(p_value) else p_value,
+    evidence = verdict.evidence_of_models(table, models)
+    for name in names if random_explains else ():
+        # Coloured noise of the sensor has no such test; `_random_force_explains` looked at it.
+        p_value = 1.0 if np.isnan(p_value) else p_value
+        evidence[name] = replace(
+            evidence[name], residual_is_noise=True, has_random_force=True, random_force_p=p_value
         )
-        for name in names
-    }
     table = judge.with_verdicts(table, evidence, preferred, "driven")
     groups = dict(zip(group_names("record", len(records)), records, strict=True))
     groups |= of_names | {"judged": table, "identifiability": separated}
     if len(names) == 2:
         groups["agreement"] = _difference(*results)
     return xr.DataTree.from_dict(groups)
-
-
-def judged_driven(
-    models: Mapping[str, FollowedRuns], records: Sequence[xr.Dataset], random_force_p: float = float("nan")
-) -> xr.Dataset:
-    """Judge models of driven records: their residuals are white where nothing is missing.
-
-    Parameters
-    ----------
-    models : mapping of str to FollowedRuns
-        All runs of each identification, by the name of its model.
-    records, random_force_p
-        As of `judge.judged`.
-    """
-    tested = tested_driven(models)
-    results = {name: followed.result for name, followed in models.items()}
-    over_motion = tested.residual_over_motion.values
-    return judge.judged(records, results, tested, over_motion=over_motion, random_force_p=random_force_p)
 
 
 def tested_driven(models: Mapping[str, FollowedRuns]) -> xr.Dataset:
@@ -315,6 +295,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     symbols = [s for s in first.force.values.tolist() if s in second.force.values]
     frequency = second.reference_frequency.item()
     difference = np.subtract(*(comparison_values(result, symbols, frequency) for result in (first, second)))
+    # `cross_check.comparison` has the influence of each sample on both, which is known of free decays alone.
     # The same record: the larger error of both, which their difference has at most where neither is wrong.
     errors = np.maximum(*(np.sqrt(np.diag(stated_covariance(result, symbols))) for result in (first, second)))
     z = np.divide(difference, errors, out=np.zeros_like(difference), where=errors > 0.0)
@@ -349,7 +330,7 @@ def predict(
         The start is fitted to so much of the beginning, which does not count for the residual; to all of the
         record where left out, and all of it counts.
     run : int
-        Of the result's runs, from 0, the one whose own coefficients are taken.
+        Run of the result, from 0, whose coefficients are taken.
     starts : {"fitted", "measured"}
         `measured` takes angle and rate of the smoothed record at its first sample, and no zero of the sensor:
         nothing is fitted to the record.

@@ -15,7 +15,7 @@ from sysid_trib.methods.scope import MOTION, Method, MethodScope, scope_of
 def force_scope(
     method: Method, library: ForceLibrary, result: xr.Dataset | None, amplitude: float
 ) -> dict[str, Any]:
-    """Return which forces of a library a method identifies, neglects or cannot separate.
+    """List the forces of a library that a method identifies, neglects or cannot separate.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ def in_all_runs(
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Return why a model that neglects no force fails on the records, from `in_all_runs`; or nothing."""
+    """Return the reason why a complete model fails on the records (`in_all_runs`); or nothing."""
     if not motions:
         return judge.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
@@ -124,11 +124,27 @@ def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Seq
     of_runs = zip(first, second, blocks, strict=True)
     losses = [_block_losses(own, block) - _block_losses(other, block) for own, other, block in of_runs]
     difference = np.concatenate(losses)
-    if len(difference) < 3:
-        return float("nan")
-    if np.ptp(difference) == 0.0:
+    if len(difference) >= 3 and np.ptp(difference) == 0.0:
         return float(difference[0] == 0.0)
-    return float(scipy.stats.ttest_1samp(difference, 0.0).pvalue)
+    return float(2.0 * scipy.stats.t.sf(abs(mean_over_error(difference)), len(difference) - 1))
+
+
+def mean_over_error(difference: Array) -> float:
+    """Return the mean of differences between two predictions over its standard error (Diebold-Mariano).
+
+    Parameters
+    ----------
+    difference : (period,) array of float
+        Of a loss or a score in each period; periods are taken as independent.
+
+    Returns
+    -------
+    float
+        Student's t, with as many degrees of freedom as periods less 1; nan of fewer than three or equal ones.
+    """
+    if len(difference) < 3 or np.ptp(difference) == 0.0:
+        return float("nan")
+    return float(difference.mean() / (difference.std(ddof=1) / np.sqrt(len(difference))))
 
 
 def _block_losses(residual: Array, block: int) -> Array:
@@ -148,7 +164,7 @@ TEXTS = (
 Results: TypeAlias = Sequence[xr.Dataset | None]
 
 
-class Trial(NamedTuple):
+class MethodResult(NamedTuple):
     """Result of one method.
 
     Attributes
@@ -156,7 +172,7 @@ class Trial(NamedTuple):
     result : Dataset or None
         Its identification.
     row : dict
-        What the method says of itself and of its result, by the name of the column.
+        Texts of the method on itself and its result, by the name of the column.
     motions : dict of str to list of Dataset
         Of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
     followed : FollowedRuns or None
@@ -169,19 +185,21 @@ class Trial(NamedTuple):
     followed: FollowedRuns | None = None
 
 
-def method_table(trials: Mapping[str, Trial], noises: Sequence[float], blocks: Sequence[int]) -> xr.Dataset:
+def method_table(
+    by_label: Mapping[str, MethodResult], noises: Sequence[float], blocks: Sequence[int]
+) -> xr.Dataset:
     """Return the group `comparison` (see `compare`).
 
     Parameters
     ----------
-    trials : mapping of str to Trial
-        What came of each method, by its label.
+    by_label : mapping of str to MethodResult
+        Result of each method, by its label.
     noises : sequence of float, rad
-        Of each run, the same for all methods.
+        Noises of each run, the same for all methods.
     blocks : sequence of int
         Samples of a period of each run.
     """
-    labels, (results, rows, motions, _) = list(trials), zip(*trials.values(), strict=True)
+    labels, (results, rows, motions, _) = list(by_label), zip(*by_label.values(), strict=True)
     values: dict[str, Any] = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
     values |= _residuals(motions, noises)
     ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))
@@ -258,6 +276,7 @@ def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tup
 
 def contrast(values: Array, errors: Array, best: int) -> Array:
     """Return differences from the best method's row over the root of the sum of both variances."""
+    # Most methods of the table have no known influence of the noise, which `cross_check.comparison` needs.
     both = np.sqrt(errors**2 + errors[best] ** 2)
     z = np.divide(values - values[best], both, out=np.full_like(values, np.nan), where=both > 0.0)
     z[best, np.isfinite(values[best])] = 0.0

@@ -76,7 +76,7 @@ def identify(
         default those of the command `identify` (`usual_methods`). Whether there is a random force is decided
         where a method's `random_force` is `auto`, the default (see `identifications`).
     constraints : mapping of str to float, (float, float) or str
-        What is held, bounded or tied, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`. A coefficient
+        Fixed values, bounds and ties, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`. A coefficient
         that a library of one's own states is held if nothing else is asked: `(None, None)` frees it.
     contactless : (float, float), rad/s
         Frequency without contact and its standard error, which adds alpha.
@@ -86,12 +86,12 @@ def identify(
     Returns
     -------
     Dataset or DataTree
-        Of one method `coefficient(force)` (dimensionless unless its `unit` says otherwise),
+        For one method `coefficient(force)` (dimensionless unless its `unit` says otherwise),
         `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)`
         (rad/s), scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the
-        runs); provenance in its attrs. Where the model leaves more than noise also `error_of_noise(force)`,
-        `error_of_model(force)`, `held_out_rms`. Of two methods the result of `cross_check`, of several runs
-        with the group `runs`, whether these agree (`validation.run_agreement`).
+        runs); provenance in its attrs. If the residual is more than noise also `error_of_noise(force)`,
+        `error_of_model(force)`, `held_out_rms`. For two methods the result of `cross_check`; for several
+        runs with the group `runs`, the test of their agreement (`validation.run_agreement`).
 
     Raises
     ------
@@ -167,7 +167,7 @@ def usual_methods(
     if any(MEASURED in run for run in runs):
         # Trajectory comes last: it compares the measured quantity itself.
         return [averaging if averaged else direct, trajectory]
-    # One that is too short or grows has no envelope to be averaged.
+    # A record that is too short or grows has no envelope to be averaged.
     if not averaged or any(run.attrs.get("taken_as_it_is") for run in runs):
         return [trajectory, direct]
     return [averaging, direct]
@@ -222,6 +222,8 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     """
     method, library = method_of(together), schema.library_of(together, whole=True)
     kept, frequency = references.comparable(together), together.reference_frequency.item()
+    # `discovery.parts.homogeneity` is the score test of the same question: it fits no run alone, and so
+    # serves for every model of a search, but gives no values of the runs.
     results, reasons = zip(*(refits.refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0
     names = [*kept, *[references.ASYMPTOTIC_FREQUENCY] * free]

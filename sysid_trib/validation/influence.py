@@ -113,7 +113,7 @@ class WeakRows:
     Attributes
     ----------
     operator : (row, sample) sparse array of float
-        Of small deviations about the motion.
+        Operator of small deviations about the motion.
     factor : (band, row) array of float
         Cholesky factor of the covariance of the rows, in units of the variance of the sensor's noise.
     """

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
-from sysid_trib.results.judged import LARGE
+from sysid_trib.results.judged import EXPLAINED_VERDICTS, LARGE
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL
 from sysid_trib.results.variables import described
 
@@ -17,7 +17,7 @@ RESIDUAL_LEVEL = 1e-3
 # A model is approximate if its residual (RMS) is at most this part of the motion.
 APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
-# A motion that grows beyond so many times the largest angle of the record is none of it.
+# A motion that exceeds this multiple of the largest angle of the record does not follow it.
 LARGEST_MOTION = 3.0
 
 
@@ -60,6 +60,7 @@ def verdict_word(evidence: Evidence) -> str:
 
     A record that determines no coefficient explains nothing, whatever the residual is.
     """
+    # `discovery.parts.verdict_of` answers another question: whether a search found all that the record shows.
     follows = evidence.residual_over_motion <= APPROXIMATE_PART
     verdict = "approximate" if follows else "not explained"
     if evidence.has_random_force:
@@ -73,7 +74,7 @@ def verdict_word(evidence: Evidence) -> str:
     # No model of these forces could have been contradicted: its rows leave only the noise, although the
     # motion of coefficients that are not known may diverge.
     quiet = evidence.rows_are_noise and not evidence.has_random_force
-    return "undetermined" if quiet or verdict.startswith("explained") else verdict
+    return "undetermined" if quiet or verdict in EXPLAINED_VERDICTS else verdict
 
 
 def judged(
@@ -81,7 +82,6 @@ def judged(
     results: Mapping[str, xr.Dataset],
     tested: xr.Dataset,
     *,
-    over_motion: Sequence[float] | None = None,
     random_force_p: float = float("nan"),
 ) -> xr.Dataset:
     """Judge the models of a result; `with_verdicts` adds the verdicts.
@@ -93,9 +93,8 @@ def judged(
     results : mapping of str to Dataset
         The identifications by the name of their model.
     tested : Dataset
-        Over `model` the tests of the residuals, see `residuals`.
-    over_motion : sequence of float, optional
-        Residual of each model over the motion, where the angle was not measured itself.
+        Over `model` the tests of the residuals, see `residuals`; with `residual_over_motion` if the angle
+        itself was not measured.
     random_force_p : float
         P-value of a random force that depends on nothing.
 
@@ -104,14 +103,22 @@ def judged(
     Dataset
         Over `model` the variables `judged` of `variables.toml`.
     """
-    own_quantity = int(records[0].attrs.get("integrations", 0)) > 0
-    rms = tested.tested_rms.values if own_quantity else _residual_rms(records)
-    noise = root_mean_square([run.noise.item() for run in records])
+    # Over the runs, whatever their lengths; over the noise, each run's is over its own.
+    of_runs, noises = _residual_rms(records), np.array([run.noise.item() for run in records])
+    rms = np.sqrt(np.mean(of_runs**2, axis=0))
+    over_noise = np.sqrt(np.mean((of_runs / noises[:, None]) ** 2, axis=0))
+    over_motion = rms / root_mean_square([root_mean_square(run.angle) for run in records])
+    if int(records[0].attrs.get("integrations", 0)) > 0:
+        # The angle is an integral of what was measured.
+        rms = tested.tested_rms.values
+        over_noise = rms / root_mean_square(noises)
+    if "residual_over_motion" in tested:
+        over_motion = tested.residual_over_motion.values
     held_out = [float(result.get("held_out_rms", np.nan)) for result in results.values()]
     values: dict[str, Any] = {
         "residual_rms": rms,
-        "residual_over_noise": rms / noise,
-        "residual_over_motion": residual_over_motion(records) if over_motion is None else over_motion,
+        "residual_over_noise": over_noise,
+        "residual_over_motion": over_motion,
         "held_out_rms": held_out,
         "random_force_p": np.full(len(results), random_force_p),
         "failure": failures_of(records),
@@ -133,7 +140,7 @@ def evidence_of(of_model: xr.Dataset, **further: Any) -> Evidence:
 def with_verdicts(
     table: xr.Dataset, evidence: Mapping[str, Evidence], preferred: str, made_by: str
 ) -> xr.Dataset:
-    """Return what was judged with the verdict on each model; attrs hold that on the preferred one."""
+    """Add the verdict on each model to the judged variables; attrs state that on the preferred one."""
     verdicts = [verdict_word(evidence[name]) for name in table.model.values.tolist()]
     table = table.assign(described("judged", {"verdict": verdicts}))
     attrs = {"made_by": made_by, "preferred": preferred}
@@ -141,21 +148,13 @@ def with_verdicts(
 
 
 def _residual_rms(records: Sequence[xr.Dataset]) -> Array:
-    """Return the RMS of record minus motion of each model over all runs, rad; nan without a motion."""
-    residuals = [(run.angle - run.simulated_angle).transpose("model", "time").values for run in records]
-    return np.asarray(np.sqrt(np.mean(np.concatenate(residuals, axis=1) ** 2, axis=1)))
-
-
-def residual_over_motion(records: Sequence[xr.Dataset]) -> Array:
-    """Return the RMS of record minus motion over that of the record, of each model; nan without a motion."""
-    squares = sum(
-        ((run.angle - run.simulated_angle) ** 2).sum("time", skipna=False).values for run in records
-    )
-    return np.sqrt(squares / sum(float((run.angle**2).sum()) for run in records))
+    """Return the RMS of record minus motion, (run, model), rad; nan without a motion."""
+    squares = [((run.angle - run.simulated_angle) ** 2).mean("time", skipna=False) for run in records]
+    return np.sqrt([of_run.transpose("model").values for of_run in squares])
 
 
 def failures_of(records: Sequence[xr.Dataset]) -> list[str]:
-    """Return why a model has no motion, in a few words; empty if it has one."""
+    """Return the reason why a model has no motion, in a few words; empty if it has one."""
     reasons = []
     largest = [np.abs(run.simulated_angle).max("time", skipna=False) for run in records]
     limits = [LARGEST_MOTION * np.abs(run.angle).max() for run in records]

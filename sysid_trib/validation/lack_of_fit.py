@@ -7,15 +7,12 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array, Mask, cell_middles
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.cycles import backbone as bands, smooth_curve
 from sysid_trib.errors import SysidTribError
-from sysid_trib.records import equilibrium, half_sines, signal
-from sysid_trib.records.smoothing import knot_intervals, sensor_noise, smooth
+from sysid_trib.records import half_sines
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.variables import described
-from sysid_trib.simulation.internal_states import states_along
-from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 from sysid_trib.simulation.simulate import trajectory
 
@@ -84,7 +81,7 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
     amplitude, those = lack.amplitude.values, []
     for name in bands.CURVES:
         deviation = lack[f"{name}_deviation"].sel(model=model).values
-        # Where the model has stopped, it has left.
+        # A model that has stopped is outside of the band.
         outside = ~(np.abs(deviation) <= 1.0)
         edges = np.flatnonzero(np.diff(np.concatenate([[False], outside, [False]]).astype(int)))
         for first, end in edges.reshape(-1, 2):
@@ -136,10 +133,10 @@ def _model_rows(
     """Return increasing log amplitudes of a model's motion, frequency and damping ratio; None without one."""
     amplitude = backbone.period_amplitude
     top, low = float(np.log(amplitude.max())), float(np.log(amplitude.min()))
-    # A model is released so many half periods above the record: its first ones are left out.
+    # A model is released this number of half periods above the record: its first ones are left out.
     above = 4.0 * np.pi * max(0.0, float(backbone.damping_ratio[-1]))
     largest = float(np.abs(decay.angle.values).max())
-    # A model that damps less takes longer to the record's last amplitude: up to so many times its length.
+    # A model of less damping takes longer to the record's last amplitude: up to this multiple of its length.
     for times in (1.0, 3.0):
         try:
             u, rows = _motion_rows(decay, result, float(np.exp(top + above) / largest), times)
@@ -165,85 +162,6 @@ def _motion_rows(
     return bands.period_rows(half_sines.envelope(simulated))
 
 
-# Cells each way, drawings of noise for the errors, and a seed for them.
-SURFACE_CELLS, SURFACE_DRAWS, DRAWS_SEED = 13, 24, 0
-# Longer records are drawn by every second sample (third, ...), which keeps so many between knots.
-MOST_DRAWN, DRAWN_PER_KNOT = 20_000, 4
-
-
-def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Dataset:
-    """Return the mean force that a model lacks in cells of angle and rate, by the record's own motion.
-
-    Parameters
-    ----------
-    decay, result : Dataset
-        `angle(time)` of a run, and an identification of it.
-    run : int
-        Which of the result's runs it is.
-
-    Returns
-    -------
-    Dataset
-        Over `x` and `v` (rate over w): `force` over I w^2 with its `force_standard_error` by the sensor's
-        noise, nan in cells without samples; over each alone, the mean over the other, `force_of_x` and
-        `force_of_v` with their errors. All in the unit of the record.
-
-    Raises
-    ------
-    DecayError
-        The samples do not determine the motion.
-
-    Notes
-    -----
-    -(x'' + x) - f(x, x') with derivatives by tau = w t (Masri and Caughey 1979), x by the least-squares
-    spline; f goes through the same spline, so that what smoothing takes from a jump of friction it takes from
-    both. Errors are those of drawings of white noise of the sensor's level through the same steps. No motion
-    is simulated: a model that slips in phase has its surface too.
-    """
-    time, angle, _ = equilibrium.with_half_periods(decay)
-    model = schema.model_of(result).bound
-    tau = model.reference_frequency * (time - time[0])
-    every = max(1, min(-(-len(time) // MOST_DRAWN), len(time) // (DRAWN_PER_KNOT * knot_intervals(tau))))
-    zero = float(np.ravel(result.offset)[run]) if "offset" in result else 0.0
-    x, v, acceleration, _ = smooth(tau, angle)
-    x = x - zero
-    asked = -(acceleration + x) - smooth(tau, model_force(model, tau, x, v, time - time[0]))[0]
-    tau, x, v, asked = tau[::every], x[::every], v[::every], asked[::every]
-    white = np.random.default_rng(DRAWS_SEED).standard_normal((len(tau), SURFACE_DRAWS))
-    # Fewer samples of less noise: a spline averages both to the same.
-    drawn, _, bends, _ = smooth(tau, sensor_noise(decay) / np.sqrt(every) * white)
-    # A spline bends freely in the quarter period before its ends.
-    inside = np.minimum(tau, tau[-1] - tau) > 0.5 * np.pi
-    values = np.vstack([asked, -(bends + drawn).T])[:, inside]
-    return _in_cells(x[inside], v[inside], values, signal.unit_of_signal(decay))
-
-
-def model_force(model: Model, tau: Array, x: Array, v: Array, time: Array) -> Array:
-    """Return sum of coefficient times force along a motion, (sample,); terms of the sensor are no forces."""
-    total = np.zeros_like(x)
-    for force in model.library:
-        if force.kind == "force" and (coefficient := model.coefficients.get(force.symbol, 0.0)):
-            hidden = states_along(force, tau, x, v, model.shapes, time=time)
-            h = force.value(x, v, time, shapes=model.shapes, hidden=hidden or None)
-            total = total + coefficient * h
-    return total
-
-
-def _in_cells(x: Array, v: Array, values: Array, units: str) -> xr.Dataset:
-    """Return means over cells of the force (the first row) and their scatter over drawings (the others)."""
-    size = 1.001 * float(np.max(np.hypot(x, v)))
-    edges = np.linspace(-size, size, SURFACE_CELLS + 1)
-    means = {"force": scipy.stats.binned_statistic_2d(x, v, values, "mean", bins=[edges, edges]).statistic}
-    for name, on in (("x", x), ("v", v)):
-        means[f"force_of_{name}"] = scipy.stats.binned_statistic(on, values, bins=edges).statistic
-    middle = cell_middles(edges)
-    data = {name: (of[0], np.sqrt(np.mean(of[1:] ** 2, axis=0))) for name, of in means.items()}
-    cells = xr.Dataset(described("residual_force", data | {"x": middle, "v": middle}))
-    for in_unit in cells.variables.values():
-        in_unit.attrs["units"] = units
-    return cells
-
-
 # The level about a line is that of so many neighbours on either side, beyond those into which it leaks.
 LEVEL_LINES, LEAK = 48, 4
 # Up to this harmonic the residual of a motion belongs to the motion.
@@ -266,6 +184,8 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     the spectrum is flat about it: P(> r) = (1 + r/(2 m))^(-2 m); times the number of lines (Bonferroni).
     """
     samples = len(residual)
+    # The residual of a motion has the motion's harmonics. `omnibus_test._strongest_line` tests white rows,
+    # which have none; `screen._lines` tests nothing: it proposes frequencies.
     power = np.abs(np.fft.rfft(residual - residual.mean())) ** 2
     resolution = 2.0 * np.pi * (samples - 1) / (samples * (time[-1] - time[0]))
     excluded = _harmonics(time, motion, resolution, len(power))
@@ -282,7 +202,7 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     # Significance level of the highest line among all.
     if log_p[at] + np.log(counted.sum()) > np.log(LINE_LEVEL):
         return _line_alone(time, residual, motion)
-    # Where between the lines of the spectrum its peak is, by the ratio of the two highest amplitudes.
+    # The peak between the lines of the spectrum, by the ratio of the two highest amplitudes.
     left, peak, right = np.sqrt(power[at - 1 : at + 2])
     frequency = resolution * (at + (right / (peak + right) if right > left else -left / (peak + left)))
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])

@@ -81,7 +81,7 @@ class FittedParts(NamedTuple):
     Attributes
     ----------
     results : list of Dataset
-        Those of the parts that could be fitted.
+        Identifications of the parts that could be fitted.
     held_out_rms : float, rad
         Geometric mean of the residuals of what the parts do not hold; nan where one predicts no motion.
     """
@@ -138,7 +138,9 @@ def with_error_by_another_fit(result: xr.Dataset, other: xr.Dataset) -> xr.Datas
     return total.assign(variables.described("identification", of))
 
 
-def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], stated: Array) -> Array:
+def covariance_by_parts(
+    changes: Sequence[Array], errors: Sequence[Array], stated: Array, *, equal_parts: bool = False
+) -> Array:
     """Return the covariance of the model error: changes between parts beyond those due to fewer data.
 
     Parameters
@@ -147,12 +149,16 @@ def covariance_by_parts(changes: Sequence[Array], errors: Sequence[Array], state
         Of each part: its numbers less those of the whole, and their standard errors by the noise.
     stated : (number,) array of float
         Standard errors of the whole by the noise.
+    equal_parts : bool
+        Whether parts count alike, or by what they determine of each number.
     """
     # Each part is weighted by its information on a coefficient; one that is held at a bound there has no
     # error.
     largest = np.max(errors, axis=0)
     known = np.where(np.array(errors) > 0.0, errors, np.where(largest > 0.0, largest, 1.0))
     weights = 1.0 / known**2
+    if equal_parts:
+        weights = np.ones_like(known)
     weights /= weights.sum(axis=0)
     steps = np.sqrt(weights) * np.array(changes)
     movement, expected = steps.T @ steps, (weights * (np.square(errors) - stated**2)).sum(axis=0)

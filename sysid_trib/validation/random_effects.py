@@ -29,7 +29,7 @@ class RandomEffects:
     values, errors : (value,) array of float
         Errors above zero.
     design : (value, column) array of float
-        Of full rank, with fewer columns than values.
+        Design of full rank, with fewer columns than values.
     scatter : float, or (tau,) array of float
         The tau with which they are weighted; of several all that follows has a row each.
     """
@@ -219,7 +219,8 @@ def mean_of_runs(values: Array, covariances: Array) -> tuple[Array, Array, Array
     return mean, covariance, between, freedoms
 
 
-# Two results of one kind differ by less than so many standard deviations in 95 of 100 cases (ISO 5725-6).
+# Two results of one kind differ by less than this number of standard deviations in 95 of 100 cases (ISO
+# 5725-6).
 LIMIT = 2.8
 DEVIATIONS = ("repeatability", "between_laboratory", "reproducibility")
 
@@ -265,7 +266,7 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     freedoms = p - 1, n - p
     lower, upper = scipy.stats.chi2.ppf(TAILS, freedoms[1])
     of_repeats = within, within * freedoms[1] / lower, within * freedoms[1] / upper
-    # By which parts chi-squares are below and above their means, of each mean square.
+    # Relative limits of chi-squares below and above their means, for each mean square.
     tails = np.array(freedoms) / scipy.stats.chi2.ppf(np.array(TAILS)[:, None], freedoms)
     (g1, g2), (h1, h2) = 1.0 - tails[0], tails[1] - 1.0
     high, low = scipy.stats.f.ppf(TAILS, *freedoms)

@@ -24,7 +24,7 @@ from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.validation.residuals import FollowedRuns
 
 NULL_DRAWS = 60
-# Of longer records one sample of so many is taken, but no fewer than so many a period.
+# Longer records are decimated to this number of samples, but no fewer than this number a period.
 MOST_SAMPLES, LEAST_PER_PERIOD = 8000, 20
 ON = ("angle", "speed", "amplitude", "time", "any")
 ASPECTS, SIZE_ON = ("force", "size"), ("amplitude", "speed", "time")
@@ -47,7 +47,7 @@ def random_force_dependence(
     run : int
         Which of the result's runs the decay is.
     seed : int
-        Of the simulated records that calibrate the test.
+        Seed of the simulated records that calibrate the test.
 
     Returns
     -------
@@ -90,7 +90,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     w = tracked.model.reference_frequency
     tau = w * (tracked.time - tracked.time[0])
     by_column, depends_on = linearised.trial_forces(tracked.linear, tau)
-    # As a change of the frequency does, but what pushes the motion within a step has no part in it.
+    # Like a change of the frequency, but without the impulses within a step.
     linear = _with_parameters(tracked, result, stiffness=-by_column[:, :, :1])
     # All parameters are free.
     null = kalman.likely_ratio(linear)

@@ -28,10 +28,10 @@ class Refit(NamedTuple):
     kind : str
         window, start, sampling, noise or method.
     label : str
-        What is other in it.
+        Difference from the original fit.
     method : Method
     parts : list of Dataset
-        What it is fitted to.
+        Runs to which it is fitted.
     """
 
     kind: str
@@ -149,7 +149,7 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     whole = list(runs)
     for name, limits in variables.PARTS_OF_RECORD.items():
         yield Refit("window", name, method, [run.isel(time=between(run, limits)) for run in runs])
-    # Starts: so many periods of the record are left out before it.
+    # Starts: this number of periods of the record is left out before it.
     for periods in (1.0, 3.0):
         later = 2.0 * np.pi * periods / reference
         parts = [run.isel(time=run.time.values >= run.time.values[0] + later) for run in runs]

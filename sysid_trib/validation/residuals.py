@@ -95,6 +95,8 @@ def fitted_motion(
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
         start = initial_conditions.first_guess(time, angle, model.reference_frequency)
+    # `discovery.free_motion` fits the start too, but from a path of the search and with its time limits: a
+    # candidate may be too stiff, and has a motion even then.
     try:
         return initial_conditions.fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
     except SimulationError:
@@ -117,6 +119,8 @@ def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Ar
     Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
     whose motion no spline follows, it is no more than the residual of a model.
     """
+    # A record of another result has the models of that.
+    decay = decay.drop_dims("model", errors="ignore")
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):
         remains = np.std(decay.angle.values - simulated, axis=1)
@@ -197,10 +201,11 @@ def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise
     width = half_period(path[1])
     departure = departure_time(time, residual, noise, width)
     p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
-    # The sensor's noise is above so many times the frequency of the swing: a line below is no part of it.
+    # The sensor's noise is above this multiple of the frequency of the swing: a line below does not belong to
+    # it.
     in_band = line[0] < 6.0 * result.asymptotic_frequency.item()
     if in_band and tracked is None and root_mean_square(residual) <= noise:
-        # It is in the noise that the record's own spline leaves: what is left beside it decides.
+        # The noise of the record's own spline contains it: the rest of the residual decides.
         rest = lack_of_fit.without_line(time, residual, line[0])
         return (
             *(rms, root_mean_square(residual) / noise, departure),
@@ -229,7 +234,7 @@ def departure_time(time: Array, residual: Array, noise: float, width: int) -> fl
     """Return first time at which the mean square over so many samples is beyond the noise's; nan if never."""
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = (total[width:] - total[:-width]) / width
-    # A level that so many samples of noise pass once in a hundred records.
+    # A level that this number of samples of noise exceeds once in a hundred records.
     level = max(DEPARTED**2, float(scipy.stats.chi2.isf(0.01 * width / len(residual), width)) / width)
     departed = np.flatnonzero(local > level * noise**2)
     return float(time[departed[0]]) if len(departed) else float("nan")
@@ -256,7 +261,7 @@ def _noise_p_value(
         means = values[: len(values) // width * width].reshape(-1, width).mean(axis=1) / noise
         return np.array([width * np.sum(means**2), slow_square(values / noise)])
 
-    # Of the numbers of a slow residual so many are left to chance at least, whatever the fit has taken.
+    # Least degrees of freedom of a slow residual, whatever the number of fitted parameters.
     scale, degrees = np.ones(2), np.array([len(residual) // width, max(4, numbers - fitted)])
     if noises is not None:
         # The chi square of the same mean and variance.

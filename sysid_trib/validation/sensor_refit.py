@@ -29,7 +29,7 @@ def with_own_sensor(
     result : Dataset
         The identification. Its own records have its own sensor terms, and terms that it holds stay.
     model : Model
-        Of the identification, with the inputs of the record.
+        Model of the identification, with the inputs of the record.
     record : Dataset
         `angle(time)`.
     fitted : (time,) array of bool

@@ -1,7 +1,8 @@
 """Verdict on a record and the preferred method: noise of the identification, and its errors."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -19,7 +20,7 @@ from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import effects, references, schema, signal_scale, variables
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
-from sysid_trib.validation import model_error
+from sysid_trib.validation import judge, model_error
 from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
@@ -28,7 +29,7 @@ from sysid_trib.validation.residuals import FollowedRuns, residuals
 DECIDING = ("direct", "trajectory")
 # And at which the residual of a free motion depends on the amplitude, before a random force is looked for.
 AMPLITUDE_LEVEL = 1e-6
-# Noise of so many times that of the sensor is more than an error of its estimate.
+# Noise of this multiple of the sensor's is more than an error of its estimate.
 MARKED = 1.5
 
 
@@ -47,6 +48,8 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
     Birge 1932: errors by the noise alone times the residual over the noise. Errors that a method has widened
     by the Birge ratio of its equations are not widened twice. A random force is already in the errors.
     """
+    # By the residual of the free motion. `discovery.screen.Screening.widening` has scores of the omnibus
+    # test: beside a random force a free motion wanders off, whether or not the model is complete.
     stated = max(1.0, float(result.get("birge_ratio", 1.0)))
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
 
@@ -101,6 +104,45 @@ def evidence_of_models(table: xr.Dataset, followed: Mapping[str, FollowedRuns]) 
             rows_are_noise=float(of.result.get("birge_ratio", np.inf)) <= MARKED,
         )
     return evidence
+
+
+def judged_models(
+    followed: Mapping[str, FollowedRuns],
+    records: Sequence[xr.Dataset],
+    tested: xr.Dataset,
+    *,
+    preferred: str | Callable[[xr.Dataset], str],
+    made_by: str,
+    random_force_p: float | None = None,
+    replaced: Mapping[str, Any] | None = None,
+) -> xr.Dataset:
+    """Judge the models of a result and give each its verdict.
+
+    Parameters
+    ----------
+    followed : mapping of str to FollowedRuns
+        All runs of each identification, by the name of its model; the noise is that of the last.
+    records, tested
+        See `judge.judged`.
+    preferred : str or callable
+        Name of the preferred model, or a function that returns it for a table of `judge.judged`.
+    made_by : str
+        What made the result.
+    random_force_p : float, optional
+        P-value of a random force of the last model that depends on nothing, if it is known.
+    replaced : mapping of str to array_like, optional
+        Variables of the table that the caller knows better.
+    """
+    last = [*followed.values()][-1]
+    if random_force_p is None:
+        random_force_p = float("nan")
+        if is_found(random_force_of(last.result)):
+            random_force_p = p_value_of_dependence(tested_runs(last))
+    results = {name: of.result for name, of in followed.items()}
+    table = judge.judged(records, results, tested, random_force_p=random_force_p)
+    table = table.assign(variables.described("judged", replaced or {}))
+    name = preferred if isinstance(preferred, str) else preferred(table)
+    return judge.with_verdicts(table, evidence_of_models(table, followed), name, made_by)
 
 
 def is_random(followed: FollowedRuns) -> bool:

@@ -26,12 +26,12 @@ class FittedModel:
     trials : tuple of TrialEffect
         Forces and errors of the sensor, with their shapes.
     rows : tuple of RunRows
-        Of each run.
+        Rows of each run.
     tables : tuple of (row, column) array of float
         Columns in each run: trials, stiffness where the frequency is fitted, zeros of the sensor in each run,
         steps of the shapes in parts of their ranges.
     likelihood : Likelihood
-        Of the shapes as they stand; its covariance is that with their steps.
+        Likelihood with the present shapes; its covariance includes their steps.
     stepped : Likelihood
         Of all columns. A step of a shape goes along its tangent: what it promises is not reached yet.
     at_ends : dict of int to (float, float)

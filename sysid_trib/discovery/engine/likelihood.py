@@ -45,13 +45,13 @@ class Likelihood:
     coefficients : (column,) array of float
     covariance : (column, column) array of float
     variances : (run,) array of float, rad^2
-        Of the innovations of the sensor's noise.
+        Variances of the innovations of the sensor's noise.
     ratios : (run,) array of float
-        Of the random force to that noise.
+        Ratios of the random force to that noise.
     ratio_errors : (run,) array of float
         Standard errors of their logarithms, nan of a ratio of 0.
     gains : (run,) array of float
-        By how much the random force of a run lowers the deviance.
+        Decrease of the deviance by the random force of each run.
     """
 
     deviance: float
@@ -80,7 +80,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
     runs : sequence of RunProducts
         With the same columns.
     columns : sequence of int
-        Of the table, from 1.
+        Columns of the table, from 1.
 
     Notes
     -----
@@ -192,7 +192,7 @@ def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, flo
     return float(np.exp(best)), float(spline(best)), error
 
 
-# Of a likely ratio, 0 where none is known; see `products_of`.
+# Index of a likely ratio, 0 if none is known; see `products_of`.
 ProductsNear: TypeAlias = Callable[[float], RunProducts]
 # Rounds of the joint search for the most likely ratios of several runs.
 TURNS = 6
@@ -210,7 +210,7 @@ def likeliest_near(
     near : sequence of float
         Likely ratios, 0 where none is known.
     columns : sequence of int
-        Of the table, from 1.
+        Columns of the table, from 1.
 
     Notes
     -----

@@ -20,7 +20,7 @@ WHOLE_STEPS = 3
 # A kink of a force may have the path swing about where it settles: then the best two rounds agree to this,
 # the deviance of one standard error.
 ROUNDS_AGREE = 1.0
-# Last rounds of a fit that does not come to rest, which are alike but for the errors of its parameters.
+# Last rounds of a fit that does not converge; they are alike except for the errors of its parameters.
 LAST_ROUNDS = 4
 # Parts of the random force by which paths are first smoothed after an error of the sensor was added: with all
 # of it a path follows the record and its errors, and a large error is mistaken for forces.
@@ -51,9 +51,9 @@ def fit_model(
     worst : float
         A deviance: a fit that will not reach it, by what its last round gained, is given up.
     possible : callable
-        What physics allows: a fit that has left that for two rounds is given up.
+        Physical range: a fit that has been outside of it for two rounds is given up.
     part : float
-        Of the way that a round goes at first.
+        Part of the way that a round goes at first.
 
     Notes
     -----
@@ -151,7 +151,8 @@ def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
         return best
-    # Where a contact sticks a reversal more or less has the deviance jump, parameters hardly move.
+    # If a contact sticks, one reversal more or less makes the deviance jump, although parameters hardly
+    # change.
     sticks = any(rows.path.sticking.any() for rows in best.rows)
     last = [best, next_best] if sticks else rounds[-LAST_ROUNDS:]
     if _agree(last) and not on_its_way:

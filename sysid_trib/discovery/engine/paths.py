@@ -67,11 +67,11 @@ class RecordPath:
     fine : PPoly
         The motion from rest by the forces that gave the path, each constant in the cell about a point.
     ratio : float
-        Of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
+        Ratio of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
     held : Terms
         Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
     inputs : mapping of str to KnownInput
-        What drives it.
+        Inputs that drive it.
     before : RecordPath, optional
         The record up to the first sample, and with it, of which forces remember.
     """

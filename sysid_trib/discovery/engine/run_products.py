@@ -33,12 +33,12 @@ class RunProducts:
     products : (ratio, column, column) array of float
         The first column is the target.
     log_determinant : (ratio,) array of float
-        Of the covariance, over that of white noise of the sensor alone.
+        Log determinant of the covariance, over that of white noise of the sensor alone.
     ratios : (ratio,) array of float
         The first is 0.
     rows : int
     level : float, rad
-        Of the innovations of the sensor's noise, as its spectrum has it.
+        Level of the innovations of the sensor's noise, by its spectrum.
     level_rows : float
         As which that level counts.
     """
@@ -166,9 +166,9 @@ def unresolved(
     form : WeakForm
     tau : (point,) array of float
     stiffness, damping : (point,) array of float
-        Of small deviations.
+        Operators of small deviations.
     operator : (row, sample) sparse array of float
-        Of these.
+        Operator of these deviations.
 
     Returns
     -------

@@ -164,13 +164,13 @@ class RunRows:
         Parameters
         ----------
         residual : (row,) array of float
-            What a model leaves of the rows.
+            Residual of the rows.
         errors : (sample,) array of float, rad
-            Of the sensor, its zero among them.
+            Errors of the sensor, its zero among them.
         slopes : pair of (sample,) array of float
             By which these errors grow with the angle and with its rate.
         ratio : float
-            Of the random force to the noise of the sensor.
+            Ratio of the random force to the noise of the sensor.
         part : float
 
         Notes
@@ -192,7 +192,7 @@ class RunRows:
         Parameters
         ----------
         deviation : float, rad
-            Of the sensor's innovations.
+            Standard deviation of the sensor's innovations.
         slopes, ratio
             As of `smoothed_motion`.
         random : Generator

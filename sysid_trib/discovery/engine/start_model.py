@@ -56,7 +56,7 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
 ABOVE = 0.5 * smoothing.KNOTS_PER_PERIOD + 2.0
 # The d of 1/f noise, and the periods over which it is followed: the zero takes a part of what is slower.
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
-# By which a partial autocorrelation is changed for the slope of the deviance.
+# Change of a partial autocorrelation for the slope of the deviance.
 LITTLE_COLOUR = 0.05
 # In units of the sensor's noise: largest difference of the rates of a motion and of the surface to which it
 # sticks (rad).

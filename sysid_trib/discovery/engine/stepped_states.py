@@ -156,7 +156,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     here = values[:, 0]
     by_size = here if linear else (of_larger[:, 0] - here) / LARGER
     by_advance = np.gradient(here, motion.tau)
-    # Of the first the angle changes by x and the rate by v, of the second by v and -x, w = 1.
+    # For the first the angle changes by x and the rate by v, for the second by v and -x, w = 1.
     square = x**2 + v**2 + np.finfo(float).tiny
     along, across = x * by_size + v * by_advance, v * by_size - x * by_advance
     if linear:

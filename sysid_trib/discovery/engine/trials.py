@@ -90,7 +90,7 @@ DEFAULTS = Settings()
 
 # Part of a range within which a shape parameter is at its end.
 END = 1e-9
-# Detunings at which a resonance is looked for where it makes no line of its own, in the swing's.
+# Detunings at which a resonance is tried if it makes no line of its own, in the swing's.
 OFF_RESONANCE = (0.03, 0.08, 0.2)
 
 
@@ -161,7 +161,7 @@ def trials_of(
     ----------
     candidates : iterable of Force
     frequencies : sequence of float, rad/s
-        At which a force that is periodic in time is tried, and a resonance too.
+        Frequencies at which a force that is periodic in time, or a resonance, is tried.
     w : float, rad/s
         Reference frequency, in units of which a resonance is.
     settings : Settings
@@ -206,8 +206,8 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + 0.5 * (
             shape.low + shape.high
         )
-    # Fewer of one alone, whose grid is made finer where it matters; where each is followed in time by itself,
-    # which is slow; and beside so many frequencies.
+    # Fewer for a single frequency, whose grid is refined where it matters; if each is followed in time by
+    # itself, which is slow; and if there are so many frequencies.
     fast = force.memoryless or is_stepped(force)
     count = settings.shape_values if fast and len(force.shape) > 1 else (settings.shape_values + 1) // 2
     if any(is_resonance(force, other) for other in force.shape):
