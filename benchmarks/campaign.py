@@ -25,8 +25,8 @@ import psutil
 import xarray as xr
 
 import sysid_trib as st
-from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.errors import RecordError
+from sysid_trib.results.store import counts_of
 
 PAPER = {"lambda": -2.3e-5, "zeta": 9.5e-3, "delta": 0.037, "nu": -0.4, "epsilon": 0.3}
 LIBRARY = st.load_library("contact_forces").select(list(PAPER))

@@ -26,9 +26,9 @@ from benchmarks import DATA, peers
 from benchmarks.study.common import shown, timed
 from sysid_trib import Model, free_decay, load_library, read_record
 from sysid_trib.errors import SysidTribError
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 from sysid_trib.methods import Averaging, Direct, Trajectory
-from sysid_trib.methods.scope import with_random_force
+from sysid_trib.methods.options import with_random_force
 from sysid_trib.physics import model_of
 from sysid_trib.simulation.initial_conditions import first_guess, fit_start
 from sysid_trib.validation import cross_check, verdict

@@ -1,11 +1,12 @@
 """Several modes in one decay: a jointed beam after a hammer blow, whose truth is known.
 
-python -m benchmarks modes [--seeds N] [--only look|beam|close|kinds]
+python -m benchmarks modes [--seeds N] [--only look|beam|close|kinds|coupling]
 
 look   the modes of a record of 65,536 samples and three sensors: errors of the frequencies, processor time
 beam   how often the simultaneous 95 % bands of mode 1 hold the truth from 0.1 s after the blow on
-close  the same of two modes whose frequencies are 10 % or 5 % apart, of three sensors and of one
+close  the same of two modes whose frequencies are 10 to 3 % apart, of three sensors and of one
 kinds  the same of the first mode of other beams: frequencies, shapes, a trigger, an offset, mains hum
+coupling   how often it is said that the frequency of a mode follows the amplitude of another one
 
 The modes are made by averaged equations: a' = -zeta(a) w(a) a and phase' = w(a), with the laws of the beam of
 `../shared/data/hammer_beam`: w^2 = w0^2 (1 - c a + 3/4 e a^2), and the damping ratio of its decay.
@@ -21,6 +22,7 @@ import xarray as xr
 from scipy.integrate import solve_ivp
 
 import sysid_trib as st
+from benchmarks.coupled_modes import random_decay
 from benchmarks.study.common import over_seeds, shown, timed
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import half_width
@@ -163,6 +165,21 @@ def holds(curves: xr.Dataset, law: Law, blow: float) -> dict[str, bool]:
     }
 
 
+def squared_errors(curves: xr.Dataset, law: Law, blow: float) -> dict[str, float]:
+    """Mean squares of the errors over the stated ones, from 0.1 s after the blow on."""
+    amplitude = curves.amplitude.values
+    first = np.interp(blow + FROM_BLOW, curves.time.values, curves.amplitude_over_time.values)
+    truth = {"frequency": law.w(amplitude), "damping_ratio": law.zeta(amplitude)}
+    return {
+        f"square_{name}": float(
+            np.mean(
+                (((curves[name] - value) / curves[f"{name}_standard_error"]).values[amplitude <= first]) ** 2
+            )
+        )
+        for name, value in truth.items()
+    }
+
+
 def tried(source: Beam, number: int) -> Callable[[int], dict]:
     """What the bands of a mode hold of one record, and the processor time."""
 
@@ -175,11 +192,15 @@ def tried(source: Beam, number: int) -> Callable[[int], dict]:
             f"half_{name}": float(np.median(half_width(curves, name)))
             for name in ("frequency", "damping_ratio")
         }
-        return holds(curves, source.laws[number], source.blow) | widths | {"seconds": seconds}
+        law = source.laws[number]
+        errors = squared_errors(curves, law, source.blow)
+        return holds(curves, law, source.blow) | errors | widths | {"seconds": seconds}
 
     return one
 
 
+# Ratios of the frequencies of close modes, and numbers of sensors.
+CLOSE = ((1.1, 3), (1.1, 1), (1.05, 3), (1.05, 1), (1.04, 3), (1.03, 3))
 # Beams of other kinds: what is other than in the first.
 KINDS = {
     "three times as high": {"factor": 3.0, "rate": 25_600.0, "count": 64_000},
@@ -194,7 +215,17 @@ KINDS = {
 
 
 def modes(asked: Namespace) -> None:
-    heads = ("record", "mode", "held: frequency %", "damping %", "half width (rad/s)", "of damping", "s")
+    heads = (
+        "record",
+        "mode",
+        "held: frequency %",
+        "damping %",
+        "error / stated: frequency",
+        "damping",
+        "half width (rad/s)",
+        "of damping",
+        "s",
+    )
     table = []
 
     def add(name: str, source: Beam, seeds: int | None = None) -> None:
@@ -207,21 +238,52 @@ def modes(asked: Namespace) -> None:
                 f"{np.mean([row[f'half_{key}'] for row in rows]):.1e}"
                 for key in ("frequency", "damping_ratio")
             ]
+            errors = [
+                f"{np.sqrt(np.mean([row[f'square_{key}'] for row in rows])):.2f}"
+                for key in ("frequency", "damping_ratio")
+            ]
             seconds = f"{np.mean([row['seconds'] for row in rows]):.2f}"
-            table.append([name, str(number), *held, *widths, seconds])
+            table.append([name, str(number), *held, *errors, *widths, seconds])
 
     if asked.only in "look":
         look()
     if asked.only in "beam":
         add("beam", beam())
     if asked.only in "close":
-        for apart in (1.1, 1.05):
-            for count, sensors_of in ((3, "three sensors"), (1, "one sensor")):
-                add(f"{100 * (apart - 1):.0f} % apart, {sensors_of}", close_modes(count, apart))
+        for apart, count in CLOSE:
+            add(f"{100 * (apart - 1):.0f} % apart, sensors: {count}", close_modes(count, apart))
     if asked.only in "kinds":
         for name, options in KINDS.items():
             add(name, beam(**options), 3)
-    shown("", heads, table, 140)
+    if table:
+        shown("", heads, table, 140)
+    if asked.only in "coupling":
+        coupled(asked)
+
+
+# Relative changes of the frequency of mode 1 by the first amplitude of mode 2.
+COUPLINGS = (0.0, 5e-4, 1.5e-3, 5e-3)
+
+
+def coupled(asked: Namespace) -> None:
+    """Statements on the frequency of a mode that follows another one, in random decays."""
+    rows = []
+    for coupling in COUPLINGS:
+
+        def one(seed: int, coupling: float = coupling) -> dict:
+            said = st.modes(sensors(*random_decay(seed, coupling))).attrs["influences"]
+            follows = [sentence for sentence in said if "depends on the amplitude" in sentence]
+            right = "the frequency of mode 1 depends on the amplitude of mode 2"
+            return {
+                "right": bool(coupling) and any(right in sentence for sentence in follows),
+                "wrong": any(not coupling or right not in sentence for sentence in follows),
+            }
+
+        made = over_seeds(asked, one, case=f"coupling {coupling:g}")
+        shares = [f"{100 * np.mean([row[name] for row in made]):.1f}" for name in ("right", "wrong")]
+        rows.append([f"{100 * coupling:g} %", str(len(made)), *shares])
+    heads = ("change of the frequency", "records", "right statement %", "wrong statement %")
+    shown("the frequency of mode 1 follows the amplitude of mode 2", heads, rows, 100)
 
 
 def look() -> None:

@@ -50,7 +50,7 @@ from sysid_trib.records import paper_twin
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.simulation import motions, under_way
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation.cross_check import cross_check
 
 SAMPLING_RATES = (100.0, 1000.0)

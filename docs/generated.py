@@ -30,11 +30,11 @@ from typer.testing import CliRunner
 
 import sysid_trib as st
 from sysid_trib.commands.app import app
-from sysid_trib.cycles.signatures import exactly_dependent, without_signature
+from sysid_trib.cycles.signatures import exactly_dependent, signatures_of, without_signature
 from sysid_trib.discovery.engine.trials import Settings
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
-from sysid_trib.printing.looked import loses_power, signature_text
+from sysid_trib.printing.looked import signature_text
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("SYSID_TRIB_DATA", ROOT.parent / "shared" / "data"))
@@ -151,15 +151,16 @@ def forces(name: str) -> str:
     """The forces of a library by family: what is declared, and what follows from the formula."""
     library = st.load_library(name)
     unseen = without_signature(_everything(), HIGH, None)
+    signatures = signatures_of(library)
     lines = []
     for family in dict.fromkeys(force.family for force in library):
         lines += [f"## {family[0].upper()}{family[1:]}", ""]
         for force in (f for f in library if f.family == family):
-            lines += _force(force, unseen)
+            lines += _force(force, signatures.sel(force=force.symbol), unseen)
     return "\n".join(lines)
 
 
-def _force(force: Force, unseen: tuple[str, ...]) -> list[str]:
+def _force(force: Force, signature: xr.Dataset, unseen: tuple[str, ...]) -> list[str]:
     title = f"### `{force.symbol}`: {force.name}"
     meaning = f"{force.meaning[0].upper()}{force.meaning[1:]}. *{force.source}*"
     points = [f"Formula `{force.formula.text}`"]
@@ -173,8 +174,8 @@ def _force(force: Force, unseen: tuple[str, ...]) -> list[str]:
         points.append("An error of the sensor: the measured angle is x + coefficient * formula")
     else:
         kind = f"{force.parity.capitalize()}, {force.character} type"
-        points.append(f"{kind}; takes power from the motion: {loses_power(force)}")
-        points += _signature(force, unseen)
+        points.append(f"{kind}; takes power from the motion: {signature.power.item()}")
+        points += _signature(force, signature, unseen)
     if force.units != "1":
         points.append(f"Unit of the coefficient: {force.units}")
     return [title, "", "$$", force.latex, "$$", "", meaning, "", *(f"- {point}" for point in points), ""]
@@ -187,10 +188,10 @@ def _equation(word: str, name: str, formula: str) -> str:
     return f"{derivative} = `{formula}`"
 
 
-def _signature(force: Force, unseen: tuple[str, ...]) -> list[str]:
+def _signature(force: Force, signature: xr.Dataset, unseen: tuple[str, ...]) -> list[str]:
     if force.symbol in unseen:
         return ["Signature: none at first order, so that averaging does not identify it"]
-    sine, cosine = signature_text(force)
+    sine, cosine = signature_text(force, signature)
     points = [f"Signature: ⟨h sin φ⟩ = {sine}; ⟨h cos φ⟩ = {cosine}"]
     groups = [[s for s in group if s != force.symbol] for group in _tie_classes() if force.symbol in group]
     if groups:

@@ -39,7 +39,7 @@ from . import (
 from .campaigns.campaign import campaign as campaign
 from .forces.from_python import library as library
 from .forces.library import load_library as load_library
-from .forces.selection import system as system
+from .forces.systems import system as system
 from .simulation.model import Model as Model
 from .validation.compare import compare as compare
 from .validation.driven import predict as predict

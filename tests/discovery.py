@@ -14,7 +14,7 @@ from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, credible, probabilities
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 CONTACT, EFFECTS = load_library(), load_library("candidate_effects")
 BASE = CONTACT.select(FIVE)

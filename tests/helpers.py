@@ -13,7 +13,8 @@ from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
 from sysid_trib.printing import Layer
 from sysid_trib.results.random_force import RandomForce
-from sysid_trib.simulation.simulate import simulate, trajectory
+from sysid_trib.simulation.simulate import simulate
+from sysid_trib.simulation.trajectory import trajectory
 
 Array = NDArray[np.float64]
 

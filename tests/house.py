@@ -172,6 +172,7 @@ def imported_names(module):
             yield from ((source, alias.name, alias.asname or alias.name) for alias in node.names)
 
 
+@cache
 def imported_modules(module):
     """Modules that a module imports, also within functions."""
     found = set()
@@ -183,12 +184,18 @@ def imported_modules(module):
     return found
 
 
+@cache
+def lines_of_modules():
+    """Code lines of each module by its dotted name."""
+    return {dotted(name): code_lines(*module) for name, module in modules().items()}
+
+
 def reading(start):
     """Code lines that must be read to follow a module: its own and those of all it imports.
 
     The `__init__.py` of a package counts only where the module itself imports the package.
     """
-    lines = {dotted(name): code_lines(*module) for name, module in modules().items()}
+    lines = lines_of_modules()
     seen, waiting = set(), [start]
     while waiting:
         module = waiting.pop()

@@ -16,8 +16,8 @@ from command_line import TIME, linear, run, write_csv
 
 import sysid_trib as st
 from sysid_trib.campaigns.conditions import read_conditions
-from sysid_trib.campaigns.rows import counts_of
 from sysid_trib.errors import RecordError, UsageError
+from sysid_trib.results.store import counts_of
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
 LIBRARY_OF_ALL = st.load_library("contact_forces")

@@ -15,7 +15,8 @@ from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.notation import reference_powers
 from sysid_trib.methods import Averaging
 from sysid_trib.simulation.internal_states import states_along
-from sysid_trib.simulation.simulate import simulate, trajectory
+from sysid_trib.simulation.simulate import simulate
+from sysid_trib.simulation.trajectory import trajectory
 
 SIX = load_library()
 CANDIDATES = load_library("candidate_effects")

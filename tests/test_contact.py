@@ -44,7 +44,7 @@ def test_look_tells_what_it_read_before_a_refusal(tmp_path):
 
 def test_systems_are_data(tmp_path):
     from sysid_trib.errors import LibraryError
-    from sysid_trib.forces.selection import load_system
+    from sysid_trib.forces.systems import load_system
 
     names = ("pendulum", "torsion", "spring", "ship", "tribometer", "cantilever")
     assert all(load_system(name).forces for name in names)

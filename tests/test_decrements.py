@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 from sysid_trib import Model, load_library
 from sysid_trib.errors import DecayError
 from sysid_trib.methods import FeenyLiang, FrequencyShift, WuDecrement, feeny_liang_decrement
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 FORCES = load_library()
 DAMPED = {"zeta": 0.0097, "delta": 0.037}

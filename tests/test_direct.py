@@ -9,7 +9,7 @@ from sysid_trib import Model
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 STRONG = SIX | {"lambda": 1e-3}
 

@@ -15,7 +15,7 @@ from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing import discovery, layout
 from sysid_trib.results.files import save
 from sysid_trib.results.judged import record_noise, residual_of
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 VISCOUS = {"zeta": "2*v"}
 OFFERED = {"drag": "v*abs(v)", "cubic": "x**3", "rubber": "x*abs(x)", "wild": "sqrt(2.25 - x**2)*x"}

@@ -15,6 +15,7 @@ from command_line import write_csv
 from numpydoc.validate import validate
 
 import sysid_trib as st
+from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.printing.campaign import difference_json
 from sysid_trib.printing.comparison import comparison_json
 from sysid_trib.printing.discovery import discovery_json
@@ -186,7 +187,7 @@ def test_json_keys_are_those_documented(generated):
     record, library = [results["identify"]["record"].to_dataset()], st.load_library().select(["zeta"])
     printed["difference"] = difference_json(held_against(record, record, library, st.methods.Direct()))
     printed["laws"] = laws_json(results["laws"])
-    driven = results[generated.DRIVEN]
+    driven = with_consequences(results[generated.DRIVEN])
     predicted = st.predict(driven["direct"].to_dataset(), driven["record"].to_dataset())
     printed[generated.DRIVEN] = driven_json(driven) | prediction_json([predicted])
     sections = re.split(r"^## ", page, flags=re.MULTILINE)

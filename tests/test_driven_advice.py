@@ -12,7 +12,7 @@ import sysid_trib as st
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 W, TIME = 9.9, np.arange(0.0, 15.0, 0.02)
 CONTACT, INPUTS = st.load_library("contact_forces"), st.load_library("inputs")

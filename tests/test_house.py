@@ -12,11 +12,15 @@ from house import (
     SLACK,
     arrows,
     circles,
+    imported_modules,
     measures,
     modules,
     names_across_walls,
+    reading,
     room_of,
+    room_of_dotted,
     stored_measures,
+    trees,
     unreachable,
     words_of,
 )
@@ -152,6 +156,37 @@ def test_a_room_imports_only_from_rooms_below():
 
 def test_discovery_has_one_door():
     assert names_across_walls()["discovery"] == {"discovery.discover:discover"}
+
+
+# What printers and figures read: results, forces as data, and plain helpers.
+READ = {"results", "forces", "errors", "arrays", "_version", "_lazy", "printing", "plots"}
+# Names of inputs and constants in a record: no computation.
+ROLES = "records.roles"
+# Figures of a record, which need no result.
+OF_RECORDS = {"plots.looked", "plots.at_a_glance", "plots.over_time"}
+# Lines that must be read to follow a printer.
+MOST_TO_READ = 3500
+
+
+def imports_that_compute(room):
+    """Modules of a room that import rooms in which something is computed, with these imports."""
+    of_room = (module for module in trees() if room_of_dotted(module) == room)
+    found = {m: {i for i in imported_modules(m) if room_of_dotted(i) not in READ} - {ROLES} for m in of_room}
+    return {module: imports for module, imports in found.items() if imports}
+
+
+def test_printers_compute_nothing():
+    """What a printer says is computed where the result is made, and stored in it."""
+    assert not imports_that_compute("printing")
+
+
+def test_only_figures_of_records_compute():
+    assert set(imports_that_compute("plots")) <= OF_RECORDS
+
+
+def test_a_printer_is_soon_read():
+    printers = (module for module in trees() if room_of_dotted(module) == "printing")
+    assert {module: reading(module) for module in printers if reading(module) > MOST_TO_READ} == {}
 
 
 def test_every_room_is_in_the_list():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy
 import xarray as xr
 from command_line import run, write_table
 from helpers import decay, scores
@@ -440,6 +441,18 @@ def test_without_its_input_a_drive_is_taken_for_something_else() -> None:
         for record in (accelerated(1), accelerated(1).drop_vars("input"))
     )
     assert np.max(np.abs((unknown.coefficient - known.coefficient) / known.standard_error)) > 20.0
+
+
+def test_columns_of_a_driven_record_lead_to_the_option_of_the_input(tmp_path: Path) -> None:
+    time = np.arange(0.0, 20.0, 0.01)
+    draw = np.random.default_rng(0)
+    drive = sum(np.sin(2.0 * np.pi * f * time + draw.uniform(0.0, 6.3)) for f in np.linspace(0.6, 2.4, 25))
+    system = ([1.0], [1.0 / 9.0**2, 2.0 * 0.02 / 9.0, 1.0])
+    _, motion, _ = scipy.signal.lsim(system, drive, time)
+    path = write_table(tmp_path / "run.csv", "time (s),V1 (V),V2 (V)", time, drive, motion)
+    said = run("look", path).complaint
+    assert "--input COLUMN" in said
+    assert "one mode" not in said
 
 
 def test_innovations_and_bands_know_the_input() -> None:

@@ -11,8 +11,8 @@ from command_line import run, write_csv
 import sysid_trib as st
 from sysid_trib.printing.laws import laws_blocks, laws_csv, laws_json, laws_latex
 from sysid_trib.reporting.page import page
+from sysid_trib.results import law_curves
 from sysid_trib.results.kinds import kind_of
-from sysid_trib.smooth_laws import bands, shown
 
 FREQUENCY, AMPLITUDE, NOISE = 9.0, 0.3, 1e-4
 TIME = np.arange(0.0, 12.0, 0.02)
@@ -155,7 +155,7 @@ def test_friction_that_feeds_energy_in_is_said(tree):
         friction=("speed", friction), friction_high=("speed", high), friction_low=("speed", low)
     )
     step = result.speed.values[0]
-    found = shown.feeding(result)
+    found = law_curves.feeding(result)
     np.testing.assert_allclose(found["certainly"], [(step, 3 * step)])
     np.testing.assert_allclose(found["seemingly"], [(4 * step, 6 * step)])
     np.testing.assert_allclose(found["beyond"], [(49 * step, 50 * step)])
@@ -187,12 +187,12 @@ def test_a_law_that_is_not_odd_is_compared_by_its_odd_part(tree):
             "speed_visited": ("speed", np.abs(both) <= speed[39] * 1.001),
         }
     )
-    odd = bands.odd_part(wide, "friction")
+    odd = law_curves.odd_part(wide, "friction")
     np.testing.assert_allclose(odd.friction, result.friction, atol=1e-12)
-    places, z = shown.apart({"averaging": result, "direct": wide}, "friction")
+    places, z = law_curves.apart({"averaging": result, "direct": wide}, "friction")
     np.testing.assert_allclose(places, speed[:40])
     np.testing.assert_allclose(z, 0.0, atol=1e-6)
-    curves = shown.curves_of({"averaging": result, "direct": wide}, "friction", "direct", mirrored=True)
+    curves = law_curves.curves_of({"averaging": result, "direct": wide}, "friction", "direct", mirrored=True)
     np.testing.assert_allclose(curves["averaging"].values, -curves["averaging"].values[::-1])
 
 

@@ -8,6 +8,7 @@ import xarray as xr
 from command_line import run, write_table
 
 import sysid_trib as st
+from benchmarks.coupled_modes import random_decay
 from benchmarks.modes import LINEAR, Law, beam, close_modes, holds, linear, ringing, sensors
 from sysid_trib.cycles.backbone import half_width
 from sysid_trib.errors import DecayError, UsageError
@@ -163,7 +164,7 @@ def test_modes_nearer_than_the_record_resolves_are_refused():
         both = two_modes(first=first, second=(80.0 + apart, 0.002, 40.0)).isel(
             time=slice(round(duration * RATE))
         )
-        with pytest.raises(DecayError, match=r"separate them|modes beat"):
+        with pytest.raises(DecayError, match=r"does not separate (them|the modes near)"):
             st.free_decay(st.one_mode(both, 1))
 
 
@@ -199,6 +200,33 @@ def test_close_modes_at_one_sensor_are_a_warning():
     assert st.modes(two_modes().isel(sensor=[1])).attrs["close_modes"] == []
 
 
+@pytest.mark.parametrize("apart", [1.04, 1.05])
+def test_shapes_separate_close_modes(apart):
+    source = close_modes(3, apart)
+    for number, law in source.laws.items():
+        mode = st.one_mode(source.record(0), number)
+        assert "reliably" not in mode.attrs["separation"]
+        curves = st.backbone(st.free_decay(mode))
+        assert holds(curves, law, source.blow) == {"frequency": True, "damping_ratio": True}
+
+
+def test_close_modes_of_similar_shapes_are_a_warning():
+    similar = two_modes(second=(84.0, 0.002, 40.0), shapes=np.array([[0.5, 0.45], [1.0, 0.9], [-0.8, -0.7]]))
+    assert "shapes at these sensors are too similar" in st.modes(similar).attrs["close_modes"][0]
+    assert "shapes at these sensors are too similar" in st.one_mode(similar, 1).attrs["separation"]
+
+
+def test_modes_that_even_shapes_do_not_separate_are_a_warning():
+    close = close_modes(3, 1.03).record(0)
+    assert "even different shapes do not separate" in st.one_mode(close, 2).attrs["separation"]
+    assert "even different shapes do not separate" in st.modes(close).attrs["close_modes"][0]
+
+
+def test_a_mode_that_beats_with_an_unresolved_one_is_a_warning():
+    close = close_modes(1, 1.01).record(0)
+    assert "its amplitude rises again from" in st.one_mode(close, 1).attrs["separation"]
+
+
 def test_a_record_with_one_signal_is_that_of_one_sensor(record):
     acceleration = record.signal.sel(sensor="acc2", drop=True)
     one = xr.Dataset({"angle": acceleration.assign_attrs(units="m")}, attrs={"source": "test"})
@@ -218,6 +246,37 @@ def test_the_commands_take_one_mode(tmp_path, record):
     assert "is for a RECORD" in run("backbone", "--mode", 1).complaint
     steady = json.loads(run("response", path, "--mode", 1, "--drive", 0.2, "--json").out)
     assert steady["drive_units"] == "m/s^2"
+
+
+def test_a_record_of_modes_names_the_option(tmp_path, record):
+    path = written(tmp_path, record)
+    asked = run("response", path, "--drive", 0.2)
+    assert asked.status == 2
+    assert "this is a record, no result; give the mode whose response is wanted (1: 80 Hz" in asked.complaint
+    weak = written(tmp_path, two_modes(second=(211.0, 0.004, 5.0)), "weak.csv")
+    assert "--mode takes one of them" in run("backbone", weak, "--angle", "acc2").out
+
+
+def test_sensors_that_are_left_out_are_named(tmp_path, record):
+    signals = record.signal.values.copy()
+    signals[0] = 0.0
+    heads = "time (s),acc1 (m/s^2),acc2 (m/s^2),speed (m/s)"
+    path = write_table(tmp_path / "mixed.csv", heads, record.time.values, *signals)
+    said = run("look", path).out.splitlines()[0]
+    assert "speed (m/s) left out, a rate and no acceleration" in said
+    assert "acc1 (m/s^2) left out, it does not move" in said
+
+
+def test_clipped_sensors_are_refused_by_look(tmp_path, record):
+    clipped = record.copy(data={"signal": np.clip(record.signal.values, -15.0, 15.0)})
+    refused = run("look", written(tmp_path, clipped))
+    assert refused.status == 1
+    assert "sensor acc1 is clipped at 15 m/s^2 until" in refused.complaint
+
+
+def test_a_random_own_law_is_no_coupling():
+    for seed in range(3):
+        assert st.modes(sensors(*random_decay(seed, 0.0))).attrs["influences"] == []
 
 
 @pytest.mark.slow

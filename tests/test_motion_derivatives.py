@@ -7,7 +7,7 @@ from test_simulate import ODD, SIX, TIME, W
 from sysid_trib import Model
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 GRID = TIME[:801:2]
 CASES = {

@@ -10,7 +10,7 @@ import pytest
 from command_line import Ending, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 MOST_STEPS = 4
 # Windows keep searches short.

@@ -7,7 +7,7 @@ import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.laws import laws_blocks, laws_csv
-from sysid_trib.smooth_laws.laws import OWN_LAWS
+from sysid_trib.results.law_curves import OWN_LAWS
 
 W, NOISE = 9.0, 3e-4
 LAW = parse_library(

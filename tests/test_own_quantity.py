@@ -8,8 +8,8 @@ from helpers import scores
 import sysid_trib as st
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
-from sysid_trib.simulation.initial_conditions import measured_part
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.measured_motion import measured_part
+from sysid_trib.simulation.trajectory import trajectory
 
 FORCES = st.load_library().select(["zeta", "delta"])
 TRUE = {"zeta": 6e-3, "delta": 0.03}

@@ -8,8 +8,9 @@ import pytest
 import sysid_trib as st
 from sysid_trib.errors import DecayError
 from sysid_trib.printing.laws import laws_blocks
+from sysid_trib.results.law_curves import PASSIVE
 from sysid_trib.smooth_laws.bands import laws_of
-from sysid_trib.smooth_laws.passive import PASSIVE, made_passive
+from sysid_trib.smooth_laws.passive import made_passive
 
 W, NOISE, LARGEST = 9.0, 3e-4, {"x": 0.3, "v": 2.7}
 FRICTION = st.load_library().select(["lambda", "zeta", "delta"])

@@ -15,7 +15,8 @@ from sysid_trib.physics.contact import SLIP_RATIO, contact_stiffness, slip_finge
 from sysid_trib.physics.force_weights import crossovers, dissipated_energy, weights
 from sysid_trib.physics.model_estimate import arrest_time
 from sysid_trib.physics.si_units import physical_units
-from sysid_trib.simulation.simulate import simulate, trajectory
+from sysid_trib.simulation.simulate import simulate
+from sysid_trib.simulation.trajectory import trajectory
 
 INERTIA = 1.33e-6
 # Dry friction, so that the motion stops, and every pair of forces far from its limits.

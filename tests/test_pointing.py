@@ -9,7 +9,7 @@ from scipy.special import ellipk
 import sysid_trib as st
 from sysid_trib.cycles.pointing import free_swings, held_frequency, pointed_to
 from sysid_trib.forces import ForceLibrary
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 OFFERED = {
     force.symbol: force for name in ("candidate_effects", "contact_forces") for force in st.load_library(name)

@@ -185,7 +185,7 @@ def test_a_threshold_is_a_force_in_rad():
 
 
 def motion():
-    from sysid_trib.simulation.simulate import trajectory
+    from sysid_trib.simulation.trajectory import trajectory
 
     found = trajectory(RUN.model, RUN.time, RUN.start, 0.0)
     return found.position, found.rate / W

@@ -10,7 +10,7 @@ import sysid_trib as st
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.forces.selection import known_coefficients
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 
 TIME = np.arange(0.0, 8.0, 0.02)
 ANGLE = 0.3 * np.exp(-0.09 * TIME) * np.cos(9.0 * TIME) + 1e-4 * np.random.default_rng(0).standard_normal(400)

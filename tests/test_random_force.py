@@ -18,7 +18,7 @@ from sysid_trib.methods import Averaging, Direct, EnergyDecay, FeenyLiang, Traje
 from sysid_trib.motion_fit.linearised import linearised_about
 from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.simulation.model import FREQUENCY
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 W, NOISE = 8.87, 2e-4
 FORCES = {f.symbol: f for name in ("contact_forces", "candidate_effects") for f in st.load_library(name)}

@@ -19,16 +19,11 @@ from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.reporting.page import write_page
 from sysid_trib.results.files import load, save, write_figure
+from sysid_trib.results.frequencies import asymptotic_frequency, covariance_with_frequency
 from sysid_trib.results.models import library_of
-from sysid_trib.results.schema import (
-    Estimate,
-    asymptotic_frequency,
-    covariance_with_frequency,
-    identification,
-    model_of,
-)
+from sysid_trib.results.schema import Estimate, identification, model_of
 from sysid_trib.results.variables import RESULT_TABLES, scaling_of
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 FORCES = load_library()
 PER_FORCE = {"coefficient", "standard_error", "covariance", "active", "refers_to"}

@@ -18,9 +18,10 @@ from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.questions.difference import held_against
 from sysid_trib.records.driven_parts import driven_parts
-from sysid_trib.records.inputs import KnownInput, constants_of, inputs_of
+from sysid_trib.records.inputs import KnownInput, inputs_of
+from sysid_trib.records.roles import constants_of
 from sysid_trib.results.files import save
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 FORCES = ("gravity", "motor", "back_emf", "lambda", "zeta", "load_friction")
 TRUTH = {"gravity": 1.0, "motor": 1.5, "back_emf": 0.6, "lambda": 0.02, "zeta": 0.06, "load_friction": 0.25}

@@ -7,10 +7,10 @@ from helpers import decay
 from scipy.signal import lfilter
 
 import sysid_trib as st
-from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.campaigns.task import rows_of
 from sysid_trib.errors import DecayError
 from sysid_trib.records.free_decay import free_decay, free_decays
+from sysid_trib.results.store import Status
 
 FREQUENCY = 9.0
 
@@ -49,7 +49,7 @@ def test_a_campaign_takes_it_by_the_fit_of_the_motion(tmp_path, name):
     decays = free_decays(swing(time, zeta, start), as_it_is=True)
     task = st.campaigns.Task("identify", st.load_library().select(["zeta"]), read=lambda path: decays)
     (row,) = rows_of(task, ["r.csv"])
-    assert row["status"] == IDENTIFIED
+    assert row["status"] == Status.DONE
     assert row["verdict"] == "explained"
     assert np.isnan(row["coefficient"][task.labels.index("averaging")]).all()
     at = task.labels.index("direct")

@@ -13,7 +13,7 @@ import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.law_difference import law_sentences
-from sysid_trib.questions.law_difference import ranges_of
+from sysid_trib.results.law_curves import stretches
 from sysid_trib.results.variables import group_names
 from sysid_trib.smooth_laws import bands
 
@@ -231,8 +231,8 @@ def test_an_odd_law_is_compared_with_one_of_both_directions():
 
 def test_stretches_of_places():
     places, chosen = np.arange(6.0), np.array([True, False, True, True, False, True])
-    assert ranges_of(places, chosen) == [(0.0, 0.0), (2.0, 3.0), (5.0, 5.0)]
-    assert ranges_of(places, ~chosen & False) == []
+    assert stretches(places, chosen) == [(0.0, 0.0), (2.0, 3.0), (5.0, 5.0)]
+    assert stretches(places, ~chosen & False) == []
 
 
 @pytest.mark.slow

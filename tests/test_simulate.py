@@ -9,7 +9,8 @@ from scipy_motion import motion_and_stop, reference_motion
 
 from sysid_trib import Model, load_library
 from sysid_trib.errors import SimulationError
-from sysid_trib.simulation.simulate import simulate, trajectory
+from sysid_trib.simulation.simulate import simulate
+from sysid_trib.simulation.trajectory import trajectory
 
 SIX = load_library("contact_forces")
 W = 9.91

@@ -13,7 +13,8 @@ from sysid_trib.cycles.signatures import averages, tabulated_averages_of
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.likelihood.smoothness import smooth_least_squares
-from sysid_trib.results.schema import library_of, model_of
+from sysid_trib.results.models import library_of
+from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.initial_conditions import fit_start
 from sysid_trib.smooth_laws import bands
 from sysid_trib.smooth_laws.fits import fit_of

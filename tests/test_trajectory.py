@@ -10,7 +10,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.methods import Trajectory
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 FORCES = load_library()
 

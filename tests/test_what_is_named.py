@@ -27,7 +27,7 @@ from sysid_trib.discovery.fits import credible, errors_off, probabilities
 from sysid_trib.errors import UsageError
 from sysid_trib.printing.discovery import discovery_json
 from sysid_trib.printing.discovery_verdict import verdict_sentences
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 VISCOUS = {"zeta": 3e-3}
 

@@ -7,7 +7,7 @@ import numpy as np
 
 import sysid_trib as st
 from benchmarks.hostile.pieces import EXECUTED, NUMBERS, damaged, formula, pick, plain, text, words
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 
 TEXTS = ("symbol", "name", "formula", "family", "meaning", "source", "kind")
 TABLES = ("state", "memory", "start", "shape")

@@ -17,10 +17,11 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Index
-from sysid_trib.campaigns.rows import LOST, Row, sole_writer
+from sysid_trib.campaigns.rows import Row, sole_writer
 from sysid_trib.campaigns.store import as_dataset, store_for
 from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_row, record_at, rows_of
 from sysid_trib.errors import Tell, UsageError, silent
+from sysid_trib.results.store import Status
 
 # Least number of blocks of a store, and the most records of a block: a killed process loses at most one
 # block.
@@ -179,7 +180,7 @@ def _through(
                 running.add(submit(np.array([at])))
         else:
             reason = f"its worker died {DEATHS + 1} times ({future.exception()}); it may need more memory"
-            yield block, [empty_row(task) | {"status": LOST, "message": reason}]
+            yield block, [empty_row(task) | {"status": Status.LOST, "message": reason}]
         future.release()
         for following in islice(waiting, 1):
             running.add(submit(following))

@@ -7,32 +7,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from sysid_trib.campaigns.rows import IDENTIFIED
-from sysid_trib.campaigns.task import PREDICTS_BEST
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import check_is_file
 from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY
+from sysid_trib.results.store import Status
 
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
 RECORD = "record"
-
-
-def reported_method(store: xr.Dataset) -> str:
-    """Return the label of the identification that a campaign compares between records.
-
-    Among the methods that identify most forces, this is the one that most often predicts best, or else the
-    last. Of laws it is the preferred one.
-    """
-    done = np.flatnonzero(store.status.values == IDENTIFIED)
-    labels = store.model.values.astype(str)
-    if not len(done):
-        return str(labels[-1])
-    known = np.isfinite(store.standard_error.values[done]).sum(axis=2)
-    forces = np.median(known, axis=0)
-    verdicts = store.verdict.values[done].astype(str)
-    wins = np.array([np.sum(verdicts == f"{PREDICTS_BEST}{label}") for label in labels])
-    rank = np.lexsort([np.arange(len(labels)), wins, forces])
-    return str(labels[rank[-1]])
 
 
 def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
@@ -52,7 +33,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
         frequency (attrs), `run` the record's name, `at(run)` its place. Records in another unit than most
         are not among them (attrs: `signal_units`, `other_units` their number).
     """
-    places = np.flatnonzero(store.status.values == IDENTIFIED)
+    places = np.flatnonzero(store.status.values == Status.DONE)
     units = store.signal_units.values[places].astype(str)
     usual = pd.Series(units).mode().get(0, "")
     places = places[units == usual]

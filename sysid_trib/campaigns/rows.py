@@ -13,10 +13,10 @@ from typing import Any, TypeAlias
 from zlib import crc32
 
 import numpy as np
-import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
+from sysid_trib.results.store import EFFECT_P_VALUE, TIED
 from sysid_trib.results.variables import RESULT_TABLES
 
 # Ending of the remains of a chunk of a killed process, as with zarr.
@@ -26,12 +26,7 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Parts of a record's time: enough to show its decay, its stop and foreign samples.
 OUTLINE_PARTS = 60
-TIED = "tied"
-EFFECT_P_VALUE = "effect_p_value"
 OF_SEARCH = {TIED, EFFECT_P_VALUE}
-# Status of a record, by its number in the store.
-STATUS = ("waiting", "done", "refused", "failed", "lost")
-WAITING, IDENTIFIED, REFUSED, FAILED, LOST = range(5)
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
@@ -54,12 +49,6 @@ def empty(name: str, sizes: Mapping[str, int]) -> Array:
     """Return the fill value of a variable for a record without a result."""
     kind = STORED_KINDS.get(name, "f8")
     return np.full([sizes[dim] for dim in VARIABLES[name][0]], FILL[kind[0]], dtype=kind)
-
-
-def counts_of(store: xr.Dataset) -> dict[str, int]:
-    """Count the records of a store by status."""
-    counted = np.bincount(store.status.values, minlength=len(STATUS))
-    return dict(zip(STATUS, counted.tolist(), strict=True))
 
 
 def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:

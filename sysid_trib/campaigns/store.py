@@ -16,7 +16,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.campaigns import rows as stored
-from sysid_trib.campaigns.rows import CHECKSUM, STATUS, WAITING, Row
+from sysid_trib.campaigns.rows import CHECKSUM, Row
 from sysid_trib.campaigns.task import (
     CampaignRecords,
     Task,
@@ -27,6 +27,7 @@ from sysid_trib.campaigns.task import (
     record_at,
 )
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.results.store import Status
 
 FINGERPRINT = "task_fingerprint"
 # Kinds of arrays: numbers, texts and small integers; another kind is not read, as it could run code.
@@ -81,8 +82,8 @@ class Store:
         for number in range(-(-len(self.names) // self.block)):
             names, columns = self._block(number)
             status, known = columns["status"], columns[CHECKSUM]
-            wrong = (status != WAITING) & (known != stored.row_checksums(columns, names, self._labels))
-            wrong |= (status < 0) | (status >= len(STATUS))
+            wrong = (status != Status.WAITING) & (known != stored.row_checksums(columns, names, self._labels))
+            wrong |= (status < 0) | (status >= len(Status))
             if wrong.any():
                 raise _damaged(self.path, f"record {names[np.argmax(wrong)]} differs from what was written")
 
@@ -98,12 +99,12 @@ class Store:
         """
         status, known = (np.asarray(self.arrays[name][:]) for name in ("status", "record_checksum"))
         changed = np.zeros(len(status), dtype=bool)
-        for at in np.flatnonzero(status != WAITING).tolist():
+        for at in np.flatnonzero(status != Status.WAITING).tolist():
             checksum = checksum_of(record_at(records, at))
             # A record that no longer exists, or that only the workers see, is taken as unchanged.
             changed[at] = bool(checksum) and checksum != str(known[at])
-        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (stored.REFUSED, stored.FAILED))
-        todo = np.flatnonzero(np.isin(status, (WAITING, stored.LOST)) | changed)
+        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (Status.REFUSED, Status.FAILED))
+        todo = np.flatnonzero(np.isin(status, (Status.WAITING, Status.LOST)) | changed)
         of_blocks = [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
         return of_blocks, int(changed.sum()), int((bad & ~changed).sum())
 
@@ -121,7 +122,7 @@ class Store:
             names, columns = self._block(number)
             if columns["status"][places].any():
                 # A new row does not count until it is complete.
-                columns["status"][places] = WAITING
+                columns["status"][places] = Status.WAITING
                 stored.write_chunk(self.path / "status", self.arrays["status"], number, columns["status"])
             for name in columns.keys() & rows[0].keys():
                 columns[name][places] = np.stack([np.asarray(row[name]) for row in rows])
@@ -275,7 +276,10 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
             continue
         (dims, units, meaning), shape = stored.VARIABLES[name], (len(records), *empty.shape)
         array = stored.new_array(group, name, ("record", *dims), shape, empty.dtype, block)
-        flags = {"flag_values": list(range(len(STATUS))), "flag_meanings": " ".join(STATUS)}
+        flags = {
+            "flag_values": list(range(len(Status))),
+            "flag_meanings": " ".join(status.name.lower() for status in Status),
+        }
         attrs = {"long_name": meaning} | ({"units": units} if units else {})
         array.attrs.update(attrs | (flags if name == "status" else {}))
     begun_with = {FINGERPRINT: fingerprint(records, task), "task": task.name}

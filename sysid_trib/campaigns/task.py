@@ -20,8 +20,9 @@ from sysid_trib.errors import SysidTribError, UsageError, readable
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import further_forces
+from sysid_trib.forces.offered import further_forces
 from sysid_trib.methods import Averaging, Direct, Trajectory, scope
+from sysid_trib.methods.options import constrained
 from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import one_record
@@ -31,6 +32,7 @@ from sysid_trib.results import effects, judged, variables
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import force_labels
+from sysid_trib.results.store import EFFECT_P_VALUE, PREDICTS_BEST, TIED, Status
 from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare, cross_check, verdict
@@ -48,8 +50,6 @@ MODELS = ("before", "after")
 # For laws: both methods, and the preferred one.
 PREFERRED = "preferred"
 LAW_LABELS = ("averaging", "direct", PREFERRED)
-# Variables of a comparison for a record, before the name of a method.
-PREDICTS_BEST = "predicts best: "
 
 
 def names_of(records: CampaignRecords) -> list[str]:
@@ -204,7 +204,7 @@ class Task:
             trajectory = Trajectory(**{name: getattr(averaging, name) for name in names})
             methods = {"trajectory": trajectory} | {k: m for k, m in methods.items() if m is not averaging}
         table = Constraints(self.constraints)
-        chosen = [scope.constrained(method, table) for method in methods.values()]
+        chosen = [constrained(method, table) for method in methods.values()]
         asked = one_or_all(list(decays)), self.library, chosen
         if self.judged:
             tree = cross_check.identified_and_checked(*asked, **self.options)
@@ -238,12 +238,12 @@ def _row_of(task: Task, record: Any) -> stored.Row:
         row["record_checksum"] = checksum_of(record)
         decays = [record] if isinstance(record, xr.Dataset) else task.read(record)
         row |= {"signal_units": variables.signal_units(decays[0]), "outline": _outline(decays[0])}
-        row |= _numbers(task, task.result(decays)) | {"status": stored.IDENTIFIED}
+        row |= _numbers(task, task.result(decays)) | {"status": Status.DONE}
     except SysidTribError as error:
-        row |= {"status": stored.REFUSED, "message": str(error)}
+        row |= {"status": Status.REFUSED, "message": str(error)}
     except Exception as error:
         # One bad record does not end a campaign; its error is kept with it.
-        row |= {"status": stored.FAILED, "message": f"{type(error).__name__}: {error}"}
+        row |= {"status": Status.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
 
@@ -322,8 +322,8 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
-        stored.TIED: "; ".join(tied),
-        stored.EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
+        TIED: "; ".join(tied),
+        EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
     }
 
 

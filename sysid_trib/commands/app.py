@@ -53,7 +53,8 @@ TAKEN_OVER = rows_of(RECORDS, "model", "start", "search")
 
 def command_after(command: str, others: Mapping[str, str | None], given: CommandOptions) -> str:
     """Return a command with the options given before, and others replaced (`next_step.NextStep`)."""
-    known, defaults = rows_of_command(command), defaults_of(type(given))
+    known = rows_of_command(command)
+    defaults = defaults_of(type(given))
     taken = {name: value for name, value in vars(given).items() if name in TAKEN_OVER}
     if taken.get("candidates") and "candidates" not in known and taken["library"] == defaults["library"]:
         # Forces that the package ships are known to every command, one's own candidates by their file.
@@ -187,7 +188,8 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     The function of its name in the module `home`, which is imported when it runs, takes what says how far it
     is and what was given, and gives what prints.
     """
-    rows, options_class = rows_of_command(name), OPTIONS_OF[name]
+    rows = rows_of_command(name)
+    options_class = OPTIONS_OF[name]
 
     def run(**values: Any) -> None:
         from sysid_trib.commands import terminal

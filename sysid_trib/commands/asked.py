@@ -15,6 +15,8 @@ from sysid_trib.forces import selection
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.offered import further_forces, viscous_model, with_inputs_acting
+from sysid_trib.forces.systems import load_system
 from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.results.judged import main_result
@@ -74,14 +76,15 @@ class AskedModel:
 
 def asked_model(given: ModelOptions) -> AskedModel:
     """Return the model to identify, with the forces that the system always has."""
-    moving = selection.load_system(given.system)
-    contactless, held = app.parse_value_with_error(given.omega0, "--omega0"), given.reference_frequency
+    moving = load_system(given.system)
+    contactless = app.parse_value_with_error(given.omega0, "--omega0")
+    held = given.reference_frequency
     if contactless and held:
         raise UsageError("--omega0 and --reference-frequency both define alpha: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
     if given.forces is None:
         # An input that is named acts, as in `discover`.
-        offered = selection.with_inputs_acting(offered, driving_of(given))
+        offered = with_inputs_acting(offered, driving_of(given))
     shapes = held_shapes(given.set_, offered)
     constraints = asked_constraints(given.fix, given.bound, given.tie)
     unconstrained = set(offered.symbols) - set(constraints.names)
@@ -134,15 +137,17 @@ def asked_search(
         A level that is none, a time limit that leaves no time, or a candidate with the symbol of another
         force of the model: a name would then say nothing.
     """
-    held, moving, forces = given.reference_frequency, selection.load_system(given.system), given.forces
+    held = given.reference_frequency
+    moving = load_system(given.system)
+    forces = given.forces
     if not 0.0 < given.level < 1.0:
         raise UsageError(f"--level '{given.level:g}' must lie between 0 and 1, such as 0.01.")
     if forces is None:
-        forces = ",".join(selection.viscous_model(load_library(given.library), inputs).symbols)
+        forces = ",".join(viscous_model(load_library(given.library), inputs).symbols)
     start = offered_forces(given.library, moving.with_held(forces), held is not None)
     offered = load_library(given.candidates or given.library)
     if given.candidates is None:
-        offered = selection.further_forces(offered, start, inputs)
+        offered = further_forces(offered, start, inputs)
     offered = offered.select(symbol for symbol in offered.symbols if symbol not in moving.impossible)
     for force in offered:
         if force.symbol in start.symbols and force.formula.text != start[force.symbol].formula.text:
@@ -174,7 +179,8 @@ def held_shapes(texts: list[str], library: ForceLibrary) -> dict[str, float]:
 
 def parse_random_force(text: str) -> RandomForceOption:
     """Parse a word of `OPTIONS`, or a density in (rad/s^2)^2/Hz."""
-    word, density = text.strip(), float("nan")
+    word = text.strip()
+    density = float("nan")
     if word in OPTIONS:
         return word  # type: ignore[return-value]
     with suppress(ValueError):

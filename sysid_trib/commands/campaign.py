@@ -13,8 +13,7 @@ import xarray as xr
 from sysid_trib.campaigns import task
 from sysid_trib.campaigns.between_records import between_runs, without_collinear
 from sysid_trib.campaigns.campaign import campaign as filled, check_extra
-from sysid_trib.campaigns.conditions import estimates_of, read_conditions, reported_method
-from sysid_trib.campaigns.rows import counts_of
+from sysid_trib.campaigns.conditions import estimates_of, read_conditions
 from sysid_trib.campaigns.task import names_of
 from sysid_trib.commands.asked import asked_constraints, asked_model, asked_search, parse_random_force
 from sysid_trib.commands.fits import measured_given, methods_asked
@@ -23,8 +22,9 @@ from sysid_trib.commands.record_inputs import read_decays
 from sysid_trib.commands.terminal import check_output, command_line, print_blocks, print_json
 from sysid_trib.errors import RecordError, Tell, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
+from sysid_trib.results.store import counts_of, reported_method
 from sysid_trib.smooth_laws.method import law_methods
 
 # Options of the task laws alone.

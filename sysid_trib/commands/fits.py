@@ -26,7 +26,8 @@ from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.methods.scope import Method, with_random_force
+from sysid_trib.methods.options import with_random_force
+from sysid_trib.methods.scope import Method
 from sysid_trib.methods.trajectory import KINDS_OF_STARTS, StartsOption
 from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.physics.si_units import check_angle_unit, check_length_unit, check_measured, in_si_units
@@ -52,7 +53,8 @@ OR_FEWER = "give a longer record or fewer."
 
 def names_in(text: str | None) -> list[str]:
     """Return names between commas, each once."""
-    return list(dict.fromkeys(name.strip() for name in (text or "").split(",") if name.strip()))
+    names = [name.strip() for name in (text or "").split(",")]
+    return list(dict.fromkeys(filter(None, names)))
 
 
 def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Callable[[], str]]:
@@ -62,13 +64,17 @@ def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Ca
 
 def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
     """Return the sentence on each record, and on its cuts."""
-    pairs = zip(sentences, record_groups(tree), strict=True)
-    return [text for sentence, group in pairs for text in (sentence, tree[group].attrs.get("free_decay", ""))]
+    said = []
+    for sentence, group in zip(sentences, record_groups(tree), strict=True):
+        said.append(sentence)
+        said.append(tree[group].attrs.get("free_decay", ""))
+    return said
 
 
 def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     """Identify the forces of records in two ways."""
-    measured, calibration = measured_given(given), calibration_of(given)
+    measured = measured_given(given)
+    calibration = calibration_of(given)
     wanted = asked_model(given)
     profiled = names_in(given.profile)
     tell("reading")
@@ -84,7 +90,8 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         raise UsageError(
             "--warm-up is 0 s or more of a driven record, or of --test; use --window to cut decays."
         )
-    own, warm_up = tuple(names_in(given.own)), given.warm_up or 0.0
+    own = tuple(names_in(given.own))
+    warm_up = given.warm_up or 0.0
     starts = checked_starts(given.starts, driven=driven or given.test is not None)
     asked = wanted.reference_frequency, wanted.shapes, own, warm_up, starts
     usual = usual_methods(decays, wanted.library, *asked)
@@ -202,7 +209,8 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
     if window is None:
         return decays, [], ""
     low, high = parse_window(window, "--holdout")
-    seen, held = [], []
+    seen = []
+    held = []
     for decay in decays:
         part = decay.sel(time=slice(low, high))
         rest = decay.drop_sel(time=part.time)
@@ -210,7 +218,9 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
         if not (part.sizes["time"] and rest.sizes["time"]):
             amount = "all" if part.sizes["time"] else "nothing"
             raise DecayError(f"--holdout '{window}' holds out {amount}: {here}.")
-        if not {part.time[0].item(), part.time[-1].item()} & {decay.time[0].item(), decay.time[-1].item()}:
+        ends_of_part = {part.time[0].item(), part.time[-1].item()}
+        ends_of_decay = {decay.time[0].item(), decay.time[-1].item()}
+        if not ends_of_part & ends_of_decay:
             raise UsageError(f"--holdout '{window}' must reach to the start or the end: {here}.")
         seen.append(rest)
         held.append(part)

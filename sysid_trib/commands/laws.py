@@ -15,13 +15,14 @@ from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.errors import Tell, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
-from sysid_trib.physics.si_laws import LAWS_SI, laws_in_si
+from sysid_trib.forces.systems import load_system
+from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.physics.si_units import check_length_unit
 from sysid_trib.printing import Block, driven, laws as printed
 from sysid_trib.printing.si_laws import si_blocks, si_json
 from sysid_trib.records.signal import unit_of_signal
 from sysid_trib.results.judged import best
+from sysid_trib.results.law_curves import LAWS_SI
 from sysid_trib.smooth_laws.calibration import with_scale_error
 from sysid_trib.smooth_laws.laws import laws as identified
 from sysid_trib.validation.driven import is_driven, predict
@@ -35,7 +36,8 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
         raise UsageError("--random-force 'auto' is not for laws: give off, estimated, or a density.")
     if given.warm_up is not None and not (given.warm_up >= 0.0 and given.test):
         raise UsageError("--warm-up is 0 s or more of the record of --test: give both.")
-    measured, calibration = measured_given(given), calibration_of(given)
+    measured = measured_given(given)
+    calibration = calibration_of(given)
     system = load_system(given.system)
     library = load_library(given.library) if given.changed(["library"]) else None
     tell("reading")

@@ -12,7 +12,8 @@ from sysid_trib.cycles.look import PENDULUM, pointers
 from sysid_trib.errors import readable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import EFFECTS, is_free_to_move, load_systems
+from sysid_trib.forces.selection import EFFECTS, is_free_to_move, with_shipped
+from sysid_trib.forces.systems import load_system, load_systems
 from sysid_trib.printing.comparison import ratio_of_best
 from sysid_trib.results import effects, judged, kinds
 from sysid_trib.results.kinds import identifications_of, kind_of
@@ -292,3 +293,64 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
         tree.attrs["next"] = f"{command_after(step.command, step.options, given)} # {step.reason}"
     if others := alternatives(tree, given):
         tree.attrs["alternatives"] = "\n".join(others)
+
+
+# Amplitudes that an identification needs for each of its forces.
+AMPLITUDES_A_FORCE = 3
+
+
+def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
+    """Return options of `identify` that the backbones indicate and all decays can determine.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Result of `look`.
+    system : str or None
+        System, if the user has named it.
+    """
+    decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
+    library = load_library()
+    viscous = [*library.damping_factors][:1]
+    # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
+    pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
+    if not pointed:
+        suggested = [library.role(decay.attrs["damping_law"]) for decay in decays]
+        pointed = [force.symbol for force in suggested if force is not None]
+    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
+    of_record = systems.pop() if len(systems) == 1 else ""
+    moving = load_system(system or of_record or None)
+    if system is not None:
+        # The user names the system; use its forces, if the record determines them.
+        pointed = [*moving.forces]
+    elif of_record:
+        pointed = [symbol for symbol in pointed if symbol in moving.forces]
+    known = with_shipped(library, pointed)
+    # Envelope and frequency at each amplitude, for the forces and the frequency.
+    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
+    kept = [*dict.fromkeys([*viscous, *pointed])][:most]
+    forces = ",".join(symbol for symbol in known.symbols if symbol in kept)
+    if system is not None:
+        return {} if set(kept) >= set(moving.forces) else {"forces": forces}
+    return {"forces": forces} | ({"system": of_record} if of_record else {})
+
+
+# A model does not follow the motion if its residual is more than this part of it.
+FOLLOWING_PART = 0.3
+
+
+def fitting_options(models: xr.Dataset, system: str | None) -> dict[str, str | None]:
+    """Return the options of `identify` for the model that fits driven records best; none for a given system.
+
+    Parameters
+    ----------
+    models : Dataset
+        Of `fitting_models`.
+    system : str or None
+        What moves, if the user has said it.
+    """
+    best = models.isel(model=0)
+    if system is not None or not best.residual_over_motion.item() < FOLLOWING_PART:
+        return {}
+    name = best.system.item()
+    return {"system": name} if name else {"forces": best.forces.item()}

@@ -10,7 +10,8 @@ from typing import Any, Self
 # Start model of the embedded example: a search then has two elastic forces to find.
 EXAMPLE_FORCES = "lambda,zeta,delta"
 # No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
-LEAST, MOST = 1e-9, 1e9
+LEAST = 1e-9
+MOST = 1e9
 POSITIVE = (LEAST, MOST, "")
 
 # Rows of the table by the names of options, completed by their defaults.
@@ -27,7 +28,8 @@ class CommandOptions:
 
     def changed(self, names: Iterable[str]) -> list[str]:
         """Return the flags of the options among these that have another value than their default."""
-        rows, defaults = all_rows(), defaults_of(type(self))
+        rows = all_rows()
+        defaults = defaults_of(type(self))
         return [rows[name]["flag"] for name in names if getattr(self, name) != defaults[name]]
 
 

@@ -10,10 +10,11 @@ import xarray as xr
 from sysid_trib.commands.app import numbers_by_name, parse_window
 from sysid_trib.commands.asked import asked_model, model_of_file
 from sysid_trib.commands.options import ModeOptions, PlanOptions, RecordOptions, ResponseOptions
-from sysid_trib.commands.record_inputs import read_decays
+from sysid_trib.commands.record_inputs import read_decays, sensors_of
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.cycles.backbone import backbone
-from sysid_trib.errors import Tell, UsageError
+from sysid_trib.cycles.modes import modes
+from sysid_trib.errors import RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.printing import driven, layout
 from sysid_trib.printing.modes import mode_response_blocks
 from sysid_trib.questions.modal_response import response_of_mode, usual_frequencies
@@ -51,7 +52,7 @@ def response(tell: Tell, given: ResponseOptions) -> Callable[[], None]:
     if given.mode is not None or given.band is not None:
         return _response_of_mode(tell, given, (low, high))
     tell("reading")
-    answer = model_of_file(given.result, load(given.result))
+    answer = model_of_file(given.result, _result(given))
     tell("response")
     w = answer.asymptotic_frequency.item() * np.linspace(low, high, given.points)
     data = forced_response(answer, given.drive, w, driven_by=given.driven_by, base=given.base)
@@ -60,11 +61,36 @@ def response(tell: Tell, given: ResponseOptions) -> Callable[[], None]:
     return deliver(given, tell, says, xr.DataTree(data), texts, kind="response")
 
 
+def _result(given: ResponseOptions) -> xr.DataTree:
+    """Load a result; if the file is a record of modes, say which option takes it."""
+    try:
+        return load(given.result)
+    except RecordError as error:
+        if said := _modes_in(given):
+            raise UsageError(f"{given.result}: this is a record, no result; {said}.") from error
+        raise
+
+
+def _modes_in(given: ResponseOptions) -> str:
+    """Describe the modes in a file, and the option that takes one; empty if it is no such record."""
+    try:
+        listed = modes(sensors_of(_as_record(given), given.result))
+    except SysidTribError:
+        return ""
+    named = ", ".join(f"{number}: {value:.4g} Hz" for number, value in listed.frequency.to_series().items())
+    largest = 1 + int(np.argmax(listed.first_amplitude.max("sensor").values))
+    return f"give the mode whose response is wanted ({named}), such as --mode {largest}"
+
+
+def _as_record(given: ResponseOptions) -> RecordOptions:
+    reading = {option.name: getattr(given, option.name) for option in fields(ModeOptions)}
+    return RecordOptions(records=[given.result], **reading)
+
+
 def _response_of_mode(tell: Tell, given: ResponseOptions, limits: tuple[float, float]) -> Callable[[], None]:
     """Sweep the frequency of a force on one mode of a decay."""
-    reading = {option.name: getattr(given, option.name) for option in fields(ModeOptions)}
     tell("reading")
-    decays, sources = read_decays(RecordOptions(records=[given.result], **reading))
+    decays, sources = read_decays(_as_record(given))
     if len(decays) > 1:
         raise UsageError(
             f"{given.result} contains {len(decays)} decays of this mode; choose one by --window."

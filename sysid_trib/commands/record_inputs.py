@@ -21,7 +21,8 @@ from sysid_trib.commands.asked import driving_of
 from sysid_trib.commands.options import ForcesOptions, ModelOptions, RecordOptions
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, UsageError
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
+from sysid_trib.records import modes
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.free_motion_checks import AS_IT_IS
@@ -33,7 +34,7 @@ from sysid_trib.records.sensors import read_sensors
 from sysid_trib.records.smoothing import swing_frequency
 from sysid_trib.records.units import signal_unit
 from sysid_trib.results.files import load
-from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.simulate import paper_twin
 
 PROGRAM = "sysid-trib"
@@ -264,8 +265,21 @@ def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str
     facts = [f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {column}", attrs["clock"]]
     facts += [attrs[name] for name in ("reading", "separation", "integration") if attrs.get(name)]
     facts += [f"multiplied by {given.scale}"] * (given.scale != "1")
+    if said := _several_modes(given, runs[0]):
+        facts.append(
+            f"several modes ring in it, {said}: the others act as noise, and --mode takes one of them"
+        )
     sentence = f"Record: {record}, {'; '.join(facts)}."
     return RunsOfFile(record, [_multiplied(run, factor) for run in runs], sentence)
+
+
+def _several_modes(given: RecordOptions, run: xr.Dataset) -> str:
+    """List the modes in a run of accelerometers; empty for a single mode, or for one taken from others."""
+    if band_or_mode(given) or given.input_ is not None or int(run.attrs.get("integrations", 0)) != 2:
+        return ""
+    measured = run[str(run.attrs["measured"])]
+    frequencies = modes.modes(run.time.values, measured.values)
+    return modes.listed(frequencies) if len(frequencies) > 1 else ""
 
 
 def band_or_mode(given: RecordOptions) -> bool:

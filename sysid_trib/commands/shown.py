@@ -9,6 +9,7 @@ import xarray as xr
 
 from sysid_trib.commands.app import command_after, numbers_by_name
 from sysid_trib.commands.asked import model_of_file
+from sysid_trib.commands.next_step import fitting_options, pointed_options
 from sysid_trib.commands.options import (
     MOST,
     BackboneOptions,
@@ -29,6 +30,7 @@ from sysid_trib.commands.terminal import check_output, deliver, print_table, pri
 from sysid_trib.cycles.backbone import backbone as curves_of
 from sysid_trib.cycles.look import look as facts
 from sysid_trib.cycles.modes import modes as modes_of
+from sysid_trib.cycles.signatures import signatures_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
@@ -37,6 +39,7 @@ from sysid_trib.printing import code, exported, looked, parameters
 from sysid_trib.printing.modes import modes_blocks, modes_json
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.modes import modes as mode_frequencies
+from sysid_trib.records.sensors import ClippedError
 from sysid_trib.results.files import load, save, write_file
 from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import group_names
@@ -78,7 +81,7 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
         return partial(_refuse, [] if given.as_json else sentences, error)
     if with_drive is not None and _is_driven_within(with_drive, decays):
         return _look_at_driven(tell, with_drive)
-    asked = looked.pointed_options(tree, given.system)
+    asked = pointed_options(tree, given.system)
     command = command_after("identify", asked, given)
     says = partial(looked.look_blocks, tree, sentences, command), partial(looked.look_json, tree, command)
     return deliver(given, tell, says, tree, kind="look")
@@ -96,6 +99,10 @@ def _listed_modes(given: LookOptions) -> xr.Dataset | None:
         if all(len(mode_frequencies(time, signal)) < 2 for signal in sensors.signal.values):
             return None
         return modes_of(sensors)
+    except ClippedError as error:
+        if error.quantity == "acceleration":
+            raise
+        return None
     except SysidTribError:
         # The usual reading reports the fault of the file.
         return None
@@ -157,7 +164,7 @@ def _look_at_driven(tell: Tell, given: LookOptions) -> Callable[[], None]:
         runs = [drive.with_between(run, between) for run in runs]
     tell("which forces fit")
     models = drive.fitting_models(runs)
-    command = command_after("identify", looked.fitting_options(models, given.system), given)
+    command = command_after("identify", fitting_options(models, given.system), given)
     tree = xr.DataTree.from_dict(dict(zip(group_names("record", len(runs)), runs, strict=True)))
     says = (
         partial(looked.driven_look_blocks, tree, sentences, models, command),
@@ -207,7 +214,7 @@ def export(tell: Tell, given: ExportOptions) -> Callable[[], None]:
 def forces(tell: Tell, given: LibraryOptions) -> Callable[[], None]:
     """Print the forces of a library."""
     offered = load_library(given.library)
-    table = looked.force_table(offered)
+    table = looked.force_table(offered, signatures_of(offered))
     if given.latex is not None:
         write_file(given.latex, exported.forces_latex(offered).encode())
 

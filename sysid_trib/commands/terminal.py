@@ -69,7 +69,8 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
             yield tell
         except DecayError as error:
             # A method knows only numbers. A colon separates two samples.
-            said, names = str(error), [record.name for record in records if record.name != ":"]
+            said = str(error)
+            names = [record.name for record in records if record.name != ":"]
             if not names or any(name in said for name in names):
                 raise
             more = f" and {len(names) - 1} more" if len(names) > 1 else ""

@@ -12,10 +12,11 @@ from scipy.special import ndtri
 
 from sysid_trib import records
 from sysid_trib.arrays import Array, Variables, variable, with_error
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, WALKS, CurveRows, SmoothCurve, smooth_curve
+from sysid_trib.cycles.smooth_curve import WALKS, CurveRows, SmoothCurve, smooth_curve
 from sysid_trib.errors import DecayError
 from sysid_trib.records import half_sines, signal
 from sysid_trib.records.runs import RecordLike
+from sysid_trib.results.variables import CONFIDENCE
 
 WHOLE_TURN = 2.0 * np.pi
 # A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
@@ -282,7 +283,7 @@ def _over_time(measured: xr.Dataset, noise: float, unit: str, integrated: _Integ
     relative = relative / measured.attrs["scatter_of_extrema"] * noise
     amplitude = integrated.amplitude(np.convolve(log_b, LEVEL_WEIGHTS, "valid"))
     error = amplitude * np.sqrt(np.convolve(relative**2, LEVEL_WEIGHTS**2, "valid"))
-    half = -ndtri(0.5 * (1.0 - BAND_PROBABILITY ** (1.0 / len(amplitude)))) * error
+    half = -ndtri(0.5 * (1.0 - CONFIDENCE ** (1.0 / len(amplitude)))) * error
     time = variable("time", measured.extremum_time.values[2:-2], "time", "s")
     name = "amplitude_over_time"
     return _banded(name, "time", (amplitude, error, half), "amplitude over time", unit) | {"time": time}

@@ -20,6 +20,12 @@ SPECTRUM_POINTS = 2000
 FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
 
 
+# An amplitude that falls by less than this factor hardly separates one law of damping from another.
+LEAST_FALL = 2.0
+# Power of the amplitude in the damping ratio that suggests a law: -1 of dry friction, 1 of quadratic drag.
+CLEAR_POWER = 0.25
+
+
 def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr.DataTree:
     """Return the facts of records and of the decays in them, without a fit.
 
@@ -34,13 +40,14 @@ def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr
     -------
     DataTree
         Groups `record` (`record_1`, ...) with `angle(time)`; `decay` (`decay_1`, ...) over `instant` with
-        `amplitude`, `instant_time` and `frequency`, scalars `start`, `stop`, `period` (s), `periods`,
-        `first_amplitude`, `last_amplitude`, `first_damping_ratio`, `last_damping_ratio`, `noise`,
-        `drift` (of the middle; 0
-        within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`, and
-        `spectrum(frequency_line)`. Units are those of the record. attrs `points_to_forces`,
-        `points_to_system`, `points_to`: what the backbone points to, empty if nothing; `modes`, where several
-        swing at once.
+        `amplitude`, `instant_time` and `frequency`, and `spectrum(frequency_line)`. Scalars of a decay:
+        `start`, `stop`, `period` (s), `periods`, `first_amplitude`, `last_amplitude`, `first_damping_ratio`,
+        `last_damping_ratio`, `damping_power` (the power of the amplitude with which the damping ratio
+        changes; nan if the amplitude hardly falls), `falls_too_little`, `noise`, `drift` (of the middle; 0
+        within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`. Units are
+        those of the record. attrs `points_to_forces`, `points_to_system`, `points_to`: what the backbone
+        points to, empty if nothing; `damping_law`, the formula of the friction that `damping_power` suggests,
+        viscous if nothing does; `modes`, where several swing at once.
 
     Raises
     ------
@@ -69,6 +76,9 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     step_unit = str(measured.attrs.get("units", unit))
     first = _damping(instants, amplitude, frequency)
     last = -_damping(-instants[::-1], amplitude[::-1], frequency)
+    fall = amplitude[0] / amplitude[-1]
+    power = _damping_power(first, last, fall)
+    law = "sign(v)" if power < -CLEAR_POWER else "v*abs(v)" if power > CLEAR_POWER else "2*v"
     step = sensor.sensor_step(measured.to_numpy())
     # Steps are noise: by chance the values that a filter repeats lie on a lattice as well. Many samples are
     # taken by a motion from one step to the next at most.
@@ -83,6 +93,10 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         "last_amplitude": variable((), amplitude[-1], "last amplitude", unit),
         "first_damping_ratio": variable((), first, "damping ratio at the start", "1"),
         "last_damping_ratio": variable((), last, "damping ratio at the end", "1"),
+        "damping_power": variable((), power, "power of the amplitude in the damping ratio", "1"),
+        "falls_too_little": variable(
+            (), 1.0 < fall < LEAST_FALL, "too little to separate laws of damping", ""
+        ),
         "noise": variable((), noise, "standard deviation of the sensor's noise", unit),
         "drift": variable((), _drift(curve), "movement of the middle of the swing", unit),
         "sensor_step": variable((), step, "step of the sensor", step_unit),
@@ -92,7 +106,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     facts = kept.assign({**scalars, **_spectrum(time, angle, unit)})
     several = modes.modes(measured.time.values, measured.to_numpy())
     said = modes.listed(several) if len(several) > 1 else ""
-    return facts.assign_attrs({**decay.attrs, **pointers(decay), "modes": said})
+    return facts.assign_attrs({**decay.attrs, **pointers(decay), "damping_law": law, "modes": said})
 
 
 def pointers(decay: xr.Dataset) -> dict[str, str]:
@@ -189,6 +203,16 @@ def _damping(time: Array, amplitude: Array, frequency: float) -> float:
         if error <= KNOWN_RATE * abs(slope) or count == most:
             return -slope / frequency
         count = min(2 * count, most)
+
+
+def _damping_power(first: float, last: float, fall: float) -> float:
+    """Return the power of the amplitude with which the damping ratio changes; nan if it hardly falls.
+
+    `first`, `last` : damping ratios at both ends; `fall` : the first amplitude over the last.
+    """
+    if not (fall >= LEAST_FALL and first > 0.0 and last > 0.0):
+        return float("nan")
+    return float(np.log(first / last) / np.log(fall))
 
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:

@@ -1,55 +1,44 @@
 """The modes in a decay: frequency, damping, amplitudes at the sensors, and whether one acts on another."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import BSpline
 
 from sysid_trib.arrays import Array, Variables, variable
 from sysid_trib.errors import DecayError
+from sysid_trib.records.mode_history import (
+    FEWEST_POINTS,
+    POINTS_A_SPLINE,
+    RISE_MEANS,
+    History,
+    history_of,
+    rise_of,
+)
 from sysid_trib.records.mode_search import (
     Ringing,
     amplitude_at,
-    are_close,
     central_frequency,
     find_ringing,
+    second_blow_at,
+    too_close,
+    unresolved,
 )
 from sysid_trib.records.one_mode import nothing_decays
-from sysid_trib.records.ringing import Component, common_shape
+from sysid_trib.records.ringing import Component
 from sysid_trib.records.sensors import as_sensors
 
 # Rates at small amplitude are those of the last fall by this power of e, where they are linear in the
 # amplitude.
-LAST_FALL, FEWEST_POINTS = 3.0, 8
-# Points of a history within each spline of its envelope, between which integrals are trapezia.
-POINTS_A_SPLINE = 8
-# Powers of the amplitude that the frequency of a mode may have, and further ones that any influence of
-# another mode has to beat.
-OWN_POWERS, OTHER_POWERS = (0, 1, 2, 3), (0.5, 4)
-# An influence counts if it lowers chi-square by so much, and to such a part.
-LEAST_LOWERED, LARGEST_PART = 40.0, 0.4
-# An amplitude rises again if it does so by this part, and by so many standard errors.
-RISE, RISE_ERRORS = 0.05, 8.0
-
-
-@dataclass(frozen=True)
-class History:
-    """History of a mode along its decay.
-
-    Attributes
-    ----------
-    time, phase, amplitude : (point,) array of float
-        s, rad, and in the unit of the sensor where it is largest.
-    error : (point,) array of float
-        Standard error of the phase, and of the amplitude as a part of it, as if points were independent.
-    """
-
-    time: Array
-    phase: Array
-    amplitude: Array
-    error: Array
+LAST_FALL = 3.0
+# Powers of the amplitude that the frequency of a mode may have, and further laws that any influence of
+# another mode has to beat: powers, and a spline of the log amplitude of so many intervals.
+OWN_POWERS, OTHER_POWERS, OWN_INTERVALS, OWN_DEGREE = (0, 1, 2, 3), (0.5, 4), 4, 3
+# An influence counts if it lowers chi-square by so much, to such a part, and to so much a point of the
+# history: noise alone leaves less. A law of the own amplitude that is none of these powers leaves more.
+LEAST_LOWERED, LARGEST_PART, LARGEST_A_POINT = 10.0, 0.4, 0.1
 
 
 def modes(sensors: xr.Dataset) -> xr.Dataset:
@@ -66,7 +55,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         Over ``mode`` (1, 2, ... by rising frequency): ``frequency`` (Hz) and ``damping_ratio``, both at small
         amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of the
         signals, ``duration`` (s) in which the mode stands out of the noise; ``noise(sensor)``. attrs `lines`
-        (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that one sensor does not separate
+        (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that the sensors do not separate
         reliably, `influences` on modes that act on each other.
 
     Raises
@@ -81,7 +70,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         raise DecayError(nothing_decays(ringing, str(source)))
     units = str(sensors.signal.attrs["units"])
     names = [str(name) for name in sensors.sensor.values]
-    histories = [_history(component, ringing) for component in ringing.modes]
+    histories = [history_of(component, ringing) for component in ringing.modes]
     limits = [_at_small_amplitude(history) for history in histories]
     ends = [amplitude_at(component, np.array([0.0, component.stop - 1.0])) for component in ringing.modes]
     data: Variables = {
@@ -97,6 +86,7 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
         "residual": variable("sensor", ringing.residual, "RMS residual of all modes", units),
     }
+    second = ringing.second_blow
     start = float(sensors.time.values[0] + ringing.start * ringing.interval)
     attrs = dict(sensors.attrs) | {
         "start": start,
@@ -104,14 +94,9 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "harmonics": _listed(ringing, "harmonic"),
         "close_modes": list(_close_modes(ringing)),
         "influences": list(_influences(histories, ringing.modes, units)),
-        "second_blow": "" if ringing.second_blow is None else _second_blow(sensors, ringing),
+        "second_blow": "" if second is None else second_blow_at(float(sensors.time.values[second])),
     }
     return xr.Dataset(data, {"mode": np.arange(1, len(histories) + 1), "sensor": names}, attrs)
-
-
-def _second_blow(sensors: xr.Dataset, ringing: Ringing) -> str:
-    at = sensors.time.values[ringing.second_blow]
-    return f"the signals jump at {at:.4g} s, as after a second blow: later samples are left out"
 
 
 def _listed(ringing: Ringing, kind: str) -> str:
@@ -121,37 +106,22 @@ def _listed(ringing: Ringing, kind: str) -> str:
 
 
 def _close_modes(ringing: Ringing) -> Iterator[str]:
-    """Warn about neighbouring modes that one sensor does not separate reliably."""
-    frequencies = [central_frequency(component, ringing.interval) for component in ringing.modes]
-    for number, (low, high) in enumerate(pairwise(frequencies), 1):
-        if are_close(low, high, ringing):
-            apart = f"{100 * (high / low - 1.0):.2g} %"
+    """Warn about neighbouring modes that the record, or its sensors, do not separate reliably."""
+    for number, own in enumerate(ringing.modes, 1):
+        for other in unresolved(own, ringing):
+            frequency = central_frequency(other, ringing.interval)
             yield (
-                f"the frequencies of modes {number} and {number + 1} differ by {apart}: one sensor does not "
-                "separate such close modes reliably; measure at several places"
+                f"{ringing.duration:.3g} s of free ringing do not separate mode {number} from what rings at "
+                f"{frequency:.5g} Hz, so that its row is not reliable: record longer, or strike, or measure, "
+                "where one of them does not move"
             )
-
-
-def _history(component: Component, ringing: Ringing) -> History:
-    """Return the history of a mode, from all sensors together."""
-    count = POINTS_A_SPLINE * max(FEWEST_POINTS, component.splines)
-    points = np.linspace(0.0, component.stop - 1.0, count)
-    envelope = component.envelope_at(points)
-    shape = common_shape(envelope / ringing.noise)
-    common = envelope / ringing.noise @ shape.conj()
-    level, phase = (
-        np.interp(points, np.arange(component.phase.size), part)
-        for part in (component.level, component.phase)
-    )
-    size = np.abs(common) * np.exp(level)
-    largest = float(np.max(np.abs(shape) * ringing.noise))
-    return History(
-        time=points * ringing.interval,
-        phase=phase + np.unwrap(np.angle(common)),
-        amplitude=size * largest,
-        # Points within one spline are no further knowledge.
-        error=np.sqrt(POINTS_A_SPLINE) * component.error_at(points) / np.abs(common),
-    )
+    for number, (low, high) in enumerate(pairwise(ringing.modes), 1):
+        if reason := too_close(low, high, ringing):
+            ratio = central_frequency(high, ringing.interval) / central_frequency(low, ringing.interval)
+            yield (
+                f"the frequencies of modes {number} and {number + 1} differ by {100 * (ratio - 1.0):.2g} %: "
+                f"{reason}; strike, or measure, where one of them does not move"
+            )
 
 
 def _at_small_amplitude(history: History) -> tuple[float, float]:
@@ -182,31 +152,10 @@ def _integrated(time: Array, values: Array) -> Array:
 def _influences(histories: Sequence[History], modes: Sequence[Component], units: str) -> Iterator[str]:
     """Describe modes whose amplitude rises again, and frequencies that follow another mode."""
     for number, history in enumerate(histories, 1):
-        if (rise := _rise(history)) is not None:
-            low, high, at = rise
-            others = _fallen_most(histories, number, at)
-            yield (
-                f"the amplitude of mode {number} rises again from {low:.3g} to {high:.3g} {units} until "
-                f"{at:.3g} s after the blow{others}: modes exchange energy, or another mode is too near "
-                "to be separated"
-            )
+        if (rise := rise_of(history)) is not None:
+            others = _fallen_most(histories, number, rise.time)
+            yield f"the amplitude of mode {number} {rise.said(units)}{others}: {RISE_MEANS}"
         yield from _frequency_follows(histories, number)
-
-
-def _rise(history: History) -> tuple[float, float, float] | None:
-    """Return the amplitudes between which a mode rises again, and the time; None if it does not."""
-    level = np.log(history.amplitude)
-    lowest = np.minimum.accumulate(level)
-    rise = level - lowest
-    error = np.hypot(
-        history.error, history.error[[int(np.argmin(level[: at + 1])) for at in range(level.size)]]
-    )
-    # The ends of splines are uncertain.
-    rise[: 2 * POINTS_A_SPLINE] = rise[-2 * POINTS_A_SPLINE :] = 0.0
-    top = int(np.argmax(rise / (RISE + RISE_ERRORS * error)))
-    if not rise[top] > RISE + RISE_ERRORS * error[top]:
-        return None
-    return float(np.exp(lowest[top])), float(history.amplitude[top]), float(history.time[top])
 
 
 def _fallen_most(histories: Sequence[History], number: int, at: float) -> str:
@@ -227,8 +176,9 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
     history = histories[number - 1]
     base = [_integrated(history.time, history.amplitude**power) for power in OWN_POWERS]
     base.append(np.ones_like(history.time))
-    rivals = [_integrated(history.time, history.amplitude**power) for power in OTHER_POWERS]
-    beaten = min([_fit(base, history)[1], *(_fit([*base, column], history)[1] for column in rivals)])
+    rivals = [[_integrated(history.time, history.amplitude**power)] for power in OTHER_POWERS]
+    rivals.append(_splines_of_amplitude(history))
+    beaten = min(_fit([*base, *columns], history)[1] for columns in ([], *rivals))
     fits = [
         (*_influence(base, history, of_other), other)
         for other, of_other in enumerate(histories, 1)
@@ -237,11 +187,22 @@ def _frequency_follows(histories: Sequence[History], number: int) -> Iterator[st
     if not fits:
         return
     least, change, other = min(fits)
-    if least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
+    fits_to_noise = least < LARGEST_A_POINT * history.time.size
+    if fits_to_noise and least < LARGEST_PART * beaten and beaten - least > LEAST_LOWERED:
         yield (
             f"the frequency of mode {number} depends on the amplitude of mode {other}, in addition to its "
             f"own: by {change:+.2g} Hz at the largest amplitude"
         )
+
+
+def _splines_of_amplitude(history: History) -> list[Array]:
+    """Return integrals over time of B-splines of the log amplitude."""
+    level = np.log(history.amplitude)
+    part = (level - level.min()) / max(float(np.ptp(level)), 1e-300)
+    inner = np.linspace(0.0, 1.0, OWN_INTERVALS + 1)
+    knots = np.concatenate([np.zeros(OWN_DEGREE), inner, np.ones(OWN_DEGREE)])
+    splines = BSpline.design_matrix(np.clip(part, 0.0, 1.0), knots, OWN_DEGREE).toarray()
+    return [_integrated(history.time, column) for column in splines.T]
 
 
 def _influence(base: Sequence[Array], history: History, of_other: History) -> tuple[float, float]:

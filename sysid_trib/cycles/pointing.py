@@ -19,7 +19,8 @@ from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import System, load_systems, with_shipped
+from sysid_trib.forces.selection import with_shipped
+from sysid_trib.forces.systems import System, load_systems
 from sysid_trib.records import half_sines
 from sysid_trib.results.signal_scale import counts_angles
 

@@ -104,6 +104,45 @@ def averages(
     return np.concatenate(sine), np.concatenate(cosine)
 
 
+def signatures_of(library: ForceLibrary) -> xr.Dataset:
+    """Return the averages of the forces of a library over a cycle, and their effect on the energy.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+
+    Returns
+    -------
+    Dataset
+        Over `force`: `sine` and `cosine` at two `amplitude` (rad), one second after the start of a force that
+        holds time; and `power`, what a positive coefficient does to the energy: `yes` if it takes energy out,
+        `no`, `gains power` or `by amplitude`; empty of a sensor's error.
+    """
+    amplitudes = np.array([0.1, 1.0])
+    pairs = [averages(force, amplitudes, None, 1.0 if force.holds_time else 0.0) for force in library]
+    power = ["" if force.kind == "sensor" else _loses_power(force) for force in library]
+    sine, cosine = np.moveaxis(np.array(pairs), 1, 0)
+    values = {
+        "sine": (("force", "amplitude"), sine),
+        "cosine": (("force", "amplitude"), cosine),
+        "power": ("force", power),
+    }
+    return xr.Dataset(values, {"force": list(library.symbols), "amplitude": amplitudes})
+
+
+def _loses_power(force: Force) -> str:
+    """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
+    a = np.array([0.05, 0.3, 1.0])
+    # Rounding of the averages.
+    rounding = 1e-13
+    power = -a * averages(force, a, time=1.0)[0]
+    if np.all(np.abs(power) < rounding):
+        return "no"
+    if np.all(power > -rounding):
+        return "yes"
+    return "gains power" if np.all(power < rounding) else "by amplitude"
+
+
 def tabulated_averages(
     force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:

@@ -16,6 +16,7 @@ from scipy.linalg import cholesky_banded, eigh
 from scipy.linalg.lapack import dtbtrs
 
 from sysid_trib.arrays import Array
+from sysid_trib.results.variables import CONFIDENCE
 
 CURVE_SPLINES, CURVE_DEGREE = 40, 3
 # Grid of the fit: variances of the bends in units of the noise, and of the walk in units of the sensor's.
@@ -24,7 +25,7 @@ WALKS = np.append(0.0, np.logspace(-2, 3, 11))
 # A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
 # smaller than a part of all.
 NEAREST, LEAST_BEND = 5, 0.1
-BAND_PROBABILITY, BAND_DRAWS = 0.95, 2000
+BAND_DRAWS = 2000
 ROUNDING_PART = 1e-10
 
 
@@ -258,4 +259,4 @@ def simultaneous_factor(apart: Array) -> float:
     Montiel Olea and Plagborg-Møller (2019), doi 10.1002/jae.2656.
     """
     largest = np.max(np.nan_to_num(np.abs(apart)), axis=1)
-    return float(np.quantile(largest, BAND_PROBABILITY))
+    return float(np.quantile(largest, CONFIDENCE))

@@ -26,13 +26,8 @@ from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import (
-    further_forces,
-    is_free_to_move,
-    known_coefficients,
-    offered_forces,
-    viscous_model,
-)
+from sysid_trib.forces.offered import further_forces, offered_forces, viscous_model
+from sysid_trib.forces.selection import is_free_to_move, known_coefficients
 from sysid_trib.methods.direct import Direct
 from sysid_trib.records import smoothing
 from sysid_trib.records.inputs import inputs_for, inputs_of
@@ -149,7 +144,7 @@ def discover(
             for library in (model, offered)
         )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
-    return _discovery(runs, model, offered, constraints, unseen, how)
+    return to_xarray.with_inseparable(_discovery(runs, model, offered, constraints, unseen, how))
 
 
 def _of_start_model(

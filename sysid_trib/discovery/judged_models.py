@@ -12,7 +12,7 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.methods import method_of
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import one_or_all
-from sysid_trib.results.schema import library_of
+from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation import verdict
 from sysid_trib.validation.driven import tested_driven

@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.cycles.signatures import inseparable
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
 from sysid_trib.discovery.judged_models import judged_models
@@ -19,7 +21,7 @@ from sysid_trib.discovery.search import Search
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
-from sysid_trib.results import variables
+from sysid_trib.results import effects, variables
 from sysid_trib.validation.residuals import with_noise_and_models
 
 # Variables of each group.
@@ -253,6 +255,29 @@ def _pairs(search: Search) -> dict[str, Any]:
         return odds
     nothing = ("", "")
     return odds | {"pairs": [[*of_effect, *[nothing] * (most - len(of_effect))] for of_effect in pairs]}
+
+
+def with_inseparable(tree: xr.DataTree) -> xr.DataTree:
+    """Return a discovery in whose steps it is said which competing effects no run of this kind separates.
+
+    Forces are compared in motions of up to the largest angle of the records, in their unit.
+    """
+    offered = effects.candidates_of(tree)
+    size = max(float(np.abs(tree[group].angle).max()) for group in variables.record_groups(tree))
+    steps = tree["steps"].to_dataset()
+    numbers = np.full((steps.attrs["count"], len(offered)), np.nan)
+    for at, step in enumerate(effects.steps_taken(tree)):
+        fitted = [step[name].to_series().dropna() for name in ("shape", "competing_shape") if name in step]
+        shapes = {name: value for part in fitted for name, value in part.items()}
+        forces = [offered[symbol] for symbol in effects.credible_set(step)]
+        alike = partial(inseparable, amplitude=size, shapes=shapes)
+        for number, group in enumerate(effects.grouped(forces, alike)):
+            for force in group:
+                numbers[at, steps.candidate.values.tolist().index(force.symbol)] = number
+    if len(numbers):
+        described = variables.described(TABLES["steps"], {"inseparable": numbers})
+        tree["steps"] = xr.DataTree(steps.assign(described))
+    return tree
 
 
 def _competing_shapes(search: Search) -> dict[str, Array]:

@@ -116,6 +116,12 @@ class Force:
         """True if the force is a function of x, v and t alone."""
         return not self.state and not self.memory
 
+    def depends_only_on(self, name: str) -> bool:
+        """Return True if the force is a function of x, or of v, alone."""
+        if self.kind != "force" or not self.memoryless or self.channels or self.holds_time:
+            return False
+        return {"x", "v"} & set(self.formula.names) == {name}
+
     @property
     def holds_time(self) -> bool:
         """True if any of its formulas holds `t`."""

@@ -7,7 +7,8 @@ from pathlib import Path
 from sysid_trib.errors import UsageError, did_you_mean
 from sysid_trib.forces.force import Force, ForceLibrary, ForceTable, LibraryLike
 from sysid_trib.forces.library import is_library, known_libraries, load_library, parse_library
-from sysid_trib.forces.selection import SHIPPED_LIBRARIES, SystemModel
+from sysid_trib.forces.selection import SHIPPED_LIBRARIES
+from sysid_trib.forces.systems import SystemModel
 
 # Name of a library made in Python, for messages.
 MADE_IN_PYTHON = "library(...)"

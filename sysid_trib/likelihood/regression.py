@@ -17,7 +17,8 @@ from sysid_trib.likelihood.least_squares import ConstraintMap
 from sysid_trib.likelihood.sensor_noise import NoiseModel, covariance_band
 from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.likelihood.weak_form import WeakForm, build_weak_form, cholesky_factor, noise_operator
-from sysid_trib.records.inputs import INPUT, KnownInput, inputs_for, values_of_inputs
+from sysid_trib.records.inputs import KnownInput, inputs_for, values_of_inputs
+from sysid_trib.records.roles import INPUT
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise, smooth
 
 

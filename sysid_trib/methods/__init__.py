@@ -13,7 +13,7 @@ from sysid_trib import plugins
 from sysid_trib.errors import UsageError, did_you_mean
 from sysid_trib.methods.classical import feeny_liang_decrement as feeny_liang_decrement
 from sysid_trib.methods.scope import MethodScope as MethodScope
-from sysid_trib.results.schema import NOT_KEPT
+from sysid_trib.results.models import NOT_KEPT
 
 # The methods, in the order of tables and figures.
 # isort: off

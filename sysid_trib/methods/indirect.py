@@ -33,8 +33,8 @@ from sysid_trib.results.schema import Estimate, identification
 from sysid_trib.results.variables import described, variable
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_guess, fit_start
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.stand_in import accuracy_of
+from sysid_trib.simulation.trajectory import trajectory
 
 # Steps that end the correction: relative to the standard errors, or to the values if there is almost no
 # noise.

@@ -36,7 +36,8 @@ from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sen
 from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.simulation.initial_conditions import MEASURED, first_guess
+from sysid_trib.simulation.initial_conditions import first_guess
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import FREQUENCY, Model
 
 KINDS_OF_STARTS = ("fitted", "measured")

@@ -14,7 +14,8 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.motion_fit.innovations import TrackedRecord, track
 from sysid_trib.motion_fit.linearised import sensor_on
-from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results import signal_scale, variables
+from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
@@ -230,4 +231,4 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tup
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
     """Return the coefficients of the model, and their covariance with the reference frequency as last."""
-    return tuple(result.force.values.tolist()), np.nan_to_num(schema.covariance_with_frequency(result))
+    return tuple(result.force.values.tolist()), np.nan_to_num(covariance_with_frequency(result))

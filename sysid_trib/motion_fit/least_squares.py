@@ -17,7 +17,7 @@ from sysid_trib.motion_fit.problem import FitProblem
 from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 NO_FITTED_MOTION = "No motion with these forces follows the record; offer other forces or a shorter window."
 # Relative step at which a fit with parameters held is done: its deviance is known to far less than 1.

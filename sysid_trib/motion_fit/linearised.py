@@ -12,8 +12,8 @@ from sysid_trib.records.smoothing import smooth
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, sensor_error
 from sysid_trib.simulation.motions import SimulatedMotion
-from sysid_trib.simulation.simulate import trajectory
 from sysid_trib.simulation.steps import expected_steps
+from sysid_trib.simulation.trajectory import trajectory
 
 
 def spline_path(model: Model, time: Array, angle: Array) -> Array:

@@ -16,10 +16,12 @@ from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results import schema, variables
-from sysid_trib.simulation import initial_conditions, simulate
+from sysid_trib.simulation.initial_conditions import true_start
+from sysid_trib.simulation.measured_motion import measured_part
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD, STEPS_A_PERIOD, SimulatedMotion
 from sysid_trib.simulation.stand_in import accuracy_of
+from sysid_trib.simulation.trajectory import trajectory
 
 # A motion is implausible beyond this multiple of the record's swing.
 OUT_OF_PROPORTION = 10.0
@@ -66,7 +68,7 @@ class WhitenedRecord:
     @classmethod
     def of_decay(cls, decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> "WhitenedRecord":
         """Return the measurement of a run in its own quantity: a rate is not integrated."""
-        sensor, time, values = initial_conditions.measured_part(decay)
+        sensor, time, values = measured_part(decay)
         swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
         inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
         # Smallest number of samples after a warm-up.
@@ -151,7 +153,7 @@ class WhitenedRecord:
         plain = all(force.memoryless for force in model.library)
         steps = FEW_STEPS_A_PERIOD if plain else STEPS_A_PERIOD
         try:
-            return simulate.trajectory(
+            return trajectory(
                 acting,
                 self.time[:count],
                 angle,
@@ -166,7 +168,7 @@ class WhitenedRecord:
     def start_of(self, model: Model, per_run: Array) -> tuple[float, float]:
         """Return angle (rad) and rate (rad/s) of the motion at the first sample."""
         angle, rate, _ = per_run.tolist()
-        return initial_conditions.true_start(model, angle, rate) if self.start_is_shown else angle, rate
+        return true_start(model, angle, rate) if self.start_is_shown else angle, rate
 
     def _difference(self, motion: SimulatedMotion, per_run: Array) -> Array:
         return np.asarray(motion.shown(*self.sensor) + per_run[2] - self.angle[: len(motion.angle)])

@@ -10,27 +10,33 @@ from sysid_trib.errors import LibraryError
 from sysid_trib.physics.contact import slip_fingerprint, speaks_of_slip
 from sysid_trib.physics.force_weights import crossovers, dissipated_energy, weights
 from sysid_trib.physics.model_estimate import amplitude_row, arrest_time
+from sysid_trib.physics.si_units import per_input
 from sysid_trib.results import judged
-from sysid_trib.results.kinds import CONSEQUENCES, kind_of, si_of
+from sysid_trib.results.kinds import CONSEQUENCES, PER_INPUT, kind_of, si_of
 
 
 def with_consequences(tree: xr.DataTree) -> xr.DataTree:
-    """Return a result with the group `consequences` of its preferred model, where that follows the record.
+    """Return a result with what follows from its preferred model.
 
     Parameters
     ----------
     tree : DataTree
-        Result of `identify`. Any other result, and one that has the group, is returned as it is.
+        Result of `identify`. Any other result, and one that has the groups, is returned as it is.
 
     Returns
     -------
     DataTree
-        Its group `consequences` has the groups `weights`, `energy` (over `end`, the largest and the smallest
-        amplitude of the motion), `crossovers`, `arrest` and `slip_fingerprint`, each where there is one. Its
-        attr `refused` says why there are none, of a force that is not finite on such a cycle.
+        Of a free decay whose model follows the record, its group `consequences` has the groups `weights`,
+        `energy` (over `end`, the largest and the smallest amplitude of the motion), `crossovers`, `arrest`
+        and `slip_fingerprint`, each where there is one. Its attr `refused` says why there are none, of a
+        force that is not finite on such a cycle. Of a driven record with a force `-u`, the group `per_input`
+        is that of `physics.per_input`.
     """
-    if CONSEQUENCES in tree.children:
+    if CONSEQUENCES in tree.children or PER_INPUT in tree.children:
         return tree
+    if kind_of(tree) == "driven":
+        scaled = per_input(judged.best(tree))
+        return tree if scaled is None else tree.assign({PER_INPUT: xr.DataTree(scaled)})
     if kind_of(tree) == "identify":
         return _of_an_estimate(tree)
     result = judged.preferred_result(tree) if kind_of(tree) == "cross_check" else None

@@ -11,9 +11,10 @@ from sysid_trib.arrays import Array, Mask, jacobian
 from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.results import schema, variables
+from sysid_trib.results import models, variables
+from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.simulation.model import Model, rescaling_factors
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 
 def propagate(
@@ -195,7 +196,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
             f"{', '.join(missing) or 'library'} is missing."
         )
     # A sensor term takes no energy and has no weight.
-    library = schema.library_of(result)
+    library = models.library_of(result)
     library = library.select(f.symbol for f in library if f.kind == "force")
     result = result.sel(force=list(library.symbols), other_force=list(library.symbols))
     w, refers = result.reference_frequency.item(), result.refers_to.values
@@ -211,13 +212,13 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
         jacobian[i, np.array([i, -2, -1])] = slopes
     covariance = jacobian @ covariance @ jacobian.T
     provenance = {"library": result.attrs["library"]}
-    return ModelEstimate(library, values, covariance, in_model, schema.shape_values_of(result), provenance)
+    return ModelEstimate(library, values, covariance, in_model, models.shape_values_of(result), provenance)
 
 
 def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
     """Return the covariance of (coefficients as stated, w, omega0), (force + 2, force + 2)."""
     count, c = len(in_model), result.coefficient.values.astype(float)
-    whole = np.pad(schema.covariance_with_frequency(result), (0, 1))
+    whole = np.pad(covariance_with_frequency(result), (0, 1))
     if "omega0" in result and not in_model.all():
         omega0, its_error = result.omega0.item(), result.omega0_standard_error.item()
         # alpha = (w_inf/w0)^2 - 1 moves with w0.

@@ -10,15 +10,14 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import check_quantity
 from sysid_trib.physics.si_units import Measured, check_length_unit, check_measured
-from sysid_trib.records.units import METRES
+from sysid_trib.records.unit_tables import METRES
 from sysid_trib.results.judged import best
 from sysid_trib.results.kinds import MU
+from sysid_trib.results.law_curves import LAWS_SI, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described, signal_units
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.bands import band
 from sysid_trib.smooth_laws.calibration import slope
 
-# Group of a result with the dataset of `laws_in_si`.
-LAWS_SI = "laws_si"
 # Units of an angle's laws, and those of a displacement's.
 OF_DISPLACEMENT = {"N m": "N", "(N m)^2": "N^2", "rad/s": "m/s", "rad": "m"}
 

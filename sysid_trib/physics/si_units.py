@@ -11,8 +11,8 @@ from sysid_trib.forces.force import Force
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.physics import model_estimate as estimates
 from sysid_trib.records.signal import ANGLE_UNIT
-from sysid_trib.records.units import METRES
-from sysid_trib.results.kinds import MU
+from sysid_trib.records.unit_tables import METRES
+from sysid_trib.results.kinds import MASS, MU, STIFFNESS
 from sysid_trib.results.variables import described, signal_units, variable
 
 # A value and its standard error.
@@ -121,9 +121,6 @@ def _term(force: Force) -> str:
         return f"{force.formula.text}, x = theta, v = {rate}"
     speed = force.speed_degree or 0.0
     return _product(("|theta|", (force.degree or 0.0) - speed), ("|theta'|", speed)) or "1"
-
-
-MASS, STIFFNESS = "mass", "stiffness"
 
 
 def per_input(result: xr.Dataset) -> xr.Dataset | None:

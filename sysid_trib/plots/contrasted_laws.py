@@ -11,8 +11,7 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, shows
 from sysid_trib.plots.style import GREY, INK
 from sysid_trib.printing.law_difference import LAWS_TITLE
-from sysid_trib.questions.law_difference import LAW_DIFFERENCE, LAW_WORDS
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
+from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW
 
 LAWS_HEIGHT = 2.4
 

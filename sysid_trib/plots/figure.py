@@ -214,13 +214,16 @@ def figures_of(kind: str) -> list[Declared]:
 
 
 # Font sizes of figures of many panels, and of the smallest sign, points: exponents too.
-FONT_SIZE, SMALLEST_SIGN = 7.5, 6.0
+FONT_SIZE = 7.5
+SMALLEST_SIGN = 6.0
 # Width of a figure over the whole page, and the least at which two panels are side by side, inch.
-FULL_WIDTH, TWO_COLUMNS = 7.2, 5.0
+FULL_WIDTH = 7.2
+TWO_COLUMNS = 5.0
 # Height of a figure that has a caption below it on a page, inch.
 TALLEST = 9.0
 # Times that a figure is laid out anew, and points between a title and a legend.
-LAYOUTS, BETWEEN_TEXTS = 3, 6.0
+LAYOUTS = 3
+BETWEEN_TEXTS = 6.0
 # Points between the numbers of ticks.
 BETWEEN_TICKS = 3.0
 LEGEND: dict[str, Any] = {
@@ -329,7 +332,8 @@ def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> 
         extent = text.get_window_extent(renderer)
         return max(extent.width, extent.height) <= room
 
-    lines, whole = [""], fits(" ".join(words))
+    lines = [""]
+    whole = fits(" ".join(words))
     for word in words:
         joined = f"{lines[-1]} {word}".strip()
         if whole or not lines[-1] or (not word.startswith("(") and fits(joined)):
@@ -341,7 +345,8 @@ def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> 
 
 def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
     """Give the legend above a panel the columns that fit beside the title, or put the title above it."""
-    legend, box = ax.get_legend(), ax.get_window_extent(renderer)
+    legend = ax.get_legend()
+    box = ax.get_window_extent(renderer)
     scale = float(renderer.points_to_pixels(1.0))  # type: ignore[arg-type]
     if legend is None or legend.get_window_extent(renderer).y0 < box.y0 + 0.9 * box.height:
         return
@@ -359,7 +364,8 @@ def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
         legend = ax.legend(handles, labels, ncols=count, **look)
     extent = legend.get_window_extent(renderer)
     for title in titles if extent.width > room else ():
-        pad, size = extent.height / scale, title.get_fontsize()
+        pad = extent.height / scale
+        size = title.get_fontsize()
         ax.set_title(title.get_text(), loc="left", fontsize=size, pad=pad)
 
 

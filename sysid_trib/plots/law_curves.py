@@ -11,10 +11,9 @@ from sysid_trib.arrays import Mask
 from sysid_trib.plots import style
 from sysid_trib.plots.figure import LEGEND, shows
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
-from sysid_trib.results import judged
+from sysid_trib.results import judged, law_curves
+from sysid_trib.results.law_curves import Curve
 from sysid_trib.results.variables import signal_units
-from sysid_trib.smooth_laws import shown
-from sysid_trib.smooth_laws.shown import Curve
 
 # Width of a column of a journal (88 mm), and height of a panel, inch.
 ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
@@ -53,17 +52,17 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     inertia = "inertia" if unit == "rad" else "mass"
     results, answer = judged.kept_results(tree), judged.preferred_of(tree)
     main = tree[answer].to_dataset()
-    named = shown.laws_in(main)
+    named = law_curves.laws_in(main)
     figure, panels = style.grid(len(named), 2, width, LAW_HEIGHT)
-    held = shown.known_part(main, np.zeros(1))[1]
+    held = law_curves.known_part(main, np.zeros(1))[1]
     symbol = r"\theta" if unit == "rad" else "x"
     for ax, law in zip(panels, named, strict=True):
-        curves = shown.curves_of(results, law, answer, mirrored=True)
+        curves = law_curves.curves_of(results, law, answer, mirrored=True)
         if law == "restoring":
             curves = {
-                n: curve.without(shown.known_part(main, curve.places)[0]) for n, curve in curves.items()
+                n: curve.without(law_curves.known_part(main, curve.places)[0]) for n, curve in curves.items()
             }
-        odd = {name for name in curves if np.all(results[name][shown.LAW_PLACES[law]] > 0.0)}
+        odd = {name for name in curves if np.all(results[name][law_curves.VARIABLE_OF_LAW[law]] > 0.0)}
         _draw(ax, curves, answer, odd if len(odd) < len(curves) else set())
         if f"{law}_formulas" in tree:
             _draw_formulas(ax, tree[f"{law}_formulas"].to_dataset(), law, main)
@@ -92,14 +91,14 @@ def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    own = [law for law in shown.LAW_PLACES if np.ptp(data[law].values, axis=0).any()]
+    own = [law for law in law_curves.VARIABLE_OF_LAW if np.ptp(data[law].values, axis=0).any()]
     figure, panels = style.grid(len(own), 2, width, LAW_HEIGHT)
     for ax, law in zip(panels, own, strict=True):
-        places = data[shown.LAW_PLACES[law]]
+        places = data[law_curves.VARIABLE_OF_LAW[law]]
         for at, run in enumerate(data.run.values.tolist()):
             series = style.SERIES[at % len(style.SERIES)]
             label = f"run {run}"
-            for side in _sides(shown.curve_of(data.sel(run=run), law)):
+            for side in _sides(law_curves.curve_of(data.sel(run=run), law)):
                 seen = side.visited
                 band = {"color": series["color"], "alpha": BAND_OPACITY, "linewidth": 0}
                 ax.fill_between(side.places, side.low, side.high, where=seen, **band)
@@ -158,8 +157,8 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
 
 def _draw_formulas(ax: Axes, formulas: xr.Dataset, law: str, result: xr.Dataset) -> None:
     """Draw the simplest formulas of a law over the visited range."""
-    places = formulas[shown.LAW_PLACES[law]].values
-    known = shown.known_part(result, places)[0] if law == "restoring" else np.zeros_like(places)
+    places = formulas[law_curves.VARIABLE_OF_LAW[law]].values
+    known = law_curves.known_part(result, places)[0] if law == "restoring" else np.zeros_like(places)
     for at, values in enumerate(formulas[law].values[:FORMULAS_DRAWN]):
         ax.plot(places, values - known, label="" if at else "formulas", **FORMULA)
 

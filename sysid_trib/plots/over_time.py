@@ -53,7 +53,8 @@ def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[st
 
     These are the models of a cross-check, the first and last of a discovery, or the best one of a comparison.
     """
-    data, kind = tree[record_groups(tree)[run]].to_dataset(), kind_of(tree)
+    data = tree[record_groups(tree)[run]].to_dataset()
+    kind = kind_of(tree)
     if kind == "discover":
         labels = {"before": "start model", "after": f"with {_effects(tree)}"}
     else:
@@ -101,7 +102,9 @@ def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Se
     In one panel a residual would hide another where models agree.
     """
     data, (lines, labels) = tree[record_groups(tree)[run]].to_dataset(), drawn_models(tree, run)
-    time, angle, units = data.time.values, data.angle.values, signal_units(data)
+    time = data.time.values
+    angle = data.angle.values
+    units = signal_units(data)
     motions_of = {name: data.simulated_angle.sel(model=name).values for name in lines}
     curve(panels[0], time, angle, RECORD_POINTS)
     for name, look in lines.items():
@@ -190,7 +193,8 @@ def motions(
         `envelope` of the whole decay: half-sines are drawn on the record, a few half periods of it
         (`decay.sel(time=slice(0, 1.5))`), and what three of them give at t_i.
     """
-    ax, measured = style.axes(ax), records.one_record(record, "motions")
+    ax = style.axes(ax)
+    measured = records.one_record(record, "motions")
     curve(ax, measured.time.values, measured.angle.values, RECORD_POINTS)
     if half_periods is not None:
         _half_sines(ax, measured, half_periods)
@@ -230,7 +234,8 @@ def weights(
             f"plots.weights shows {quantity} from physics.weights(result, amplitudes); give that, and "
             "peak_force, decay, frequency_shift, decay_share or frequency_share."
         )
-    ax, attrs = style.axes(ax), weighed[quantity].attrs
+    ax = style.axes(ax)
+    attrs = weighed[quantity].attrs
     unit = "" if attrs["units"] == "1" else f" ({attrs['units']})"
     draw_weights(ax, weighed, quantity)
     of_amplitude = weighed.amplitude.attrs.get("units", "rad")
@@ -257,7 +262,8 @@ def draw_weights(
 
 def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
     """Draw half-sines on a decay, and the extrema and times that three of them give at t_i."""
-    t, b = half_periods.extremum_time.values, (half_periods.sign * half_periods.extremum).values
+    t = half_periods.extremum_time.values
+    b = (half_periods.sign * half_periods.extremum).values
     # The first and last half period have no neighbours; they take the frequency of the next.
     w = np.pad(half_periods.frequency.values, 1, mode="edge")
     low, high = _ends(decay)
@@ -276,7 +282,8 @@ def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
 
 def _construction(ax: Axes, t: NDArray[np.float64], b: NDArray[np.float64]) -> None:
     """Draw the chord of two extrema a period apart: its middle is a_i, its slope that of the amplitude."""
-    side, middle = np.sign(b[0]), 0.5 * (b[0] + b[2])
+    side = np.sign(b[0])
+    middle = 0.5 * (b[0] + b[2])
     outside = 1.15 * b[1]
     ax.plot(t[[0, 2]], b[[0, 2]], color="black", linewidth=0.8)
     ax.plot(t[1], middle, "o", color="black", markersize=3.5)

@@ -13,12 +13,11 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
 from sysid_trib.plots.over_time import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
-from sysid_trib.results.variables import signal_units, small_units
+from sysid_trib.results.variables import CONFIDENCE, signal_units, small_units
 
 # Half width of a 95 % interval of a Gaussian, in standard deviations.
-BAND_LEVEL = 0.95
-BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - BAND_LEVEL)))
-BAND_NAME, BAND_COLOR = f"{100.0 * BAND_LEVEL:g} % band", "0.85"
+BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
+BAND_NAME, BAND_COLOR = f"{100.0 * CONFIDENCE:g} % band", "0.85"
 RESPONSE_HEIGHT = 2.8
 # Inch: innovations, autocorrelation, random force, predictions.
 INNOVATION_HEIGHTS = (2.3, 1.8, 2.1, 2.3)

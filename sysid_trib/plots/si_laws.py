@@ -7,10 +7,10 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.plots.figure import LEGEND, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BLUE, ORANGE
 from sysid_trib.results.kinds import MU
+from sysid_trib.results.law_curves import LAWS_SI
 
 # Inch: a column of a journal, and the height.
 MU_WIDTH, MU_HEIGHT = 3.46, 2.5

@@ -16,8 +16,14 @@ from sysid_trib.printing.exported import unit_in_latex
 Style = Mapping[str, Any]
 
 # Okabe and Ito's palette: readers with defects of colour vision distinguish it, and print shows its lines.
-ORANGE, BLUE, GREEN, PINK, YELLOW, SKY = "#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"
-INK, GREY = "#333333", "#737373"
+ORANGE = "#D55E00"
+BLUE = "#0072B2"
+GREEN = "#009E73"
+PINK = "#CC79A7"
+YELLOW = "#E69F00"
+SKY = "#56B4E9"
+INK = "#333333"
+GREY = "#737373"
 # The first model of two and the second: a dashed line on a full one shows both where they agree.
 MODEL_LINES: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linestyle": "--", "zorder": 4},

@@ -15,7 +15,7 @@ from sysid_trib.plots.figure import FULL_WIDTH, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.looked import CURVE_LABELS, draw_curve
 from sysid_trib.plots.style import BLUE, GREY, INK, ORANGE
 from sysid_trib.printing.layout import value_with_error
-from sysid_trib.questions.difference import SIDES
+from sysid_trib.results.kinds import SIDES
 
 PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
 # Colours of the kinds of fit.

@@ -11,7 +11,6 @@ import scipy
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.campaigns.rows import EFFECT_P_VALUE, TIED
 from sysid_trib.printing import ALWAYS, USUALLY, Block, Layer, layout
 from sysid_trib.printing.law_difference import (
     law_blocks,
@@ -21,9 +20,9 @@ from sysid_trib.printing.law_difference import (
     sample_names,
 )
 from sysid_trib.printing.verdict import error_parts_sentence
-from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.effects import at_bound, sufficient_forces
-from sysid_trib.results.kinds import identifications_of
+from sysid_trib.results.kinds import SIDES, identifications_of
+from sysid_trib.results.store import EFFECT_P_VALUE, TIED, Status
 
 REFUSALS, NAMES_LISTED = 5, 6
 # Standard deviations beyond which a record is an outlier.
@@ -60,12 +59,12 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:
     """Return the reasons why records have no numbers, by record name."""
-    return dict(store.message[store.status.values > 1].to_series())
+    return dict(store.message[store.status.values > Status.DONE].to_series())
 
 
 def _of_done(store: xr.Dataset, name: str) -> list[str]:
     """Return a text of each record that is done."""
-    return store[name].values[store.status.values == 1].tolist()
+    return store[name].values[store.status.values == Status.DONE].tolist()
 
 
 def _most_first(words: Iterable[str]) -> dict[str, int]:

@@ -43,8 +43,11 @@ def model_code(result: xr.Dataset, language: str) -> str:
         offered = ", ".join((*FUNCTION_NAMES, *PARAMETER_LANGUAGES))
         raise UsageError(f"'{language}' is no language of export; choose {offered}.")
     _check_is_equation(result)
-    model, functions = model_of(result).bound, FUNCTION_NAMES[language]
-    terms, states, starts = list[str](), dict[str, str](), list[str]()
+    model = model_of(result).bound
+    functions = FUNCTION_NAMES[language]
+    terms = list[str]()
+    states = dict[str, str]()
+    starts = list[str]()
     for force in model.forces:
         shapes = {name: f"({value!r})" for name, value in force.shape_values(model.shapes).items()}
         known = {**functions, **shapes, **{name: f"{force.symbol}_{name}" for name in force.state}}

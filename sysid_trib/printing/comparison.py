@@ -18,8 +18,10 @@ FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than this number of standard errors of both methods.
 APART = 3.0
 # A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
-ALIKE, ALIKE_LEVEL = 1.01, 0.01
-BY_METHOD, HELD_OUT = "Coefficients by method", "Prediction of the held-out part"
+ALIKE = 1.01
+ALIKE_LEVEL = 0.01
+BY_METHOD = "Coefficients by method"
+HELD_OUT = "Prediction of the held-out part"
 DIFFERENCES = "Difference from the method that predicts best, in standard errors of both"
 QUALITY = (
     "RMS of record minus simulated motion, for the whole record (all). For a model identified from the first "
@@ -45,9 +47,11 @@ def _coefficient_table(table: xr.Dataset) -> Table:
 
     A method that does not apply, or failed, has no row here; `_quality_table` says why.
     """
-    columns, applied = {}, applied_methods(table)
+    columns = {}
+    applied = applied_methods(table)
     for symbol, row in layout.by_label(applied, "force").items():
-        power, unit = column_power(row), row.unit.item()
+        power = column_power(row)
+        unit = row.unit.item()
         parts = " ".join([f"1e{power:+03d}"] * bool(power) + [unit] * (unit != "1"))
         numbers = (row.coefficient / 10.0**power, row.standard_error / 10.0**power)
         columns[f"{symbol} ({parts})" if parts else symbol] = layout.values_with_errors(*numbers)
@@ -58,7 +62,8 @@ def _coefficient_table(table: xr.Dataset) -> Table:
 
 def _difference_table(table: xr.Dataset) -> Table:
     """Return differences from the method that predicts best, over the errors of both."""
-    z, best = _differences_of(table), table.attrs["best"]
+    z = _differences_of(table)
+    best = table.attrs["best"]
     texts = z.map(_signed)
     texts.loc[best] = np.where(np.isfinite(z.loc[best]), "best", "-")
     return _method_table(texts)
@@ -82,16 +87,18 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
         "phase (periods)": (table.phase_error / (2.0 * np.pi), "{:.2f}".format),
         "time (s)": (table.time_taken, "{:#.2g}".format),
     }
-    given = table.model.isin(applied_methods(table).model.values).values | (table.failure == "").values
-    columns = {
-        head: [as_text(x) if np.isfinite(x) else "-" for x in np.where(given, values.values, np.nan).tolist()]
-        for head, (values, as_text) in numbered.items()
-    }
+    applied = table.model.isin(applied_methods(table).model.values).values
+    given = applied | (table.failure == "").values
+    columns = {}
+    for head, (values, as_text) in numbered.items():
+        known = np.where(given, values.values, np.nan)
+        columns[head] = [as_text(x) if np.isfinite(x) else "-" for x in known.tolist()]
     remarks = {"failure": "failed: {}", "reason": "{}", "bias": "{}", "neglects": "neglects {}"}
-    columns["remarks"] = [
-        "; ".join(said.format(row[name].item()) for name, said in remarks.items() if row[name].item())
-        for row in layout.by_label(table, "model").values()
-    ]
+    columns["remarks"] = []
+    for row in layout.by_label(table, "model").values():
+        values_of = {name: row[name].item() for name in remarks}
+        said = [text.format(values_of[name]) for name, text in remarks.items() if values_of[name]]
+        columns["remarks"].append("; ".join(said))
     return _method_table(pd.DataFrame(columns, table.model.values))
 
 
@@ -113,9 +120,12 @@ def _ratio(value: float) -> str:
 
 def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
     """Return the blocks of a result of `compare`; `sources` describe the records."""
-    table, details, units = comparison_of(tree), Layer.EXPLAIN, signal_units(tree)
+    table = comparison_of(tree)
+    details = Layer.EXPLAIN
+    units = signal_units(tree)
     of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
-    differ, warnings = _differences(table), identifiability_warnings(table.attrs)
+    differ = _differences(table)
+    warnings = identifiability_warnings(table.attrs)
     # The first cause is in the remarks of the table.
     few = [said for cause, said in differ.items() if cause != "neglect"]
     return [
@@ -134,7 +144,8 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
 
 def _prediction(tree: xr.DataTree) -> str:
     """Describe which method predicts the held-out part best, and whether the forces explain it."""
-    table, groups = comparison_of(tree), record_groups(tree)
+    table = comparison_of(tree)
+    groups = record_groups(tree)
     starts = " and ".join(f"{tree[group].holdout_start.item():.4g} s" for group in groups)
     third = "the last third" if len(groups) == 1 else "the last third of each run"
     best = table.sel(model=table.attrs["best"])
@@ -159,7 +170,8 @@ def _rival(table: xr.Dataset, units: str) -> Iterator[str]:
         return
     nearest = laws.isel(model=int(np.nanargmin(laws.holdout_over_noise.values)))
     ratio = nearest.holdout_over_noise.item() / ratio_of_best(table)
-    label, p_value = nearest.model.item(), nearest.holdout_p_value.item()
+    label = nearest.model.item()
+    p_value = nearest.holdout_p_value.item()
     how = "about as well as these forces"
     if abs(ratio - 1.0) > ALIKE - 1.0 and not p_value > ALIKE_LEVEL:
         how = "better than these forces" if ratio < 1.0 else "less well than these forces"
@@ -205,7 +217,8 @@ def _with_random_force(tree: xr.DataTree) -> list[str]:
 
 def _as_good(table: xr.Dataset) -> Iterator[str]:
     """List the methods that predict as well as the best."""
-    best, others = {"model": table.attrs["best"]}, table.drop_sel(model=table.attrs["best"])
+    best = {"model": table.attrs["best"]}
+    others = table.drop_sel(model=table.attrs["best"])
     as_small = others.holdout_over_noise <= ALIKE * table.sel(best).holdout_over_noise
     good = (others.failure == "") & (as_small | (others.holdout_p_value > ALIKE_LEVEL))
     if labels := others.model.values[good].tolist():
@@ -219,7 +232,8 @@ def _noise(table: xr.Dataset) -> str:
     factor, unit = small_units(signal_units(table))
     sizes = " and ".join(f"{factor * level:.2g}" for level in levels.tolist())
     noise = f"The sensor noise of {whose} is {sizes} {unit} per sample, from {table.attrs['noise_from']}."
-    ratio, kept = ratio_of_best(table), applied_methods(table)
+    ratio = ratio_of_best(table)
+    kept = applied_methods(table)
     if ratio <= LARGE:
         return noise
     if np.isnan(ratio):
@@ -236,7 +250,8 @@ def _by_accident(table: xr.Dataset) -> Iterator[str]:
     """Warn that a poor model may still follow the last swings, and that errors can be wide."""
     of_names = table.drop_sel(model=_of_curves(table).model.values)
     ratios = of_names.residual_over_noise.fillna(np.inf)
-    best, least = table.attrs["best"], ratios.idxmin("model").item()
+    best = table.attrs["best"]
+    least = ratios.idxmin("model").item()
     ratio = (ratios.sel(model=best) / ratios.min()).item()
     if ratio > LARGE:
         yield (
@@ -269,7 +284,8 @@ def _differences(table: xr.Dataset) -> dict[str, str]:
 
 def _reference(table: xr.Dataset) -> Iterator[str]:
     """Describe the frequency to which coefficients refer, and that stiffness cannot be separated from it."""
-    owner, symbol = table.attrs["common_frequency_of"], table.attrs["exchangeable_with_the_frequency"]
+    owner = table.attrs["common_frequency_of"]
+    symbol = table.attrs["exchangeable_with_the_frequency"]
     origin = "given" if owner == "given" else f"w of {owner}"
     yield (
         f"Coefficients refer to {table.common_frequency.item():.6g} rad/s ({origin}). Differences are "
@@ -285,7 +301,8 @@ def _reference(table: xr.Dataset) -> Iterator[str]:
 
 def comparison_json(tree: xr.DataTree) -> dict[str, Any]:
     """Return a result of `compare` as plain data."""
-    table, several = comparison_of(tree), len(record_groups(tree)) > 1
+    table = comparison_of(tree)
+    several = len(record_groups(tree)) > 1
     starts = [tree[group].holdout_start for group in record_groups(tree)]
     keys = layout.KEYS["compare"] | (layout.KEYS["compare_runs"] if several else {})
     data = {

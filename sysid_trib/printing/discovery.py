@@ -1,22 +1,20 @@
 """Blocks of a discovery: residuals, missing effects, detectable effects; and its plain data."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any, TypeVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.cycles.signatures import inseparable
 from sysid_trib.forces.force import Force
 from sysid_trib.printing import ALWAYS, Block, Layer, discovery_tables as tables, layout
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
 from sysid_trib.results import effects
 from sysid_trib.results.judged import LARGE, given_results, record_noise, residual_of
-from sysid_trib.results.variables import record_groups, signal_units
+from sysid_trib.results.variables import signal_units
 
-Item = TypeVar("Item")
 # Competing effects that are named, the most probable; a file has all. And pairs of them.
 COMPETING, COMPETING_PAIRS = 10, 3
 # Odds at which one of two is outside of their 95 % credible set.
@@ -112,30 +110,13 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
     yield f"{symbol} cannot be separated from: {named}{more}."
     yield f"With equal prior probabilities: {likely}."
     # List the forces that no run separates, and the measurement that would separate the others.
-    size = max(float(np.abs(tree[group].angle).max()) for group in record_groups(tree))
-    fitted = [step[name].to_series().dropna() for name in ("shape", "competing_shape") if name in step]
-    shapes = {name: value for part in fitted for name, value in part.items()}
-    tied = [offered[s] for s in probabilities]
-    groups = _grouped(tied, lambda first, force: inseparable(first, force, size, shapes))
+    groups = effects.inseparable_groups(step)
     for group in groups:
         if len(group) > 1:
-            names = " and ".join(force.symbol for force in group)
             why = "their averages over a cycle are equal at every amplitude"
-            yield f"No run of this kind separates {names}: {why}."
+            yield f"No run of this kind separates {' and '.join(group)}: {why}."
     if len(groups) > 1:
-        yield remedy([group[0] for group in groups])
-
-
-def _grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
-    """Return groups in which each is like each: a chain of neighbours may have ends that are far apart."""
-    groups: list[list[Item]] = []
-    for item in items:
-        home = next((group for group in groups if all(alike(other, item) for other in group)), None)
-        if home is None:
-            groups.append([item])
-        else:
-            home.append(item)
-    return groups
+        yield remedy([offered[group[0]] for group in groups])
 
 
 def _probability(value: float) -> str:
@@ -166,7 +147,7 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
     candidates = tree["detectability_after"].to_dataset()
     symbols = candidates.candidate.values.tolist()
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()
-    groups = _grouped(symbols, lambda first, symbol: bool(pairs.at[symbol, first]))
+    groups = effects.grouped(symbols, lambda first, symbol: bool(pairs.at[symbol, first]))
     if alike := "; ".join(", ".join(group) for group in groups if len(group) > 1):
         yield (
             f"This record cannot separate these, even if a coefficient is {effects.NAMED:g} standard errors: "

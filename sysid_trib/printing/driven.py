@@ -7,14 +7,13 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from sysid_trib.physics.si_units import MASS, STIFFNESS, per_input
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
-from sysid_trib.records.inputs import constants_of
+from sysid_trib.records.roles import constants_of
+from sysid_trib.results.kinds import MASS, PER_INPUT, REFITTED_SENSORS, STIFFNESS
 from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units
-from sysid_trib.validation.sensor_refit import REFITTED_SENSORS
 
 ERRORS = (
     "Standard errors follow from the size of the residual if it is white. If a random force explains the "
@@ -125,9 +124,9 @@ def _constants_block(tree: xr.DataTree) -> Block:
 
 def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
     """Return the mass, stiffness and forces in the unit of the input."""
-    scaled = per_input(result)
-    if scaled is None:
+    if PER_INPUT not in tree.children:
         return []
+    scaled = tree[PER_INPUT].to_dataset()
     name, unit = scaled.attrs["input"], signal_units(tree)
     units = tree[record_groups(tree)[0]][name].attrs.get("units") or name
     of_each = {MASS: f"{units}/({unit}/s^2)", STIFFNESS: f"{units}/{unit}"}
@@ -144,8 +143,8 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
 
 def driven_json(tree: xr.DataTree) -> dict[str, Any]:
     """Return a driven result as plain data."""
+    has_unit = PER_INPUT in tree.children
     compared = tree["judged"].to_dataset()
-    scaled = per_input(tree[compared.attrs["preferred"]].to_dataset())
     return {
         "verdict": compared.attrs["verdict"],
         "answer": compared.attrs["preferred"],
@@ -153,7 +152,7 @@ def driven_json(tree: xr.DataTree) -> dict[str, Any]:
             name: layout.mapped(tree[name].to_dataset(), "driven") for name in compared.model.values.tolist()
         },
         **layout.judged_json(tree),
-        "per_input": {} if scaled is None else layout.mapped(scaled, "per_input"),
+        "per_input": layout.mapped(tree[PER_INPUT].to_dataset(), "per_input") if has_unit else {},
     }
 
 

@@ -13,7 +13,8 @@ from sysid_trib.results.models import in_model, library_of, shape_values_of
 from sysid_trib.results.variables import signal_symbol, signal_units
 
 # Digits of a number without an error, and of an error.
-DIGITS, DIGITS_OF_ERROR = 6, 2
+DIGITS = 6
+DIGITS_OF_ERROR = 2
 # Names of formulas in LaTeX; x is the angle, v its rate over w.
 NAMES = {"x": r"\theta", "v": r"\frac{\dot{\theta}}{\omega}", "t": "t"}
 
@@ -115,7 +116,8 @@ def _sum(result: xr.Dataset, *, of_sensor: bool = False) -> str:
     for number, formula in _terms(result, of_sensor):
         factor = _factor(formula.text)
         if factor.startswith("-"):
-            number, factor = number[1:] if number.startswith("-") else f"-{number}", factor[1:]
+            number = number[1:] if number.startswith("-") else f"-{number}"
+            factor = factor[1:]
         text += f" {_signed(number)}*{factor}"
     return text
 

@@ -13,11 +13,13 @@ from sysid_trib._version import __version__
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.printing import equation, layout, verdict
-from sysid_trib.results import judged, kinds, schema, variables
+from sysid_trib.results import judged, kinds, models, variables
 from sysid_trib.results.kinds import GIVEN, MU, si_of
 
 # Columns of the LaTeX table other than the methods: keys of the column `method` of the CSV table.
-SI_COLUMN, DIFFERENCE_ROWS, RECORD_ROWS = "SI units", "first minus second", "record"
+SI_COLUMN = "SI units"
+DIFFERENCE_ROWS = "first minus second"
+RECORD_ROWS = "record"
 # More methods than this are rows.
 MOST_COLUMNS = 3
 LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
@@ -66,7 +68,8 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written
     if kind == "discover":
-        said, model = {"verdict": str(tree.attrs["verdict"])}, "after"
+        said = {"verdict": str(tree.attrs["verdict"])}
+        model = "after"
     else:
         model = judged.preferred_of(tree)
         said = {"verdict": judged.verdict_of(tree), "answer": model}
@@ -108,7 +111,7 @@ def _number(data: xr.Dataset, name: str) -> dict[str, float]:
 def latex_text(tree: xr.DataTree) -> str:
     r"""Return a table (`booktabs`) of coefficients with errors, and the main identification's equation."""
     named = judged.given_results(tree)
-    letters = {f.symbol: f.latex_symbol for result in named.values() for f in schema.library_of(result)}
+    letters = {f.symbol: f.latex_symbol for result in named.values() for f in models.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
     # In the order of the methods, whichever forces they have.
     heads: dict[str, None] = {}
@@ -187,12 +190,13 @@ def methods_text(tree: xr.DataTree) -> str:
         "version": __version__,
     }
     if main is not None:
-        method, ratio = main.attrs["method"], judged.residual_over_noise(tree, main.attrs["method"])
+        method = main.attrs["method"]
+        ratio = judged.residual_over_noise(tree, main.attrs["method"])
         others = [name for name in judged.kept_results(tree) if name != method]
         if others and "agreement" in tree.children:
             values["other"] = IN_WORDS.get(others[0], others[0])
             values["largest"] = float(np.nanmax(np.abs(tree["agreement"].z.values)))
-        names = (force.name for force in schema.library_of(main))
+        names = (force.name for force in models.library_of(main))
         values |= {
             # A library is its user's: no letter of a name is a command.
             "forces": ", ".join(re.sub(r"[^\w ,().-]", " ", name) for name in names),
@@ -210,4 +214,9 @@ def methods_text(tree: xr.DataTree) -> str:
 def cited(text: str) -> str:
     """Return the entries of BibTeX that a text cites."""
     entries = BIBLIOGRAPHY.read_text(encoding="utf-8").split("\n\n")
-    return "\n\n".join(e.strip() for e in entries if e[e.find("{") + 1 : e.find(",")] in text) + "\n"
+    kept = []
+    for entry in entries:
+        key = entry[entry.find("{") + 1 : entry.find(",")]
+        if key in text:
+            kept.append(entry.strip())
+    return "\n\n".join(kept) + "\n"

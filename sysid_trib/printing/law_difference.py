@@ -9,12 +9,13 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.printing import Block, layout
-from sysid_trib.questions.difference import SIDES
-from sysid_trib.questions.law_difference import LAW_DIFFERENCE, LAW_WORDS, NO_DIFFERENCE_LEVEL, ranges_of
-from sysid_trib.results.variables import signal_units
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW
+from sysid_trib.results.kinds import SIDES
+from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW, stretches
+from sysid_trib.results.variables import CONFIDENCE, signal_units
 
 LAWS_TITLE = "Difference of the laws"
+# Of no difference along a law.
+NO_DIFFERENCE_LEVEL = 1.0 - CONFIDENCE
 # Rows of a table of a law.
 MOST_PLACES = 8
 
@@ -37,7 +38,8 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
         return
     data, (first, second) = tree[LAW_DIFFERENCE].to_dataset(), sample_names(tree.to_dataset())
     for law, variable in VARIABLE_OF_LAW.items():
-        places, unit = data[variable].values, data[variable].attrs["units"]
+        places = data[variable].values
+        unit = data[variable].attrs["units"]
         p_value = layout.p_value_text(data[f"{law}_p_value"].item())
         ends = f"{np.abs(places).min():.3g} to {np.abs(places).max():.3g} {unit}"
         if not data[f"{law}_differs"].any():
@@ -60,7 +62,11 @@ def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
     difference = np.sign(places) * data[f"{law}_difference"].values
     differs = data[f"{law}_differs"].values
     ways = {"larger": differs & (difference > 0.0), "smaller": differs & (difference < 0.0)}
-    return [(way, ", ".join(map(_range_text, ranges_of(places, chosen)))) for way, chosen in ways.items()]
+    said = []
+    for way, chosen in ways.items():
+        ranges = map(_range_text, stretches(places, chosen))
+        said.append((way, ", ".join(ranges)))
+    return said
 
 
 def _range_text(ends: tuple[float, float]) -> str:
@@ -89,9 +95,9 @@ def law_blocks(tree: xr.DataTree) -> list[Block]:
 
 def _table(data: xr.Dataset, law: str, names: dict[str, str]) -> Table:
     variable = VARIABLE_OF_LAW[law]
-    unit, rows = data[variable].attrs["units"], []
-    chosen = np.unique(np.linspace(0, data.sizes[variable] - 1, MOST_PLACES).round().astype(int))
-    for at in chosen:
+    unit = data[variable].attrs["units"]
+    rows = []
+    for at in layout.evenly_chosen(data.sizes[variable], MOST_PLACES):
         row = data.isel({variable: at})
         low, high = (row[f"{law}_difference_{end}"].item() for end in ("low", "high"))
         rows.append(
@@ -127,6 +133,6 @@ def law_difference_json(tree: xr.DataTree) -> dict[str, Any]:
             "units": data[f"{law}_difference"].attrs["units"],
             variable: places,
             f"{variable}_units": data[variable].attrs["units"],
-            "differs_at": ranges_of(places, data[f"{law}_differs"].values),
+            "differs_at": stretches(places, data[f"{law}_differs"].values),
         } | {key: data[name].values for key, name in keys.items()}
     return {"laws": made}

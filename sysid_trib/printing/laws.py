@@ -10,25 +10,23 @@ import pandas as pd
 import xarray as xr
 from rich.table import Table
 
-from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
-from sysid_trib.results import judged
+from sysid_trib.results import judged, law_curves
 from sysid_trib.results.kinds import MU, is_of_driven
+from sysid_trib.results.law_curves import LARGE_DIFFERENCE, LAWS_SI, NO_BETTER, OWN_LAWS, PASSIVE, Curve
 from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
-from sysid_trib.smooth_laws import shown
-from sysid_trib.smooth_laws.fits import NO_BETTER
-from sysid_trib.smooth_laws.laws import OWN_LAWS
-from sysid_trib.smooth_laws.passive import PASSIVE
-from sysid_trib.smooth_laws.shown import LARGE_DIFFERENCE, Curve
 
-FRICTION_TITLE, RESTORING_TITLE = "Friction against speed", "Restoring force against displacement"
-SURENESS_TITLE, FORMULA_TITLE = "Uncertainty", "Formulas within the bands"
+FRICTION_TITLE = "Friction against speed"
+RESTORING_TITLE = "Restoring force against displacement"
+SURENESS_TITLE = "Uncertainty"
+FORMULA_TITLE = "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Formulas of a law that are printed.
 FORMULAS_SHOWN = 4
 # Places at which a law is shown, in parts of the largest visited place; on each side if it is not odd.
-SHOWN_PARTS, SIDE_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2), (0.1, 0.4, 0.7, 1.0, 1.2)
+SHOWN_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
+SIDE_PARTS = (0.1, 0.4, 0.7, 1.0, 1.2)
 # A motion that is larger by this factor leaves the visited range.
 LARGER_MOTION = 1.02
 REMAINING = (
@@ -70,15 +68,15 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
     if OWN_LAWS not in tree.children:
         return
     own = tree[OWN_LAWS].to_dataset()
-    for law in shown.laws_in(_preferred(tree)):
-        curves = [shown.curve_of(own.sel(run=run), law) for run in own.run.values]
+    for law in law_curves.laws_in(_preferred(tree)):
+        curves = [law_curves.curve_of(own.sel(run=run), law) for run in own.run.values]
         if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
             # All runs share this law.
             continue
         word, unit_at, unit = _words(tree, law)
         both = bool(np.any(curves[0].places < 0.0))
-        whole = shown.curve_of(_preferred(tree), law)
-        places = shown.places_shown(whole, SIDE_PARTS if both else SHOWN_PARTS)
+        whole = law_curves.curve_of(_preferred(tree), law)
+        places = law_curves.places_shown(whole, SIDE_PARTS if both else SHOWN_PARTS)
         rows = []
         for at, place in enumerate(places):
             row = {word: f"{place:.3g}"}
@@ -98,20 +96,22 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
     """Yield the restoring force, where anything restores."""
-    if shown.restores(_preferred(tree)):
+    if law_curves.restores(_preferred(tree)):
         caption = _caption(tree, "restoring")
         yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Describe how closely the motion of the laws follows the record."""
-    checked, answer = tree["judged"], judged.preferred_of(tree)
+    checked = tree["judged"]
+    answer = judged.preferred_of(tree)
     decided = judged.verdict_of(tree)
     curves = not checked.attrs["reason"]
     name = "The laws" if curves else "Laws of the named forces"
     if decided == "explained":
         return f"{name} explain the record: the residual is noise."
-    part, near = float(checked.residual_over_motion.sel(model=answer)), "their motion diverges"
+    part = float(checked.residual_over_motion.sel(model=answer))
+    near = "their motion diverges"
     if np.isfinite(part):
         near = f"their simulated motion differs from the record by {100.0 * part:.2g} % (RMS)"
         if not is_of_driven(tree):
@@ -132,7 +132,8 @@ def _no_curve(tree: xr.DataTree) -> Iterator[str]:
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe the preferred method with the reason, the residuals, and failed methods."""
-    attrs, results = tree["judged"].attrs, judged.kept_results(tree)
+    attrs = tree["judged"].attrs
+    results = judged.kept_results(tree)
     if attrs["averaging_failed"]:
         name = "Trajectory" if is_of_driven(tree) else "Averaging"
         yield f"{name} failed: {_ended(attrs['averaging_failed'])} The laws are those of direct alone."
@@ -163,7 +164,8 @@ def _ended(text: str) -> str:
 
 def _why(tree: xr.DataTree) -> str:
     """Give the reason why a method is preferred."""
-    answer, results = judged.preferred_of(tree), judged.kept_results(tree)
+    answer = judged.preferred_of(tree)
+    results = judged.kept_results(tree)
     (other,) = (name for name in results if name != answer)
     if is_of_driven(tree):
         return "its residual is smaller"
@@ -183,15 +185,17 @@ def _why(tree: xr.DataTree) -> str:
 
 def law_table(tree: xr.DataTree, law: str) -> Table:
     """Return a law by each method at some places, their difference, and the band of the preferred one."""
-    answer, curves = judged.preferred_of(tree), _chosen_curves(tree, law)
+    answer = judged.preferred_of(tree)
+    curves = _chosen_curves(tree, law)
     if not curves:
         return layout.text_table([])
-    main, deviations = curves[answer], _beyond_known(tree, law, curves)
+    main = curves[answer]
+    deviations = _beyond_known(tree, law, curves)
     scale = 10.0 ** _power(tree, law)
-    z = shown.difference_over_error(*curves.values()) if len(curves) == 2 else None
+    z = law_curves.difference_over_error(*curves.values()) if len(curves) == 2 else None
     rows = []
     for at, place in enumerate(main.places):
-        row = {shown.LAW_PLACES[law]: f"{place:.3g}"}
+        row = {law_curves.VARIABLE_OF_LAW[law]: f"{place:.3g}"}
         if law == "restoring":
             row["whole"] = f"{main.values[at]:.4g}"
         for name, curve in deviations.items():
@@ -211,17 +215,19 @@ def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> d
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
-    return {name: curve.without(shown.known_part(result, curve.places)[0]) for name, curve in curves.items()}
+    return {
+        name: curve.without(law_curves.known_part(result, curve.places)[0]) for name, curve in curves.items()
+    }
 
 
 def _chosen_curves(tree: xr.DataTree, law: str) -> dict[str, Curve]:
     """Return the law by each method at the places that are shown."""
     answer = judged.preferred_of(tree)
-    curves = shown.curves_of(judged.kept_results(tree), law, answer)
+    curves = law_curves.curves_of(judged.kept_results(tree), law, answer)
     if answer not in curves:
         return {}
     both = bool(np.any(curves[answer].places < 0.0))
-    places = shown.places_shown(curves[answer], SIDE_PARTS if both else SHOWN_PARTS)
+    places = law_curves.places_shown(curves[answer], SIDE_PARTS if both else SHOWN_PARTS)
     return {name: curve.at(places) for name, curve in curves.items()}
 
 
@@ -235,13 +241,15 @@ def _words(tree: xr.DataTree, law: str) -> tuple[str, str, str]:
 
 def _caption(tree: xr.DataTree, law: str) -> str:
     """Return the caption above a table: its contents and units."""
-    unit, power, w = signal_units(tree), _power(tree, law), _preferred(tree).reference_frequency.item()
+    unit = signal_units(tree)
+    power = _power(tree, law)
+    w = _preferred(tree).reference_frequency.item()
     _, unit_at, unit_of = _words(tree, law)
     inertia = "inertia" if unit == "rad" else "mass"
     scaled = f"1e{power:+03d} {unit_of}" if power else unit_of
     if law == "friction":
         return f"Friction over the {inertia} ({scaled}) against speed ({unit_at}), with standard errors"
-    held = shown.known_part(_preferred(tree), np.zeros(1))[1]
+    held = law_curves.known_part(_preferred(tree), np.zeros(1))[1]
     known = " and ".join(["the straight line w^2 x", *held])
     return (
         f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole, and by "
@@ -252,7 +260,9 @@ def _caption(tree: xr.DataTree, law: str) -> str:
 def _power(tree: xr.DataTree, law: str) -> int:
     """Return the power of ten of the columns of a table."""
     curves = _beyond_known(tree, law, _chosen_curves(tree, law))
-    size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values))) if curves else 0.0
+    if not curves:
+        return 0
+    size = float(np.median(np.abs(curves[judged.preferred_of(tree)].values)))
     power = floor(log10(size)) if size > 0.0 else 0
     return 0 if -3 < power < 4 else power
 
@@ -280,7 +290,8 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe where friction feeds energy in, or would without the constraint of passivity."""
     if PASSIVE in tree["judged"].attrs:
         yield _passivity(tree)
-    spans, unit = shown.feeding(_preferred(tree)), _words(tree, "friction")[1]
+    spans = law_curves.feeding(_preferred(tree))
+    unit = _words(tree, "friction")[1]
     if spans["certainly"]:
         said = f"Friction feeds energy in at {_spans(spans['certainly'], unit)}, with all of its 95 % band."
         yield f"{said} {ACTIVE_FRICTION}"
@@ -305,8 +316,9 @@ def _passivity(tree: xr.DataTree) -> str:
     places = result.speed.values
     largest = float(np.max(places[result.speed_visited.values]))
     # The constraint is also active just above and below zero speed.
-    near = np.array([int(np.argmin(np.abs(places - part * largest))) for part in acting])
-    spans = shown.stretches(places, np.isin(np.arange(len(places)), near))
+    speeds = largest * np.array(acting)
+    near = np.argmin(np.abs(places[:, None] - speeds), axis=0)
+    spans = law_curves.stretches(places, np.isin(np.arange(len(places)), near))
     return (
         f"The passivity constraint is active at {_spans(spans, _words(tree, 'friction')[1])}: without it, "
         "friction would feed energy in there. The probable cause is an error of the sensor within the cycle, "
@@ -320,7 +332,9 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
     if len(results) == 2:
         yield from _differences(tree)
     attrs = tree["judged"].attrs
-    if any(np.any(_preferred(tree)[place].values < 0.0) for place in shown.LAW_PLACES.values()):
+    result = _preferred(tree)
+    two_sided = (np.any(result[place].values < 0.0) for place in law_curves.VARIABLE_OF_LAW.values())
+    if any(two_sided):
         yield NOT_ODD + f" {ODD_COMPARED}" * ("averaging" in results)
     if attrs["sensor"]:
         yield _sensor_sentence(tree, attrs["sensor"].split(", "))
@@ -330,10 +344,10 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
     """Describe where the laws of both methods differ significantly."""
     largest: dict[str, float] = {}
     for law, word in (("friction", "friction"), ("restoring", "the restoring force")):
-        if law == "restoring" and not shown.restores(_preferred(tree)):
+        if law == "restoring" and not law_curves.restores(_preferred(tree)):
             continue
-        places, z = shown.apart(judged.kept_results(tree), law)
-        far = shown.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
+        places, z = law_curves.apart(judged.kept_results(tree), law)
+        far = law_curves.stretches(places, np.abs(z) > LARGE_DIFFERENCE)
         largest[word.removeprefix("the ")] = float(np.max(np.abs(z)))
         if far:
             unit = _words(tree, law)[1]
@@ -357,7 +371,7 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
         return
     for law, words in (("friction", "the friction law"), ("restoring", "the restoring-force law")):
         name = f"{law}_formulas"
-        if law == "restoring" and not shown.restores(_preferred(tree)):
+        if law == "restoring" and not law_curves.restores(_preferred(tree)):
             continue
         if name not in tree.children:
             yield f"No sum of up to three library forces stays within the band of {words}."
@@ -438,12 +452,12 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe the range that the record visits, and the extrapolation."""
     result = _preferred(tree)
     reached = {}
-    for law, variable in shown.LAW_PLACES.items():
-        curve = shown.curve_of(result, law)
+    for law, variable in law_curves.VARIABLE_OF_LAW.items():
+        curve = law_curves.curve_of(result, law)
         reached[variable] = float(np.max(np.abs(curve.places[curve.visited])))
     extrapolated = 1.0 - float(result.speed_visited.mean())
     texts = [f"speeds up to {reached['speed']:.3g} {_words(tree, 'friction')[1]}"]
-    if shown.restores(result):
+    if law_curves.restores(result):
         texts.append(f"displacements up to {reached['displacement']:.3g} {signal_units(tree)}")
     smallest = ""
     if not is_of_driven(tree):
@@ -474,8 +488,8 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
         yield f"Held: {values}."
     p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
     yield f"Test that the residual is white noise: p {p_value}."
-    for law in shown.laws_in(result):
-        curve = shown.curve_of(result, law)
+    for law in law_curves.laws_in(result):
+        curve = law_curves.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values[curve.visited]
         if np.any(model > 0.0):
             part = float(np.max(model / curve.errors[curve.visited]))
@@ -491,12 +505,12 @@ def prediction_block(tree: xr.DataTree, predicted: Sequence[xr.Dataset]) -> Bloc
     sentences = list(driven.prediction_block(predicted).sentences)
     reached = {
         variable: float(np.max(np.abs(curve.places[curve.visited])))
-        for law, variable in shown.LAW_PLACES.items()
-        for curve in [shown.curve_of(_preferred(tree), law)]
+        for law, variable in law_curves.VARIABLE_OF_LAW.items()
+        for curve in [law_curves.curve_of(_preferred(tree), law)]
     }
     for record in predicted:
         largest = float(np.abs(record.predicted_angle - record.predicted_angle.mean()).max())
-        if shown.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
+        if law_curves.restores(_preferred(tree)) and largest > LARGER_MOTION * reached["displacement"]:
             sentences.append(
                 f"This record swings up to {largest:.3g} {signal_units(tree)}, beyond the "
                 f"{reached['displacement']:.3g} {signal_units(tree)} covered by the laws: that part of the "
@@ -520,7 +534,7 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
         "agreement": dict(tree["agreement"].data_vars) if "agreement" in tree.children else {},
         "noise": judged.record_noise(tree),
         **{name: checked.attrs[name] for name in ("even", "sensor", "reason", "averaging_failed", "options")},
-        "feeds_energy": shown.feeding(preferred) if preferred is not None else {},
+        "feeds_energy": law_curves.feeding(preferred) if preferred is not None else {},
         **({OWN_LAWS: tree[OWN_LAWS].to_dataset()} if OWN_LAWS in tree.children else {}),
     }
 
@@ -549,7 +563,8 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
     """Yield the preferred laws, and those of each run that has its own, a row each place."""
-    result, preferred = _preferred(tree), judged.preferred_of(tree)
+    result = _preferred(tree)
+    preferred = judged.preferred_of(tree)
     yield from _rows_of_curves(tree, result, preferred)
     if OWN_LAWS in tree.children:
         own = tree[OWN_LAWS].to_dataset()
@@ -561,9 +576,9 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 
 def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Iterator[dict[str, Any]]:
     """Yield the laws of a dataset by the name of their method, a row each place."""
-    for law in shown.laws_in(_preferred(tree)):
-        variable = shown.LAW_PLACES[law]
-        curve = shown.curve_of(result, law)
+    for law in law_curves.laws_in(_preferred(tree)):
+        variable = law_curves.VARIABLE_OF_LAW[law]
+        curve = law_curves.curve_of(result, law)
         model = result[f"{law}_error_of_model"].values
         _, unit_at, unit = _words(tree, law)
         for at, place in enumerate(curve.places.tolist()):
@@ -593,7 +608,7 @@ def laws_latex(tree: xr.DataTree) -> str:
     r"""Return the preferred laws at some places as a table (`booktabs`)."""
     answer = judged.preferred_of(tree)
     tables = []
-    for law in shown.laws_in(_preferred(tree)):
+    for law in law_curves.laws_in(_preferred(tree)):
         curves = _chosen_curves(tree, law)
         curve = curves[answer]
         kind, unit_at, unit = _words(tree, law)
@@ -603,7 +618,7 @@ def laws_latex(tree: xr.DataTree) -> str:
         if law == "restoring":
             columns[f"restoring force ({_unit(unit)})"] = [f"{value:.4g}" for value in curve.values]
             curve = _beyond_known(tree, law, curves)[answer]
-        held = shown.known_part(_preferred(tree), np.zeros(1))[1]
+        held = law_curves.known_part(_preferred(tree), np.zeros(1))[1]
         deviation = " and ".join([r"beyond $\omega^2 x$", *map(exported.plain_latex, held)])
         head = "friction" if law == "friction" else deviation
         numbers = layout.values_with_errors(curve.values, curve.errors)
@@ -612,7 +627,8 @@ def laws_latex(tree: xr.DataTree) -> str:
         columns[r"95\,\% band"] = [f"${_band(low, high).replace(' to ', '$ to $')}$" for low, high in pairs]
         columns["range"] = ["visited" if seen else "extrapolated" for seen in curve.visited]
         table = pd.DataFrame(columns)
-        tables.append(table.to_latex(index=False, column_format="r" * (table.shape[1] - 1) + "l").rstrip())
+        column_format = "r" * (table.shape[1] - 1) + "l"
+        tables.append(table.to_latex(index=False, column_format=column_format).rstrip())
     inertia = "inertia" if signal_units(tree) == "rad" else "mass"
     record = "; ".join(f"{name}: {text}" for name, text in exported.about_the_record(tree).items())
     caption = exported.plain_latex(

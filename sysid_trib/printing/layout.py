@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import ArrayLike
 from rich.table import Table
 
+from sysid_trib.arrays import Index
 from sysid_trib.results.variables import record_groups, small_units
 
 MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
@@ -165,15 +166,18 @@ def coefficient_table(
     width = max([8, *(len(row["quantity"]) for _, row in pairs if "formula" in row)])
     rows: dict[str, dict[str, str]] = {}
     # Forces, then shape parameters, then frequencies, of whichever method.
-    pairs.sort(key=lambda pair: 2 if pair[1]["quantity"] in FREQUENCY_ROWS else int("formula" not in pair[1]))
+    pairs.sort(key=_place_in_table)
     for method, row in pairs:
-        label, name = row["quantity"], row["name"]
+        label = row["quantity"]
+        name = row["name"]
         if "formula" in row:
-            what, formula = f"{label:{width}} {name_and_unit(name, row['unit'])}", row["formula"]
+            what = f"{label:{width}} {name_and_unit(name, row['unit'])}"
+            formula = row["formula"]
         elif label in FREQUENCY_ROWS:
             label, what, formula = name, FREQUENCY_ROWS[label], name
         else:
-            what, formula = label, "shape parameter"
+            what = label
+            formula = "shape parameter"
         cells = rows.setdefault(label, {"force": what, "formula": formula, **dict.fromkeys(results, "-")})
         dropped = not row.get("active", True)
         cells[method] = (
@@ -239,6 +243,19 @@ def _value(data: Any, source: str | Mapping[str, Any]) -> Any:
     return data[name.removesuffix("?")]
 
 
+def _place_in_table(pair: tuple[str, Mapping[str, Any]]) -> int:
+    """Return the place of a row of a method: forces first, then shape parameters, then frequencies."""
+    _, row = pair
+    if row["quantity"] in FREQUENCY_ROWS:
+        return 2
+    return int("formula" not in row)
+
+
+def evenly_chosen(count: int, most: int) -> Index:
+    """Return indices of at most so many items out of a count, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, count - 1, most).round().astype(int))
+
+
 def by_variables(data: xr.Dataset) -> dict[str, Any]:
     """Return scalars by the names of their variables, others by each label of their dimension.
 
@@ -248,8 +265,12 @@ def by_variables(data: xr.Dataset) -> dict[str, Any]:
         Data of one dimension with labels, beside dimensions without.
     """
     dims = [dim for dim in data.dims if dim in data.coords]
-    along = {name: next((dim for dim in dims if dim in data[name].dims), "") for name in data.data_vars}
-    said: dict[str, Any] = {str(name): data[name] for name, dim in along.items() if not dim}
+    along = {}
+    said: dict[str, Any] = {}
+    for name, variable in data.data_vars.items():
+        along[name] = next((dim for dim in dims if dim in variable.dims), "")
+        if not along[name]:
+            said[str(name)] = variable
     for dim in dims:
         names = [name for name, of in along.items() if of == dim]
         said[str(dim)] = {
@@ -284,9 +305,10 @@ def plain(value: Any) -> Any:
 
 def records_json(tree: xr.DataTree) -> dict[str, Any]:
     """Return the attributes of the record, and of all records if there are several."""
-    records = [
-        {k: v for k, v in tree[group].attrs.items() if isinstance(v, PLAIN)} for group in record_groups(tree)
-    ]
+    records = []
+    for group in record_groups(tree):
+        attrs = tree[group].attrs
+        records.append({key: value for key, value in attrs.items() if isinstance(value, PLAIN)})
     return {"record": records[0]} | ({"records": records} if len(records) > 1 else {})
 
 

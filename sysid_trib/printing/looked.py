@@ -11,13 +11,9 @@ import xarray as xr
 from rich.table import Table
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import load_system, with_shipped
 from sysid_trib.printing import Block, layout
-from sysid_trib.records.inputs import inputs_of
-from sysid_trib.validation.drive import FittingModel
+from sysid_trib.records.roles import input_names
 
 # Reference of the table of a library, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -29,15 +25,23 @@ FORCE_HEADS = ("symbol", "force", "kind", "<h sin phi>", "<h cos phi>")
 WORDS, AT_TWO = 34, " (a = 0.1, 1)"
 
 
-def force_table(library: ForceLibrary) -> Table:
-    """Return the forces of a library with their equations and derived properties."""
+def force_table(library: ForceLibrary, averages: xr.Dataset) -> Table:
+    """Return the forces of a library with their equations and derived properties.
+
+    Parameters
+    ----------
+    library : ForceLibrary
+    averages : Dataset
+        Of `signatures_of`.
+    """
     rows = []
     for force in library:
-        power = "" if force.kind == "sensor" else loses_power(force)
+        of_force = averages.sel(force=force.symbol)
+        power = of_force.power.item()
         kinds = (force.parity, force.character, POWER_WORDS.get(power, power), force.units)
         kind = (word for word in kinds if word not in ("", "1"))
         words = "\n".join(fill(line, WORDS) for line in (force.name, *equations_of(force)))
-        averaged = (text.removesuffix(AT_TWO).replace(", ", "\n") for text in signature_text(force))
+        averaged = (text.removesuffix(AT_TWO).replace(", ", "\n") for text in signature_text(force, of_force))
         cells = (force.symbol, words, "\n".join(kind), *averaged)
         rows.append(dict(zip(FORCE_HEADS, cells, strict=True)))
     return layout.text_table(rows, FORCE_HEADS, (FORCE_HEADS[0], *FORCE_HEADS[3:]))
@@ -56,10 +60,19 @@ def equations_of(force: Force) -> list[str]:
     ]
 
 
-def signature_text(force: Force) -> tuple[str, str]:
-    """Return the signature as a closed form where it is one term, else its values at two amplitudes."""
-    sine, cosine = averages(force, np.array([0.1, 1.0]), None, 1.0 if force.holds_time else 0.0)
-    return _average_text(sine, force.degree), _average_text(cosine, force.degree)
+def signature_text(force: Force, averages: xr.Dataset) -> tuple[str, str]:
+    """Return the signature as a closed form if it is one term, else its values at two amplitudes.
+
+    Parameters
+    ----------
+    force : Force
+    averages : Dataset
+        Of the force, see `signatures_of`.
+    """
+    return (
+        _average_text(averages.sine.values, force.degree),
+        _average_text(averages.cosine.values, force.degree),
+    )
 
 
 def _average_text(average: Array, degree: float | None) -> str:
@@ -91,25 +104,10 @@ def _closed(value: float) -> str:
 POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or gains"}
 
 
-def loses_power(force: Force) -> str:
-    """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
-    a = np.array([0.05, 0.3, 1.0])
-    power = -a * averages(force, a, time=1.0)[0]
-    if np.all(np.abs(power) < 1e-13):
-        return "no"
-    return "yes" if np.all(power > -1e-13) else "gains power" if np.all(power < 1e-13) else "by amplitude"
-
-
 # Below this number of samples a period the weak form has few rows, and half-sines few samples.
 FEW_SAMPLES = 20.0
-# An amplitude that falls by less than this factor hardly tells one law of damping from another.
-LEAST_FALL = 2.0
-# Amplitudes that an identification needs for each of its forces.
-AMPLITUDES_A_FORCE = 3
 # A drift counts above this part of the last amplitude.
 DRIFTS = 0.1
-# Power of the amplitude in the rate of decay that speaks for a law: -1 of dry friction, 1 of quadratic drag.
-CLEAR_POWER = 0.25
 FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
     *("drift", "noise", "sensor_step", "samples_per_period"),
@@ -153,62 +151,8 @@ def look_json(tree: xr.DataTree, next_command: str) -> dict[str, Any]:
     }
 
 
-def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
-    """Return options of `identify` that the backbones indicate and all decays can determine.
-
-    Parameters
-    ----------
-    tree : DataTree
-        Result of `look`.
-    system : str or None
-        System, if the user has named it.
-    """
-    decays = _decays(tree)
-    library = load_library()
-    viscous = [*library.damping_factors][:1]
-    # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
-    pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
-    if not pointed:
-        pointed = [force.symbol for decay in decays if (force := library.role(_law_of(decay))) is not None]
-    systems = {str(decay.attrs["points_to_system"]) for decay in decays}
-    of_record = systems.pop() if len(systems) == 1 else ""
-    moving = load_system(system or of_record or None)
-    if system is not None:
-        # The user names the system; use its forces, if the record determines them.
-        pointed = [*moving.forces]
-    elif of_record:
-        pointed = [symbol for symbol in pointed if symbol in moving.forces]
-    known = with_shipped(library, pointed)
-    # Envelope and frequency at each amplitude, for the forces and the frequency.
-    most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
-    kept = [*dict.fromkeys([*viscous, *pointed])][:most]
-    forces = ",".join(symbol for symbol in known.symbols if symbol in kept)
-    if system is not None:
-        return {} if set(kept) >= set(moving.forces) else {"forces": forces}
-    return {"forces": forces} | ({"system": of_record} if of_record else {})
-
-
-def _law_of(decay: xr.Dataset) -> str:
-    """Return the formula of the friction that the damping at both ends indicates; viscous if none does."""
-    power = _power_of_rate(decay)
-    return "sign(v)" if power < -CLEAR_POWER else "v*abs(v)" if power > CLEAR_POWER else "2*v"
-
-
-def _power_of_rate(decay: xr.Dataset) -> float:
-    """Return the power of the amplitude in the damping ratio; nan if the amplitude hardly falls."""
-    first, last = decay.first_damping_ratio.item(), decay.last_damping_ratio.item()
-    fall = decay.first_amplitude.item() / decay.last_amplitude.item()
-    if not (fall >= LEAST_FALL and first > 0.0 and last > 0.0):
-        return float("nan")
-    return float(np.log(first / last) / np.log(fall))
-
-
-# A model does not follow the motion if its residual is more than this part of it.
-FOLLOWING_PART = 0.3
-
-
 def driven_look_blocks(
-    tree: xr.DataTree, sources: Sequence[str], models: Sequence[FittingModel], next_command: str
+    tree: xr.DataTree, sources: Sequence[str], models: xr.Dataset, next_command: str
 ) -> Iterator[Block]:
     """Return the blocks of the command `look` for driven records.
 
@@ -218,8 +162,8 @@ def driven_look_blocks(
         The records, with their inputs.
     sources : sequence of str
         Descriptions of the records.
-    models : sequence of FittingModel
-        The best one first.
+    models : Dataset
+        Of `fitting_models`.
     next_command : str
         To copy.
     """
@@ -231,33 +175,29 @@ def driven_look_blocks(
     yield Block([f"Next: {next_command}"])
 
 
-def driven_look_json(tree: xr.DataTree, models: Sequence[FittingModel], next_command: str) -> dict[str, Any]:
+def driven_look_json(tree: xr.DataTree, models: xr.Dataset, next_command: str) -> dict[str, Any]:
     """Return the facts about driven records as plain data."""
     return {
         "records": [layout.mapped(record, "record") for record in tree.children.values()],
         "decays": [],
         "driven": True,
         "models": [
-            {"system": model.system, "forces": list(model.forces), "residual_over_motion": model.residual}
-            for model in models
+            {
+                "system": model.system.item(),
+                "forces": model.forces.item().split(","),
+                "residual_over_motion": model.residual_over_motion.item(),
+            }
+            for model in (models.isel(model=at) for at in range(models.sizes["model"]))
         ],
         "next": next_command,
     }
 
 
-def fitting_options(models: Sequence[FittingModel], system: str | None) -> dict[str, str | None]:
-    """Return options of `identify` for the model that fits driven records best; none if a system is given."""
-    if system is not None or not models[0].residual < FOLLOWING_PART:
-        return {}
-    best = models[0]
-    return {"system": best.system} if best.system else {"forces": ",".join(best.forces)}
-
-
 def _input_sentences(run: xr.Dataset) -> Iterator[str]:
     """Yield the range of each input, and that of the signal."""
-    for name, known in inputs_of(run).items():
+    for name in input_names(run):
         unit = run[name].attrs.get("units", "")
-        low, high = float(known.values.min()), float(known.values.max())
+        low, high = float(run[name].min()), float(run[name].max())
         yield f"Driven: input {name} ranges from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
     own = "measured" if "measured" in run else "angle"
     low, high = float(run[own].min()), float(run[own].max())
@@ -265,13 +205,14 @@ def _input_sentences(run: xr.Dataset) -> Iterator[str]:
     yield f"The signal ranges from {low:.4g} to {high:.4g} {unit}; it is not a free decay."
 
 
-def _fit_sentence(models: Sequence[FittingModel]) -> str:
+def _fit_sentence(models: xr.Dataset) -> str:
     """Describe the residual of each kind of model, relative to the motion."""
     said = []
-    for model in models:
-        kind = f"--system {model.system}" if model.system else f"an oscillator with {','.join(model.forces)}"
-        if model.residual < 1.0:
-            said.append(f"{kind} {100.0 * model.residual:.2g} %")
+    columns = (models[name].values.tolist() for name in ("system", "forces", "residual_over_motion"))
+    for system, forces, residual in zip(*columns, strict=True):
+        kind = f"--system {system}" if system else f"an oscillator with {forces}"
+        if residual < 1.0:
+            said.append(f"{kind} {100.0 * residual:.2g} %")
     if not said:
         return "First fits of an oscillator and of each system do not follow the motion."
     return f"Residuals of first fits, relative to the motion: {'; '.join(said)}."
@@ -294,15 +235,15 @@ def _sentences(decay: xr.Dataset) -> list[str]:
             value["samples_per_period"] < FEW_SAMPLES
         ),
         f"the amplitude falls only by a factor of {fall:.3g}, too little to separate laws of damping: record "
-        "longer": 1.0 < fall < LEAST_FALL,
+        "longer": decay.falls_too_little.item(),
         "the amplitude does not fall: the motion is driven, or the record is too short to show its damping. "
         "For a driven motion, give the input (--input COLUMN or FILE:COLUMN)": fall <= 1.0,
         f"the middle of the swing moves by {value['drift']:.2g} {unit} over the record: a drift, or forces "
         "that differ between the two sides": abs(value["drift"]) > DRIFTS * value["last_amplitude"],
     }
     said = [limit for limit, applies in limits.items() if applies]
-    if np.isfinite(power := _power_of_rate(decay)):
-        said.append(_law(power))
+    if np.isfinite(power := decay.damping_power.item()):
+        said.append(_law(decay.attrs["damping_law"], power))
     pointed, several = decay.attrs["points_to"], str(decay.attrs.get("modes", ""))
     modal = (
         f"Several modes: {several}. These facts are about the mode of {1.0 / value['period']:.3g} Hz; the "
@@ -337,11 +278,11 @@ def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
     return said
 
 
-def _law(power: float) -> str:
+def _law(law: str, power: float) -> str:
     """Describe the friction that a power of the amplitude in the rate of decay suggests."""
-    if power < -CLEAR_POWER:
+    if law == "sign(v)":
         return "the damping ratio is larger at small amplitudes, as with dry friction"
-    if power > CLEAR_POWER:
+    if law == "v*abs(v)":
         return "the damping ratio is larger at large amplitudes, as with quadratic drag"
     return (
         f"the damping ratio varies as the amplitude to the power {power:.2g}: nearest to viscous friction "

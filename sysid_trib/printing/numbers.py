@@ -8,13 +8,12 @@ import pandas as pd
 import scipy
 import xarray as xr
 
-from sysid_trib.campaigns.rows import IDENTIFIED
 from sysid_trib.errors import UsageError
 from sysid_trib.printing import layout
-from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.judged import given_results
-from sysid_trib.results.kinds import contents_text, kind_of
+from sysid_trib.results.kinds import SIDES, contents_text, kind_of
 from sysid_trib.results.models import library_of
+from sysid_trib.results.store import Status
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
 # Half width of a normal 95 % interval.
@@ -79,7 +78,7 @@ def _of_identifications(named: Mapping[str, xr.Dataset]) -> Iterator[dict[str, A
 
 def _of_campaign(store: xr.Dataset) -> pd.DataFrame:
     """Return the numbers of all records that have some, by record, model and quantity."""
-    done = store.isel(record=np.flatnonzero(store.status.values == IDENTIFIED)).load()
+    done = store.isel(record=np.flatnonzero(store.status.values == Status.DONE)).load()
     tables = []
     for name, of in _CAMPAIGN_QUANTITIES.items():
         numbers = done[[name, f"{name}_standard_error" if name != "coefficient" else "standard_error"]]

@@ -11,8 +11,8 @@ from sysid_trib._version import __version__
 from sysid_trib.forces.notation import toml_value
 from sysid_trib.printing import layout
 from sysid_trib.printing.equation import equation_text
+from sysid_trib.results.models import library_of
 from sysid_trib.results.references import stated_covariance
-from sysid_trib.results.schema import library_of
 from sysid_trib.results.variables import signal_units
 
 
@@ -34,7 +34,9 @@ def parameters_of(result: xr.Dataset) -> dict[str, Any]:
     symbols = result.force.values.tolist()
     formulas = {force.symbol: force.formula.text for force in library_of(result)}
     uses = {force.symbol: list(force.uses) for force in library_of(result)}
-    forces, shapes, frequencies = list[dict[str, Any]](), list[dict[str, Any]](), list[dict[str, Any]]()
+    forces = list[dict[str, Any]]()
+    shapes = list[dict[str, Any]]()
+    frequencies = list[dict[str, Any]]()
     for row in layout.quantities(result):
         name = row["quantity"]
         plain = {"symbol": name, "name": row.get("name"), "value": row["value"], "unit": row.get("unit")}

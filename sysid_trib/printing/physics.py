@@ -61,7 +61,8 @@ def physics_json(tree: xr.DataTree) -> dict[str, Any]:
     """
     if CONSEQUENCES not in tree.children:
         return {}
-    known, si = tree[CONSEQUENCES], si_of(tree)
+    known = tree[CONSEQUENCES]
+    si = si_of(tree)
     data: dict[str, Any] = {}
     if refused := known.attrs["refused"]:
         data["refused"] = refused
@@ -126,7 +127,8 @@ def _significant(result: xr.Dataset) -> set[str]:
 
 
 def _weights(result: xr.Dataset, weights: xr.Dataset) -> list[str]:
-    known, parts = _significant(result), []
+    known = _significant(result)
+    parts = []
     acting = [of_force for symbol, of_force in by_label(weights, "force").items() if symbol in known]
     for weight, what in SHARES.items():
         # NaN, where no force acts, is not larger than anything.
@@ -154,9 +156,11 @@ def _energy(result: xr.Dataset, values: xr.Dataset, si: xr.Dataset | None) -> It
 
 def _crossovers(result: xr.Dataset, pairs: xr.Dataset, ends: Array) -> Iterator[str]:
     """Describe where two significant forces weigh the same, and whether this is an extrapolation."""
-    known, unit = _significant(result), variables.signal_units(result)
+    known = _significant(result)
+    unit = variables.signal_units(result)
     for pair in by_label(pairs, "pair").values():
-        first, second = pair["first"].item(), pair["second"].item()
+        first = pair["first"].item()
+        second = pair["second"].item()
         finite = [rule for rule in RULE_WORDS if np.isfinite(pair.amplitude.sel(rule=rule).item())]
         if not finite or not {first, second} <= known:
             continue

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.physics.si_laws import LAWS_SI
 from sysid_trib.printing import ALWAYS, Block, layout
 from sysid_trib.printing.laws import FRICTION_TITLE
 from sysid_trib.results.kinds import GIVEN, MU
+from sysid_trib.results.law_curves import LAWS_SI
 
 SI_ROWS = 8
 
@@ -17,10 +17,11 @@ def si_blocks(tree: xr.DataTree) -> list[Block]:
     """Return the table of the friction in SI units; nothing where no inertia or mass was given."""
     if LAWS_SI not in tree.children:
         return []
-    data, rows = tree[LAWS_SI].to_dataset(), []
+    data = tree[LAWS_SI].to_dataset()
+    rows = []
     along, name = ("sliding_speed", MU) if MU in data else ("speed", "friction")
     visited = np.flatnonzero(data.speed_visited.values)
-    for at in visited[np.unique(np.linspace(0, len(visited) - 1, SI_ROWS).round().astype(int))]:
+    for at in visited[layout.evenly_chosen(len(visited), SI_ROWS)]:
         row = data.isel(speed=at, other_speed=at)
         unit = data[along].attrs["units"]
         cells = {f"{along.replace('_', ' ')} ({unit})": f"{row[along].item():.3g}"}

@@ -29,7 +29,8 @@ def runs_blocks(tree: xr.DataTree) -> Iterator[Block]:
     """Return the results of each run, and the test of their differences (see `run_agreement`)."""
     if "runs" not in tree:
         return
-    runs, rows = tree["runs"].to_dataset(), []
+    runs = tree["runs"].to_dataset()
+    rows = []
     for name, row in layout.by_label(runs, "quantity").items():
         cells = layout.values_with_errors(row.value, row.standard_error)
         by_run = {f"run {at}": cell for at, cell in enumerate(cells, 1)}
@@ -108,7 +109,8 @@ EFFECTIVE = "The model is incomplete, so these coefficients are effective values
 
 def verdict_sentence(tree: xr.DataTree) -> str:
     """Return the verdict on the record in words that need no statistics."""
-    verdict, preferred = judged.verdict_of(tree), judged.preferred_of(tree)
+    verdict = judged.verdict_of(tree)
+    preferred = judged.preferred_of(tree)
     if verdict not in UNEXPLAINED_SENTENCES:
         with_line = verdict == "explained" and [*line_sentences(tree)]
         return EXPLAINED_BUT_LINE if with_line else EXPLAINED[verdict]
@@ -161,7 +163,8 @@ def amplitude_range(low: float, high: float, unit: str) -> str:
 def test_sentences(tree: xr.DataTree) -> Iterator[str]:
     """Describe the tests behind the verdict, and the two parts of each error of the preferred model."""
     p_value = layout.p_value_text(float(tree["judged"].p_value.max()))
-    said, result = f"Test that the residual is white noise: p {p_value}.", judged.preferred_result(tree)
+    said = f"Test that the residual is white noise: p {p_value}."
+    result = judged.preferred_result(tree)
     if "random_force" in tree.children and not not_followed(tree):
         p_value = layout.p_value_text(float(tree["judged"].random_force_p[-1]))
         said += f" Test that the random force is independent of motion and time: p {p_value}."
@@ -200,7 +203,9 @@ def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
     result = results.get(judged.preferred_of(tree), next(reversed(results.values())))
     noise, model = judged.error_parts(result)
     if np.any(model > 0.0):
-        factor = float(np.max(np.hypot(noise, model)[noise > 0.0] / noise[noise > 0.0], initial=1.0))
+        known = noise > 0.0
+        ratios = np.hypot(noise, model)[known] / noise[known]
+        factor = float(np.max(ratios, initial=1.0))
         yield (
             f"{EFFECTIVE}. Standard errors include the change between parts of the record: they are up to "
             f"{factor:.3g} times the errors from noise alone (--explain)."
@@ -244,7 +249,8 @@ UNIDENTIFIABLE = {
 
 def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
     """List the coefficients that are fixed, tied or at a bound; nothing if there are none."""
-    parts, results = [], list(results)
+    parts = []
+    results = list(results)
     for result in results:
         for symbol, row in layout.by_label(result, "force").items():
             if kind := row.coords.get("constraint", xr.DataArray("")).item():

@@ -18,9 +18,11 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.methods import method_of, scope
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import RecordsLike, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results import signal_scale
 from sysid_trib.results.effects import at_bound
 from sysid_trib.results.judged import error_parts, main_result
+from sysid_trib.results.kinds import SIDES
+from sysid_trib.results.models import forces_in_model, library_of
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names, signal_units
 from sysid_trib.validation import random_effects, refits
 from sysid_trib.validation.cross_check import HOMOGENEITY_LEVEL
@@ -31,7 +33,6 @@ from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motion
 from sysid_trib.validation.verdict import judged_models
 
 Identified = xr.Dataset | xr.DataTree
-SIDES = ("first", "second")
 
 
 @overload
@@ -131,7 +132,7 @@ def _difference(
         raise UsageError("The samples are in different units; read all records in one (--units).")
     reference = sides[0][0].reference_frequency.item()
     members = [member for side in sides for member in side]
-    symbols = list(dict.fromkeys(s for member in members for s in references.forces_in_model(member)))
+    symbols = list(dict.fromkeys(s for member in members for s in forces_in_model(member)))
     free = {s for m in members for s in m.force.values[m.standard_error.values != 0.0].tolist()}
     held = [s for s in symbols if s not in free and all(s in member.force for member in members)]
     samples = []
@@ -152,7 +153,7 @@ def _difference(
         "at_a_bound": ", ".join(symbol for symbol in symbols if symbol in bounded),
     }
     # A sample may lack the viscous force that the other has.
-    factors = {s: f for member in members for s, f in schema.library_of(member).damping_factors.items()}
+    factors = {s: f for member in members for s, f in library_of(member).damping_factors.items()}
     damping = np.array([factors.get(symbol, 0.0) for symbol in symbols]) * reference
     stiffness = _stiffness_difference(values, by_noise + by_model, damping)
     errors = np.sqrt(np.diagonal(by_noise + by_model, axis1=1, axis2=2))
@@ -209,7 +210,7 @@ def _run(
         values[place] = result.coefficient.sel(force=symbols[place]).item()
         covariance[place], covariance[:, place] = 0.0, 0.0
     # A result has both parts of its errors, but their correlations together alone.
-    kept, part = references.forces_in_model(result), np.ones(len(symbols) + 1)
+    kept, part = forces_in_model(result), np.ones(len(symbols) + 1)
     at = list(map(symbols.index, kept))
     of_noise, of_model = (error[np.isin(result.force.values, kept)] for error in error_parts(result))
     total = np.hypot(of_noise, of_model)
@@ -285,8 +286,8 @@ def _model_error_of_difference(
     """Return the model's covariance of the differences; None if all explain, or parts cannot be fitted."""
     if not any("error_of_model" in result for side in sides for result in side):
         return None
-    reference, symbols = sides[0][0].reference_frequency.item(), references.forces_in_model(sides[0][0])
-    if any(references.forces_in_model(result) != symbols for side in sides for result in side):
+    reference, symbols = sides[0][0].reference_frequency.item(), forces_in_model(sides[0][0])
+    if any(forces_in_model(result) != symbols for side in sides for result in side):
         return None
 
     def contrast(of: Sequence[Sequence[xr.Dataset]]) -> tuple[Array, Array]:

@@ -8,28 +8,23 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
-from sysid_trib.forces.selection import System
+from sysid_trib.forces.systems import System
 from sysid_trib.likelihood.random_force import RandomForceOption
-from sysid_trib.questions.difference import SIDES
 from sysid_trib.results.judged import best
+from sysid_trib.results.kinds import SIDES
+from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws import bands
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band, interpolation
+from sysid_trib.smooth_laws.bands import band, interpolation
 from sysid_trib.smooth_laws.laws import laws
 
-# Group of a result with the dataset of `law_difference`.
-LAW_DIFFERENCE = "law_difference"
-# Level of no difference along a law.
-NO_DIFFERENCE_LEVEL = 1.0 - BAND_PROBABILITY
 # Fewer places that both laws visit are no common range.
 FEWEST_PLACES = 3
 # Below this part of the draws the p-value follows from the length of the curve.
 COUNTED_PART = 0.005
-LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
 
 
 def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.DataTree) -> xr.Dataset:
@@ -147,19 +142,6 @@ def p_value(z: Array, covariance: Array) -> float:
     length = float(np.sum(np.arccos(np.clip(cosines, -1.0, 1.0))))
     tail = 2.0 * scipy.stats.norm.sf(largest) + length / np.pi * np.exp(-0.5 * largest**2)
     return float(min(tail, COUNTED_PART))
-
-
-def ranges_of(places: Array, chosen: Mask) -> list[tuple[float, float]]:
-    """Return the ends of each stretch of places that are chosen.
-
-    Parameters
-    ----------
-    places : (place,) array of float
-    chosen : (place,) array of bool
-    """
-    starts = np.flatnonzero(chosen & ~np.append(False, chosen[:-1]))
-    ends = np.flatnonzero(chosen & ~np.append(chosen[1:], False))
-    return [(float(places[a]), float(places[b])) for a, b in zip(starts, ends, strict=True)]
 
 
 def laws_held_against(

@@ -7,13 +7,13 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY, simultaneous_factor
+from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.motion_fit.least_squares import Fit, covariance_root
 from sysid_trib.questions.profiles import free_likelihood
 from sysid_trib.records.runs import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
-from sysid_trib.results.variables import described
+from sysid_trib.results.variables import CONFIDENCE, described
 
 # Draws of a band's factor, and points of the curves that are no motion.
 CURVE_DRAWS, CURVE_GRID = 4000, 60
@@ -77,7 +77,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
         raise DecayError(f"For some parameters within its errors this model has no motion: {why}") from None
     coords = {"time": time, "envelope_time": coarse, **described("curve_bands", {"amplitude": best[-1]})}
     made: dict[str, Any] = {}
-    attrs = {"confidence": BAND_PROBABILITY}
+    attrs = {"confidence": CONFIDENCE}
     normal = np.random.default_rng(seed).standard_normal((CURVE_DRAWS, len(steps)))
     for at, name in enumerate(MODEL_CURVES):
         root = 0.5 * np.array([more[at] - less[at] for more, less in zip(up, down, strict=True)])

@@ -13,11 +13,11 @@ from sysid_trib.errors import DecayError, Tell, UsageError, silent
 from sysid_trib.methods import Trajectory, method_of
 from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.results import models, signal_scale, variables
 from sysid_trib.results.random_force import random_force_of
+from sysid_trib.results.variables import CONFIDENCE
 
-# Confidence of the intervals, and the root of the deviance at their ends.
-CONFIDENCE = 0.95
+# The root of the deviance at the ends of an interval.
 END_ROOT = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 # Standard errors of the first step by which the ends are looked for, by how much the next is longer, and how
 # many each way: some fifty errors.
@@ -164,7 +164,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
     DecayError
         The motion is pushed by a random force, or no motion follows the record.
     """
-    runs, library, asked = as_runs(decay, driven=True), schema.library_of(result), method_of(result)
+    runs, library, asked = as_runs(decay, driven=True), models.library_of(result), method_of(result)
     if any(random_force_of(result, run) for run in range(len(runs))):
         raise DecayError(
             "This record has a random force, but a profile is for the free motion: use "

@@ -15,9 +15,10 @@ from sysid_trib.methods import Direct
 from sysid_trib.motion_fit.least_squares import covariance_root
 from sysid_trib.motion_fit.linearised import whitened
 from sysid_trib.results import effects, judged, kinds, references, schema, variables
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.random_force import random_force_of
-from sysid_trib.simulation import simulate
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import random_force_test
 
 # Models are distinguished where the odds of the right one are so high.
@@ -72,7 +73,7 @@ def predicted(
     """
     model, (of_model, ratio) = rival.model, forcing
     names = [*model.coefficients, *model.shapes, FREQUENCY, BY_ANGLE, BY_RATE]
-    motion = simulate.trajectory(model, time, *start, by=names)
+    motion = trajectory(model, time, *start, by=names)
     by = motion.derivatives["angle"]
     columns = np.column_stack([motion.angle, by, np.ones(len(time))]) / noise
     columns = whitened(of_model, time, start, ratio, columns)
@@ -125,7 +126,7 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
     """Return the models with each candidate of the last credible set in the place of the last effect."""
     step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
     offered, options = effects.candidates_of(tree), json.loads(tree.attrs["options"])
-    rest = [force for force in schema.library_of(after) if force.symbol != step.symbol.item()]
+    rest = [force for force in library_of(after) if force.symbol != step.symbol.item()]
     # The evidence of an effect falls if its coefficient is not the known physical value.
     misnamed = effects.misnamed_effects(tree)
     known = {f.symbol: f.coefficient for f in offered if f.coefficient and f.symbol not in misnamed}
@@ -149,7 +150,7 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
 def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[str, float]:
     """Return a rival's shape parameters from the search, those of its candidate from the last step."""
     # A result that an older version saved has no shapes of candidates.
-    shapes = library.shape_values() | schema.shape_values_of(after, library)
+    shapes = library.shape_values() | shape_values_of(after, library)
     for name in shapes.keys() & set(step.get("competing_shape_parameter", xr.DataArray([])).values.tolist()):
         value = step.competing_shape.sel(competing_shape_parameter=name).item()
         shapes[name] = value if np.isfinite(value) else shapes[name]
@@ -161,7 +162,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
 
     A shape has a Gaussian prior whose density is that of even ones over its range, as in the evidence.
     """
-    model, library = schema.model_of(result), schema.library_of(result)
+    model, library = schema.model_of(result), library_of(result)
     shapes = [(name.partition("."), value) for name, value in model.shapes.items()]
     unit = np.array([library[force].shape[name].slope(value) for (force, _, name), value in shapes])
     held = result.standard_error.sel(force=list(model.coefficients)).values == 0.0

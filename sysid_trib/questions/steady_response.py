@@ -13,11 +13,12 @@ from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.motion_fit.bands import parameters_of
-from sysid_trib.records.inputs import INPUT, PER_KIND, KnownInput
-from sysid_trib.results import schema, signal_scale, variables
+from sysid_trib.records.inputs import PER_KIND, KnownInput
+from sysid_trib.records.roles import INPUT
+from sysid_trib.results import models, schema, signal_scale, variables
 from sysid_trib.results.judged import best
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 SWEEPS = ("up", "down", "unstable")
 # Draws of the parameters for a band of 95 %.
@@ -90,7 +91,7 @@ def forced_response(
     if not np.all(np.isfinite(size) & (size > 0.0)):
         raise UsageError("A drive must be a positive amplitude: a number, or one for each frequency.")
     result = best(result)
-    forces = schema.library_of(result)
+    forces = models.library_of(result)
     if is_free_to_move(forces, dict(zip(forces.symbols, result.coefficient.values.tolist(), strict=True))):
         raise UsageError("A body without a restoring force has no resonance; its response is that of a mass.")
     name = _input_of(forces, driven_by, base)

@@ -12,6 +12,7 @@ from sysid_trib.records import half_periods, half_sines, reading, tables, units 
 from sysid_trib.records.clock import are_whole
 from sysid_trib.records.column import Column
 from sysid_trib.records.free_decay import free_decay
+from sysid_trib.records.unit_tables import STANDARD_GRAVITY
 
 
 def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
@@ -102,7 +103,8 @@ def unit_of(
         # In whatever it is, no coefficient would have its size.
         wrong = f"{table.source}: --units '{how.units}' is no known unit of an angle"
         raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
-    unit, why = given or stated, ""
+    unit = given or stated
+    why = ""
     if unit is None:
         meant = how.quantity or lab.names_quantity(column.base) or how.usual
         # A column without a name, or named by its axis alone, may be an accelerometer.
@@ -176,7 +178,8 @@ def _assumed_unit(
         text, why = _on_circle(time, values, radius)
     elif meant == "displacement" or (not meant and half > 180.0):
         # In degrees: a signal that is not named as an angle and swings farther is no angle.
-        text, why = "au", "coefficients are in its unit, au"
+        text = "au"
+        why = "coefficients are in its unit, au"
     elif meant in (None, "", "angle"):
         text, why = _of_angle(time, values, half) if gravity else _of_angle_without_gravity(signal, half)
     elif meant == "rate":
@@ -197,7 +200,8 @@ def _assumed_unit(
 
 # An axis that points down shows gravity within this part, in a sensor that is not calibrated; the three axes
 # of one sensor show it together within a smaller part.
-OF_GRAVITY, OF_GRAVITY_ON_AXES = 0.055, 0.02
+OF_GRAVITY = 0.055
+OF_GRAVITY_ON_AXES = 0.02
 
 
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
@@ -208,7 +212,7 @@ def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Colu
         return ""
     rests = [float(np.nanmedian(values if axis is column else axis.values)) for axis in axes]
     together = float(np.sqrt(np.sum(np.square(rests))))
-    if abs(together / lab.STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
+    if abs(together / STANDARD_GRAVITY - 1.0) > OF_GRAVITY_ON_AXES:
         return ""
     names = ", ".join(axis.name for axis in axes)
     return f"unit not stated: taken as m/s^2, since {names} rest at {together:.3g} together, as gravity"
@@ -223,7 +227,7 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
         An accelerometer would, and an angle hardly.
     """
     rest = float(np.median(values))
-    if abs(abs(rest) / lab.STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
+    if abs(abs(rest) / STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
         raise UsageError(
             f"{column.source}: the quantity of column {column.name} is not stated; it swings about "
             f"{rest:.3g}, like an accelerometer in m/s^2 under gravity: give --units "
@@ -314,7 +318,7 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
         # Gravity comes out right, within this part.
-        if abs(gravity * metres / lab.STANDARD_GRAVITY - 1.0) < 0.05:
+        if abs(gravity * metres / STANDARD_GRAVITY - 1.0) < 0.05:
             return text, (
                 f"in {text}, since it moves on a circle of radius {radius:.4g} and swings "
                 f"as a pendulum of {radius:.4g} {text} does (its angle: --angle 'atan2(...)')"

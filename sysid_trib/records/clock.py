@@ -14,7 +14,8 @@ UNEVEN_PART = 1e-9
 MOST_DIGITS = 9
 # Steps of the rounding within which stamps are a line's, cut off or rounded; its slope is known to a little
 # less, and less well where the steps differ.
-WITHIN, WITHIN_UNEQUAL = 1.02, 1.5
+WITHIN = 1.02
+WITHIN_UNEQUAL = 1.5
 # A row follows at once if it comes within this part of the mean step; in packets most do.
 AT_ONCE = 0.5
 GIVE_RATE = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
@@ -304,7 +305,8 @@ def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
 
 def _in_packets(given: Array, line: Array, values: Array) -> bool:
     """Return true if rows come in packets, and the signal moves as much between packets as within them."""
-    steps, moves = np.diff(given), np.abs(np.diff(values))
+    steps = np.diff(given)
+    moves = np.abs(np.diff(values))
     at_once = steps < AT_ONCE * (line[1] - line[0])
     if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):
         return False
@@ -313,5 +315,6 @@ def _in_packets(given: Array, line: Array, values: Array) -> bool:
     if np.ptp(given - line) > 1.5 * steps.max() or not _shows_period(steps.max(), line, values):
         return False
     ratio = np.median(steps[~at_once]) / max(float(np.median(steps[at_once])), 1e-300)
-    within, between = np.nanmedian(moves[at_once]), np.nanmedian(moves[~at_once])
+    within = np.nanmedian(moves[at_once])
+    between = np.nanmedian(moves[~at_once])
     return bool(between < np.sqrt(min(ratio, 100.0)) * within)

@@ -13,12 +13,13 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
 from sysid_trib.records import units as lab
 from sysid_trib.records.signal import LARGEST_NUMBER
+from sysid_trib.records.unit_tables import LAB_WORDS
 
 # The clock by which a column counts (see `clock.CLOCKS`).
 ClockKind = Literal["dates", "universal", "day", "stamps", "rows"]
 # A clock that is set back this often is none: the rows are in no order.
 MOST_SET_BACK = 20
-MISSING_TEXTS = frozenset(lab.LAB_WORDS["missing"])
+MISSING_TEXTS = frozenset(LAB_WORDS["missing"])
 DAY = 86400.0
 # The minus sign of Swedish and Norwegian settings.
 MINUS = "\u2212"
@@ -80,7 +81,8 @@ class Column:
         values = values.astype(np.float64)
         wrong = np.flatnonzero(np.abs(values) > LARGEST_NUMBER)
         if wrong.size:
-            row, infinite = wrong[0], np.isinf(values)
+            row = wrong[0]
+            infinite = np.isinf(values)
             said = f"contains {values[row]:g}, too much for an oscillation or its time; scale it."
             if infinite[row]:
                 count = np.count_nonzero(infinite)
@@ -219,7 +221,7 @@ class Column:
     @property
     def counts_rows(self) -> bool:
         """True if its header is that of a number of the row, such as `frame`."""
-        return self.base in lab.LAB_WORDS["counter"]
+        return self.base in LAB_WORDS["counter"]
 
     @cached_property
     def rises(self) -> bool:

@@ -10,10 +10,11 @@ import pandas as pd
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.records import cleaning, clock, drives, equilibrium, free_decay, modes, units as lab
+from sysid_trib.records import clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
+from sysid_trib.records.unwrapping import unwrapped
 
 
 class ChosenColumns(NamedTuple):
@@ -241,7 +242,7 @@ def _swing_of(column: Column, time: Column | None) -> TriedColumn | None:
             times, rows, *_ = clock.read_clock(stamps.astype(float), 1.0, column.source, values)
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
-            whole, _, _ = cleaning.unwrapped(cleaning.unwrapped(values[rows][good], turn)[0])
+            whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
             return TriedColumn(*free_decay.swing_within(times[good], whole))
     return TriedColumn(None, "")
 
@@ -280,10 +281,8 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
     if not any(swings[c].swing for c in pool):
         pool = named or pool
         reasons = "; ".join(f"{c.name}: {swings[c].reason}" for c in pool[:LISTED] if swings[c].reason)
-        beat = (
-            re.search("two modes beat|several modes|rises again", reasons) is not None
-            and "driven" not in reasons
-        )
+        several_modes = re.search("two modes beat|several modes|rises again", reasons) is not None
+        beat = several_modes and "driven" not in reasons and any(_loses_amplitude(c) for c in pool)
         driven = (
             "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
             "the drive off, and record the free decay."
@@ -303,6 +302,15 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
+
+
+def _loses_amplitude(column: Column) -> bool:
+    """Return true if the last quarter of a column swings less than half as far as the first."""
+    values = column.numbers[np.isfinite(column.numbers)]
+    quarter = len(values) // 4
+    if not quarter:
+        return False
+    return bool(np.std(values[-quarter:]) < 0.5 * np.std(values[:quarter]))
 
 
 def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
@@ -345,7 +353,8 @@ def _is_rate_of(swing: equilibrium.Swing | None, other: equilibrium.Swing | None
     """Return true if a swing is the derivative of another: a quarter period ahead, and w times as large."""
     if swing is None or other is None or swing is other:
         return False
-    mine, its = swing.oscillation, other.oscillation
+    mine = swing.oscillation
+    its = other.oscillation
     if mine.signal.size != its.signal.size or abs(mine.period / its.period - 1.0) > 0.05:
         return False
     w = 2.0 * np.pi / its.period
@@ -378,7 +387,8 @@ def _in_phase(first: Array, second: Array, least: float = 0.8) -> bool:
     if first.size != second.size:
         return False
     good = np.isfinite(first) & np.isfinite(second)
-    x, y = first[good], second[good]
+    x = first[good]
+    y = second[good]
     return bool(x.size > 1 and np.ptp(x) and np.ptp(y) and abs(np.corrcoef(x, y)[0, 1]) > least)
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError, did_you_mean
-from sysid_trib.records.inputs import CONSTANT, ROLE
+from sysid_trib.records.roles import CONSTANT, ROLE
 from sysid_trib.records.tables import FileTable
 
 # A constant may vary by this part of its size, as a number that was rounded.

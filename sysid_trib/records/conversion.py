@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from sysid_trib.records.units import ANGLE_UNITS, POSITION_UNITS, RADIANS, STANDARD_GRAVITY
+from sysid_trib.records.unit_tables import ANGLE_UNITS, POSITION_UNITS, RADIANS, STANDARD_GRAVITY
 
 
 class UnitSize(NamedTuple):
@@ -70,7 +70,8 @@ def factor_between(given: str, wanted: str) -> float | None:
     """
     if given.strip() == wanted.strip():
         return 1.0
-    first, second = _parsed(given), _parsed(wanted)
+    first = _parsed(given)
+    second = _parsed(wanted)
     if first is None or second is None or first.powers != second.powers:
         return None
     return first.size / second.size
@@ -82,7 +83,8 @@ def _parsed(text: str) -> UnitSize | None:
     text = re.sub(r"(?<=[^\W\d_])-(?=[^\W\d_])", "*", text)
     over = text.replace("μ", "µ").replace("²", "^2").replace("**", "^").replace("(", " ").replace(")", " ")
     numerator, *denominators = over.split("/")
-    size, powers = 1.0, Counter[str]()
+    size = 1.0
+    powers = Counter[str]()
     for part, sign in ((numerator, 1), *((part, -1) for part in denominators)):
         for factor in filter(None, re.split(r"[\s*·⋅.]+", part)):
             if factor == "1":

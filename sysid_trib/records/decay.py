@@ -12,7 +12,8 @@ from sysid_trib.arrays import Array, variable, with_error
 from sysid_trib.errors import DecayError
 from sysid_trib.records import free_motion_checks as checks, half_periods
 from sysid_trib.records.equilibrium import Swing, find_swing
-from sysid_trib.records.signal import Piece, as_position, unit_of_signal
+from sysid_trib.records.integration import Piece, as_position
+from sysid_trib.records.signal import unit_of_signal
 
 # Part of a half period to which the extremum before the first zero crossing is known.
 EXTREMUM_ERROR = 0.003
@@ -20,9 +21,13 @@ EXTREMUM_ERROR = 0.003
 
 def free_part(swing: Swing) -> Swing:
     """Return the free part of a swing, the samples cut before and after it, and its final stop."""
-    time, halves, run = swing.time, swing.halves, swing.run
-    smoothed, centred = swing.oscillation.time, swing.oscillation.signal - swing.equilibrium
-    start, before = 0, ""
+    time = swing.time
+    halves = swing.halves
+    run = swing.run
+    smoothed = swing.oscillation.time
+    centred = swing.oscillation.signal - swing.equilibrium
+    start = 0
+    before = ""
     if run.start > 1 or not _mirrors(smoothed, centred, swing, leading=True):
         inside = (smoothed >= halves.crossing[run.start]) & (smoothed <= halves.crossing[run.start + 1])
         top = smoothed[inside][np.argmax(np.abs(centred[inside]))]
@@ -31,7 +36,9 @@ def free_part(swing: Swing) -> Swing:
         start = _release(swing, smoothed, centred)
     if start:
         before = f"the {time[start] - time[0]:.4g} s before the first free extremum"
-    stop, after, stop_time = time.size, "", np.nan
+    stop = time.size
+    after = ""
+    stop_time = np.nan
     if run.stop < halves.sign.size - 1 or not _mirrors(smoothed, centred, swing, leading=False):
         free = checks.before_the_hand(swing)
         if free is None:
@@ -54,7 +61,9 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     period from the extremum to the crossing, a little more where it decays, and before the extremum it is the
     mirror image of what follows, up to the decay, whatever the elastic forces.
     """
-    time, run, peak = swing.time, swing.run, swing.peaks
+    time = swing.time
+    run = swing.run
+    peak = swing.peaks
     duration = swing.halves.duration[run]
     if duration.size < 4:
         return 0
@@ -84,8 +93,10 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
     Free motion under odd forces is, up to the decay; motion held, driven or stopped by hand or by friction is
     not.
     """
-    halves, run = swing.halves, swing.run
-    peak, duration = swing.peaks, halves.duration[run]
+    halves = swing.halves
+    run = swing.run
+    peak = swing.peaks
+    duration = halves.duration[run]
     crossing = halves.crossing[run.start] if leading else halves.crossing[run.stop]
     # Two half periods further the sign is the same: an error of the equilibrium does not look like decay.
     near, further = (0, 2) if leading else (-1, -3)
@@ -105,9 +116,12 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
 
 def _find_stop(swing: Swing) -> tuple[int, float]:
     """Return the first sample of the stuck tail, and its time; nan if the motion faded or went on."""
-    time, angle = swing.time, swing.signal - swing.equilibrium
-    halves, run = swing.halves, swing.run
-    end, duration = halves.crossing[run.stop], float(halves.duration[run.stop - 1])
+    time = swing.time
+    angle = swing.signal - swing.equilibrium
+    halves = swing.halves
+    run = swing.run
+    end = halves.crossing[run.stop]
+    duration = float(halves.duration[run.stop - 1])
     first, last = np.searchsorted(time, (end + duration, end + 12.0 * duration))
     if last - first < 5:
         return time.size, np.nan
@@ -155,7 +169,8 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
     Dataset
         As `free_decay` returns it.
     """
-    time, signal = swing.time[swing.free], swing.signal[swing.free] - swing.equilibrium
+    time = swing.time[swing.free]
+    signal = swing.signal[swing.free] - swing.equilibrium
     attrs = record["angle"].attrs
     units = centred_in = unit_of_signal(record)
     equilibrium = swing.equilibrium, swing.standard_error
@@ -171,8 +186,10 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
         # above them.
         every = max(1, int(period / 32 * (time.size - 1) / (time[-1] - time[0])))
         every = every if record.attrs["integrations"] else 1
-        time, signal = time[::every], signal[::every]
-        equilibrium, centred_in = (0.0, np.nan), str(record[measured].attrs["units"])
+        time = time[::every]
+        signal = signal[::every]
+        equilibrium = (0.0, np.nan)
+        centred_in = str(record[measured].attrs["units"])
     cut = _on_own_samples(record, time, bare=bool(measured))
     cut["angle"] = ("time", signal, attrs)
     cut = cut.assign(variables | with_error("equilibrium", (), equilibrium, "equilibrium", units))
@@ -227,8 +244,10 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing
 
 def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, float] | None:
     """Return the constant below a damped sine, and its standard error; None if there is no damped sine."""
-    w, size = 2.0 * np.pi / period, float(np.std(signal))
-    at, y = w * (time - time[0]), signal / size
+    w = 2.0 * np.pi / period
+    size = float(np.std(signal))
+    at = w * (time - time[0])
+    y = signal / size
 
     def motion(at: Array, *values: float) -> Array:
         constant, cosine, sine, exponent, ratio = values

@@ -10,7 +10,8 @@ from scipy.interpolate import make_interp_spline
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, half_periods
-from sysid_trib.records.inputs import ROLE, KnownInput, inputs_of, integral_of_rate, is_constant
+from sysid_trib.records.inputs import KnownInput, inputs_of, integral_of_rate, is_constant
+from sysid_trib.records.roles import ROLE
 from sysid_trib.records.saturation import refuse_saturated
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 

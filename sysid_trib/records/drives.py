@@ -6,10 +6,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from sysid_trib.errors import SysidTribError
-from sysid_trib.records import units as lab
 from sysid_trib.records.column import Column
+from sysid_trib.records.unit_tables import LAB_WORDS
 
-_WORDS = lab.LAB_WORDS["drives"]
+_WORDS = LAB_WORDS["drives"]
 # Fraction of zero steps of an input that is held between changes.
 MOSTLY_HELD = 0.5
 

@@ -77,7 +77,8 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
         return None
     # Mains hum has a long travel of small movements: the swing is the motion several times as large as the
     # line of the most travel, in some half periods.
-    period, far = travels.oscillation.period, 2.0 * _largest(travels)
+    period = travels.oscillation.period
+    far = 2.0 * _largest(travels)
     larger = [s for s in swings if s.peaks.size >= 5 and s.oscillation.period > period and _largest(s) > far]
     return max(larger, key=_largest, default=travels)
 
@@ -107,7 +108,8 @@ def with_half_periods(
         Fewer than these.
     """
     checked_signal(decay)
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    time = decay.time.values.astype(float)
+    angle = decay.angle.values.astype(float)
     source = str(decay.attrs.get("source", "decay"))
     halves = _whole_half_periods(time.tobytes(), angle.tobytes(), equilibrium)
     if halves is None:
@@ -172,14 +174,16 @@ def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods)
     phase = np.pi * (time[sample] - middle[half]) / local[half]
     cc, cs, ss, cy, sy = harmonic_sums(phase, signal[sample], np.ones(half.size), first)
     determinant = np.maximum(cc * ss - cs * cs, 1e-12 * cc * cc)
-    p, q = (ss * cy - cs * sy) / determinant, (cc * sy - cs * cy) / determinant
+    p = (ss * cy - cs * sy) / determinant
+    q = (cc * sy - cs * cy) / determinant
     return np.copysign(np.hypot(p, q), p)
 
 
 def samples_between(low: Index, high: Index) -> tuple[Index, Index, Index]:
     """Return the samples of all half periods: their numbers, half periods, and the first of each."""
     count = high - low
-    half, first = np.repeat(np.arange(count.size), count), np.cumsum(count) - count
+    half = np.repeat(np.arange(count.size), count)
+    first = np.cumsum(count) - count
     return np.arange(half.size) + (low - first)[half], half, first
 
 
@@ -193,8 +197,11 @@ def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Ar
         last = start + len(begin)
         end = len(phase) if last == len(first) else max(first[last], begin[-1] + 1)
         part = slice(begin[0], end)
-        cosine, sine, y = np.cos(phase[part]), np.sin(phase[part]), value[part]
-        c, s = weight[part] * cosine, weight[part] * sine
+        cosine = np.cos(phase[part])
+        sine = np.sin(phase[part])
+        y = value[part]
+        c = weight[part] * cosine
+        s = weight[part] * sine
         terms = (c * cosine, c * sine, s * sine, c * y, s * y)
         sums[:, start:last] = [np.add.reduceat(term, begin - begin[0]) for term in terms]
     return sums
@@ -216,7 +223,8 @@ def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
         curvature = np.abs(extrema[4:] - 2.0 * extrema[2:-2] + extrema[:-4]) / 16.0
         usual = max(float(np.median(curvature)), noise, 1e-15 * float(np.max(np.abs(extrema))))
         weights = 1.0 / np.maximum(1.0, curvature / usual) ** 2
-    total, mean = weights, float(np.average(terms, weights=weights))
+    total = weights
+    mean = float(np.average(terms, weights=weights))
     for _ in range(5):
         deviation = np.abs(terms - mean)
         limit = 1.5 * 1.4826 * float(np.median(deviation))

@@ -98,7 +98,8 @@ def _json_content(path: Path) -> Any:
 def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield columns of objects, of rows of objects or cells, or of a plain list, named like `run.theta`."""
     if isinstance(value, dict):
-        names, rows = value.get("columns"), value.get("data")
+        names = value.get("columns")
+        rows = value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
             # The format of pandas for a split table.
             yield from _json_columns([dict(zip(map(str, names), row, strict=False)) for row in rows], name)

@@ -13,8 +13,10 @@ from sysid_trib.records import cleaning, free_motion_checks as checks, half_peri
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.in_memory import one_record
+from sysid_trib.records.integration import Piece, uniform_pieces
 from sysid_trib.records.runs import RecordLike
-from sysid_trib.records.signal import Piece, checked_signal, uniform_pieces
+from sysid_trib.records.signal import checked_signal
+from sysid_trib.records.unwrapping import new_frames, pulses
 
 # In any unit; the squares of still smaller numbers underflow.
 SMALLEST_SWING = 1e-150
@@ -109,7 +111,8 @@ def free_decays(
     inside = _in_window(record, window, source)
     # A measured rate or acceleration shows the swing best: its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
-    time, angle = inside["time"].to_numpy().astype(float), measured.to_numpy().astype(float)
+    time = inside["time"].to_numpy().astype(float)
+    angle = measured.to_numpy().astype(float)
     if np.ptp(angle) <= max(1e-12 * np.max(np.abs(angle)), SMALLEST_SWING):
         raise DecayError(f"{source}: the angle is flat at {angle[0]:.6g}; choose another column or window.")
     value = None if equilibrium == "auto" else _given(equilibrium)
@@ -142,7 +145,8 @@ def _pieces(
 ) -> tuple[list[Piece], list[str]]:
     """Return pieces on a uniform clock of the samples that are kept, and sentences on the others."""
     kept, said = _kept_samples(time, angle, keep_outliers)
-    time, angle = time[kept], angle[kept]
+    time = time[kept]
+    angle = angle[kept]
     periods = half_periods.dominant_periods(time, angle)
     period = periods[0] if periods else float(time[-1] - time[0])
     return uniform_pieces(time, angle, period, tuple(breaks)), said
@@ -150,8 +154,9 @@ def _pieces(
 
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
     """Return the indices of the samples that are kept, and sentences on the others."""
-    kept, said = np.arange(time.size), []
-    frames = cleaning.new_frames(angle)
+    kept = np.arange(time.size)
+    said = []
+    frames = new_frames(angle)
     if frames is not None:
         kept = frames
         said.append(f"values are held over rows: the {frames.size} new ones of {time.size} are used")
@@ -236,7 +241,7 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
     """Return the swing of a piece after its clipped part, or the reason why it has none."""
-    if cleaning.pulses(signal):
+    if pulses(signal):
         wrong = (
             f"{source}: the signal rests at one level and leaves it in pulses, like that of a light barrier"
         )
@@ -319,7 +324,8 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
     stop = np.inf if window[1] is None else float(window[1])
     if not start < stop:
         raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
-    time, inside = record["time"].to_numpy(), record.sel(time=slice(start, stop))
+    time = record["time"].to_numpy()
+    inside = record.sel(time=slice(start, stop))
     if (count := inside.sizes["time"]) < 20:
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
         where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."

@@ -53,7 +53,8 @@ AS_IT_IS = "name the forces that act (--forces) to use it uncut"
 
 def is_held(swing: Swing, decay: Swing) -> bool:
     """Return true if a drive holds the amplitude of a swing throughout, unlike a decay of the same record."""
-    peak, falling = swing.extrema, decay.extrema
+    peak = swing.extrema
+    falling = decay.extrema
     end, allowed = _held(peak, swing.scatter)
     throughout = end == peak.size >= DRIVEN_HALF_PERIODS
     return throughout and _falls_away(falling * peak[0] / falling[0], end, allowed)
@@ -61,7 +62,8 @@ def is_held(swing: Swing, decay: Swing) -> bool:
 
 def after_the_largest(swing: Swing, source: str) -> Swing:
     """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
-    run, time = swing.run, swing.time
+    run = swing.run
+    time = swing.time
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
     # Each half-sine has two unknowns.
     if per_half_period < 2.5:
@@ -73,7 +75,8 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
             f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
             f"record longer or widen the window, or {AS_IT_IS}."
         )
-    peak, scatter = swing.extrema, swing.scatter
+    peak = swing.extrema
+    scatter = swing.scatter
     largest = int(np.argmax(peak))
     first = largest if peak[largest] > 1.03 * peak[0] + scatter else 0
     quarter = max(1, (count - first) // 4)
@@ -100,7 +103,8 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
 def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
     """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest."""
     trough = int(np.argmin(peak))
-    before, after = peak[: trough + 1].max(), peak[trough:].max()
+    before = peak[: trough + 1].max()
+    after = peak[trough:].max()
     least = TROUGH * peak.max()
     if min(before, after) - peak[trough] > least + 2.0 * scatter and peak[0] > least:
         raise DecayError(
@@ -114,7 +118,8 @@ def _refuse_beats(swing: Swing, source: str) -> None:
 
     Where two modes are as strong as each other the sign changes at the node, which ends the run there.
     """
-    run, peak = swing.run, swing.halves.peak
+    run = swing.run
+    peak = swing.halves.peak
     fall = peak[run]
     quarter = fall.size // 4
     rise = peak[run.stop : min(run.stop + fall.size, peak.size - 1)]
@@ -167,7 +172,8 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
 # decay.
 WRONG_PART = 0.08
 # Most half periods that are wrong, of so many, and at least; they are no more than a swing or two in a row.
-WRONG_OF, FEWEST_WRONG = 30, 4
+WRONG_OF = 30
+FEWEST_WRONG = 4
 
 
 def wrong_swings(swing: Swing) -> Index:
@@ -212,7 +218,8 @@ def wrong_swings(swing: Swing) -> Index:
 def _deviation_from_decay(level: Array) -> Array:
     """Return the deviation of logarithms from their neighbours where these decay; else 0."""
     off = np.zeros(level.size)
-    before, after = level[1:-3], level[3:-1]
+    before = level[1:-3]
+    after = level[3:-1]
     around = np.stack([level[:-4], before, after, level[4:]])
     off[2:-2] = level[2:-2] - np.median(around, axis=0)
     # After a push, and in beats, the amplitude rises.
@@ -236,7 +243,8 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
         Too little is left.
     """
     time = swing.time
-    last, limits = -1, []
+    last = -1
+    limits = []
     for side in (-1, 1) if swing.run.stop - swing.run.start >= FEWEST_EXTREMA else ():
         reached, limit = _clipped(swing, side)
         if reached.size:
@@ -257,7 +265,9 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
 
     Exactly, or within the noise, which may come after what clips.
     """
-    halves, run, angle = swing.halves, swing.run, swing.signal
+    halves = swing.halves
+    run = swing.run
+    angle = swing.signal
     starts, stops = halves.samples(swing.time)
     part = slice(int(starts[run.start]), int(stops[run.stop - 1]))
     limit = float(side * np.max(side * angle[part]))
@@ -305,7 +315,8 @@ def before_the_hand(swing: Swing) -> slice | None:
 
 def _disturbed(swing: Swing, half: int) -> bool:
     """Return true if amplitude or duration leave the course of the half periods of the same sign before."""
-    peak, duration = swing.halves.peak, swing.halves.duration
+    peak = swing.halves.peak
+    duration = swing.halves.duration
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
     fall = peak[half - 4] - peak[half - 2]
     expected = peak[half - 2] - fall

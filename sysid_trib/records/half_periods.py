@@ -4,9 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from scipy.fft import next_fast_len, rfft
-from scipy.interpolate import CubicSpline
 from scipy.ndimage import maximum_filter1d
 
 from sysid_trib.arrays import Array, Index
@@ -103,7 +101,8 @@ def _divided_difference(time: Array, signal: Array) -> Array:
     """Return the size of the sixth divided differences, scaled to the noise of one sample."""
     count = time.size - 6
     near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
-    difference, squares = np.zeros(count), np.zeros(count)
+    difference = np.zeros(count)
+    squares = np.zeros(count)
     # One point after the other: all spacings of a long record at once take a gigabyte.
     for at in range(7):
         weight = 1.0 / math.prod(near[at] - near[other] for other in range(7) if other != at)
@@ -136,7 +135,8 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     that is soon damped away may in the part in which most happens.
     """
     good = np.isfinite(signal)
-    time, signal = time[good], signal[good]
+    time = time[good]
+    signal = signal[good]
     if signal.size < 2:
         return []
     interval = (time[-1] - time[0]) / (time.size - 1)
@@ -154,7 +154,8 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
 
 # A record without a strong line is searched in parts that are so many times shorter each, down to so many
 # samples.
-PART, SHORTEST_PART = 4, 32
+PART = 4
+SHORTEST_PART = 32
 
 
 def _periods_of_lines(signal: Array, interval: float) -> list[float]:
@@ -163,7 +164,8 @@ def _periods_of_lines(signal: Array, interval: float) -> list[float]:
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
     # Few lines are strong: the next steps are done with these only.
     out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
-    spectrum, index = spectrum[out], out + 1
+    spectrum = spectrum[out]
+    index = out + 1
     if not spectrum.size:
         return []
     peaks = [int(np.argmax(spectrum * index**power)) for power in (1.0, 0.5, 0.0)]
@@ -198,7 +200,8 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
     A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis). The
     middle of several noisy crossings counts.
     """
-    time, signal = oscillation.time, oscillation.signal - equilibrium
+    time = oscillation.time
+    signal = oscillation.signal - equilibrium
     magnitude = np.abs(signal)
     points = max(3, round(oscillation.period * (time.size - 1) / (time[-1] - time[0])))
     clear = magnitude > np.maximum(0.1 * maximum_filter1d(magnitude, points), oscillation.floor)
@@ -218,7 +221,8 @@ def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> Hal
 def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) -> Array:
     """Return the mean of the first and last zero crossing between the points ``before`` and ``after``."""
     change = np.flatnonzero((signal[:-1] > 0) != (signal[1:] > 0))
-    low, high = signal[change], signal[change + 1]
+    low = signal[change]
+    high = signal[change + 1]
     instant = time[change] + (time[change + 1] - time[change]) * low / (low - high)
     first = np.searchsorted(change, before)
     last = np.searchsorted(change, after) - 1
@@ -240,72 +244,3 @@ def regular_run(halves: HalfPeriods, period: float) -> slice:
     travel = np.bincount(run, halves.peak * fits, minlength=1)
     best = np.flatnonzero(fits & (run == np.argmax(travel)))
     return slice(int(best[0]), int(best[-1]) + 1) if best.size else slice(0, 0)
-
-
-def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
-    """Return extrema of half periods by lines through log amplitude and phase of the analytic signal.
-
-    Parameters
-    ----------
-    time, angle : (sample,) s, rad; the angle about its equilibrium.
-    halves : whole half periods, three or more.
-
-    Returns
-    -------
-    (half_period,) each: extremum (rad, signed), its time (s), and the standard errors of both at a noise
-    of 1.
-
-    Notes
-    -----
-    An amplitude that decays within the half period, which a half-sine does not follow, does no harm here;
-    harmonics of the motion average out over the half period, as they do there.
-    """
-    grid, log_amplitude, phase = _analytic_signal(time, angle, halves)
-    count = halves.sign.size
-    half = np.searchsorted(halves.crossing[1:-1], grid, side="right")
-    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
-    s = grid - middle[half]
-    level, slope = _lines(s, phase, half, count)
-    # The phase is zero at the first extremum and grows by pi from one to the next.
-    late = (np.pi * np.arange(count) - level) / slope
-    log_level, log_slope = _lines(s, log_amplitude, half, count)
-    extremum = np.exp(log_level + log_slope * late)
-    samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
-    # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half
-    # period by itself has 1.77; it shares 7 % with either neighbour, and a slow variation over many of them
-    # has 2.
-    error: Array = np.sqrt(2.0 / samples)
-    return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
-
-
-def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:
-    """Return even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
-    crossing = halves.crossing
-    span = crossing[-1] - crossing[0]
-    count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
-    grid = crossing[0] + (np.arange(count) + 0.5) * span / count
-    # Steady amplitude first: this removes the leakage of a decaying one from the record's start to its end.
-    trend = _log_trend(halves, grid)
-    steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
-    # Odd about both ends, as the motion itself is about a zero crossing, except for its decay.
-    signal = scipy.signal.hilbert(np.concatenate([steady, -steady[::-1]]))[:count]
-    phase = np.unwrap(np.angle(signal))
-    # The branch on which the first extremum has the phase zero.
-    first = grid < crossing[1]
-    phase -= 2.0 * np.pi * np.round(np.mean(phase[first]) / (2.0 * np.pi))
-    return grid, np.log(np.abs(signal)) + trend, phase
-
-
-def _log_trend(halves: HalfPeriods, grid: Array) -> Array:
-    """Return the smooth trend of the logarithm of the amplitude."""
-    middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
-    degree = min(5, halves.sign.size - 2)
-    trend = np.polynomial.Polynomial.fit(middle, np.log(halves.peak), degree, w=halves.peak)
-    return np.asarray(trend(grid))
-
-
-def _lines(s: Array, y: Array, half: Index, count: int) -> tuple[Array, Array]:
-    """Return least-squares line y = level + slope s of each half period."""
-    n, sx, sxx, sy, sxy = (np.bincount(half, w, count) for w in (np.ones_like(s), s, s * s, y, s * y))
-    slope = (n * sxy - sx * sy) / (n * sxx - sx**2)
-    return (sy - slope * sx) / n, slope

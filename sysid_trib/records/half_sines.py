@@ -12,7 +12,8 @@ from sysid_trib import records
 from sysid_trib.arrays import Array, Index, Variables, variable, with_error
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import equilibrium, signal
-from sysid_trib.records.half_periods import HalfPeriods, analytic_extrema, noise_of_record
+from sysid_trib.records.analytic_signal import analytic_extrema
+from sysid_trib.records.half_periods import HalfPeriods, noise_of_record
 from sysid_trib.records.runs import RecordLike
 
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
@@ -35,7 +36,8 @@ def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[
     """
     sample, half, weight, first = _cells(time, halves)
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
-    s, y = time[sample] - middle[half], angle[sample]
+    s = time[sample] - middle[half]
+    y = angle[sample]
     w: Array = np.pi / halves.duration
     # The third round moves the frequency by less than 1e-6 of itself.
     for _ in range(3):
@@ -45,7 +47,8 @@ def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[
         right = np.stack([cy, sy], axis=1)
         p, q = np.linalg.solve(normal, right[..., None])[..., 0].T
         instant = middle + np.arctan(q / p) / w
-        used, inner = w, 2.0 * np.pi / (instant[2:] - instant[:-2])
+        used = w
+        inner = 2.0 * np.pi / (instant[2:] - instant[:-2])
         w = np.clip(np.concatenate((inner[:1], inner, inner[-1:])), 0.7 * used, 1.4 * used)
     extremum = np.copysign(np.hypot(p, q), p)
     # Standard errors of (p, q) at unit noise, carried over to b and its time.
@@ -157,7 +160,8 @@ def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Datas
         source = decay.attrs.get("source", "decay")
         raise DecayError(f"{source}: fewer than two samples in a half period; sample faster.")
     signed, extremum_time, extremum_error, time_error = EXTREMA[curve](time, angle, halves)
-    noise, extremum = noise_of_record(time, angle), np.abs(signed)
+    noise = noise_of_record(time, angle)
+    extremum = np.abs(signed)
     decay_ratio = float(np.clip(np.median(extremum[2:] / extremum[:-2]), 0.0, 1.0))
     at_noise = (extremum, noise * extremum_error), (extremum_time, noise * time_error)
     ratios = [_scatter_ratio(value, error, decay_ratio) for value, error in at_noise]
@@ -191,10 +195,13 @@ def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
 
 def _with_errors(b: Array, t: Array, errors: Sequence[Array], unit: str) -> Variables:
     """Return extrema, times; amplitude, rate and frequency at all half periods but the first and the last."""
-    variance_b, variance_t = errors[0] ** 2, errors[1] ** 2
+    variance_b = errors[0] ** 2
+    variance_t = errors[1] ** 2
     span = t[2:] - t[:-2]
-    rate, frequency = (b[2:] - b[:-2]) / span, 2.0 * np.pi / span
-    both_b, both_t = variance_b[2:] + variance_b[:-2], variance_t[2:] + variance_t[:-2]
+    rate = (b[2:] - b[:-2]) / span
+    frequency = 2.0 * np.pi / span
+    both_b = variance_b[2:] + variance_b[:-2]
+    both_t = variance_t[2:] + variance_t[:-2]
     of_rate = (both_b + rate**2 * both_t) / span**2
     variables: Variables = {}
     for name, value, error, units, long_name in (
@@ -235,7 +242,8 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
     trying.
     """
     # Half periods around the one with the impulse, and samples of each.
-    around, samples = 10, 64
+    around = 10
+    samples = 64
     number = np.arange(-around, around + 2)
     crossing = np.pi * (np.append(number, around + 2) - 0.5)
     halves = HalfPeriods(crossing, np.where(number % 2, -1, 1), np.ones(len(number)))
@@ -257,7 +265,8 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
 
     There is a lasting part, from one extremum to the next, and a transient part.
     """
-    b, t = measured.extremum.values, measured.extremum_time.values
+    b = measured.extremum.values
+    t = measured.extremum_time.values
     (lasting, passes), count = _impulse_response(measured.attrs.get("curve", "half-sines")), len(b)
     duration = np.diff(t)
     duration = np.concatenate([duration[:1], duration, duration[-1:]])

@@ -13,7 +13,8 @@ from sysid_trib.records import clock, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.signal import ANGLE_UNIT
 
-ANGLE, TIME = "angle", "time"
+ANGLE = "angle"
+TIME = "time"
 # Forms of a record, for messages.
 GIVE_A_RECORD = "give (t, angle), a pandas Series or DataFrame with times, or a Dataset with angle(time)"
 

@@ -15,19 +15,14 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.records import half_periods
+from sysid_trib.records.roles import INPUT, input_names
 from sysid_trib.records.signal import checked_signal, unit_of_signal
 
-# The input that acts by itself, an acceleration; every other one acts through the forces with its name.
-INPUT = "input"
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
 # Suffix of the signal's unit in the unit of an input of a kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
 # The library of the forces of inputs.
 SHIPPED = "inputs"
-# attrs["role"] of a variable of a record that is an input.
-ROLE = "input"
-# attrs[CONSTANT] of an input that does not vary within a run.
-CONSTANT = "constant"
 # Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
 BETWEEN_SAMPLES = {"linear": 1, "held": 0, "cubic": 3, "smooth": 7}
 
@@ -69,7 +64,8 @@ class KnownInput:
         degree = degree if degree < len(self.elapsed) else 1
         spline = make_interp_spline(self.elapsed, self.values, degree)
         # Without the empty pieces between the knots that are repeated at either end.
-        knots, powers = np.unique(spline.t), PPoly.from_spline(spline).c[:, degree : -max(1, degree)]
+        knots = np.unique(spline.t)
+        powers = PPoly.from_spline(spline).c[:, degree : -max(1, degree)]
         whole = np.pad(powers, ((0, 0), (1, 1)))
         whole[-1, [0, -1]] = self.values[[0, -1]]
         value = PPoly(whole, np.concatenate([[knots[0] - 1.0], knots, [knots[-1] + 1.0]]))
@@ -82,7 +78,8 @@ class KnownInput:
 
     def of(self, elapsed: ArrayLike, order: int = 0) -> Array:
         """Return input, or a time derivative, at times since the first sample; at a jump the mean of both."""
-        polynomial, degree = self._polynomials[order], BETWEEN_SAMPLES[self.between]
+        polynomial = self._polynomials[order]
+        degree = BETWEEN_SAMPLES[self.between]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
         if degree > 1:
             # A derivative at the last sample is that before it, not that of the held value after it.
@@ -156,18 +153,12 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
     DecayError
         One is not a finite number at each time, or does not reach over the record.
     """
-    names = [str(n) for n in record.variables if n == INPUT or record[n].attrs.get("role") == ROLE]
-    return {name: _input(record, name) for name in names}
-
-
-def constants_of(record: xr.Dataset) -> dict[str, float]:
-    """Return the known constants of a run by their names."""
-    marked = ((str(name), values) for name, values in record.data_vars.items() if CONSTANT in values.attrs)
-    return {name: float(values.values[0]) for name, values in marked}
+    return {name: _input(record, name) for name in input_names(record)}
 
 
 def _input(record: xr.Dataset, name: str) -> KnownInput:
-    given, unit = record[name], unit_of_signal(record)
+    given = record[name]
+    unit = unit_of_signal(record)
     if given.dims == ("time",):
         checked_signal(record, name)
     units = given.attrs.get("units")
@@ -300,30 +291,3 @@ def integral_of_rate(time: Array, rate: Array) -> Array:
     values = values - mean if abs(mean) <= BIAS_PART * float(np.std(values)) else values
     integral = CubicSpline(time, values).antiderivative()(time)
     return np.asarray(integral - np.mean(integral))
-
-
-def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
-    """Return a driven record whose measured rate or acceleration is the compared quantity.
-
-    Parameters
-    ----------
-    record : Dataset
-        As it is read; with `angle(time)`, and `rate(time)` or `acceleration(time)` (attribute `measured`).
-
-    Returns
-    -------
-    Dataset
-        `measured(measured_time)`, what was measured. Of a rate `angle(time)` is its plain integral, in which
-        a driven motion that is slow is kept; of another quantity it is that of the record.
-    """
-    name = record.attrs.get("measured")
-    if not record.attrs.get("integrations"):
-        return record
-    measured, time = record[name], record.time.values.astype(float)
-    attrs = dict(measured.attrs) | {"long_name": f"{name} as measured"}
-    at = {"measured_time": ("measured_time", time, {"units": "s", "long_name": "time"})}
-    record = record.assign(measured=xr.DataArray(measured.values, at, "measured_time", attrs=attrs))
-    if name == "rate":
-        record = record.assign(angle=record.angle.copy(data=integral_of_rate(time, measured.values)))
-    said = f"the {name} itself is compared with the motion; its integral is where the fit begins"
-    return record.assign_attrs(integration=said)

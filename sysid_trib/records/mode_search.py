@@ -8,7 +8,15 @@ from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from sysid_trib.arrays import Array
-from sysid_trib.records.ringing import Component, carrier, fit_envelopes, with_common_part
+from sysid_trib.records.ringing import (
+    MOST_CANCELLING,
+    Component,
+    carrier,
+    component_shape,
+    fit_envelopes,
+    noise_of_cancelling,
+    with_common_part,
+)
 
 # A blow is where the signals reach this part of their largest value first; the ringing is free so many
 # samples, or such a part of the record, later.
@@ -38,8 +46,11 @@ LEAST_AMPLITUDE = 0.003
 MULTIPLE_TOLERANCE, LARGEST_HARMONIC, MOST_MULTIPLE = 4e-3, 0.1, 9
 # A line is steady if it keeps more than this part of its amplitude from the first third to the last.
 STEADY = 0.7
-# One sensor does not separate modes reliably whose frequencies differ by a smaller part.
-CLOSE_FREQUENCIES = 0.07
+# Modes are not separated reliably whose frequencies differ by a smaller part: by their frequencies alone, and
+# by different shapes at several sensors.
+CLOSE_FREQUENCIES, CLOSE_WITH_SHAPES = 0.07, 0.033
+# Two oscillations are resolved if they beat so often.
+FEWEST_BEATS = 3.0
 # Noise of a signal, beside its range, below which modes are not separated.
 LEAST_NOISE = 1e-7
 
@@ -76,6 +87,11 @@ class Ringing:
     kinds: tuple[str, ...]
     residual: Array
     second_blow: int | None
+
+    @property
+    def duration(self) -> float:
+        """Duration of the free ringing, s."""
+        return self.signals.shape[1] * self.interval
 
     @property
     def modes(self) -> list[Component]:
@@ -275,9 +291,39 @@ def is_multiple(ratio: float) -> bool:
     return 2 <= whole <= MOST_MULTIPLE and abs(ratio / whole - 1.0) < MULTIPLE_TOLERANCE
 
 
-def are_close(frequency: float, other: float, ringing: Ringing) -> bool:
-    """Return true if modes of two frequencies are too close to be separated reliably with one sensor."""
-    return ringing.signals.shape[0] == 1 and abs(other / frequency - 1.0) < CLOSE_FREQUENCIES
+def too_close(component: Component, other: Component, ringing: Ringing) -> str:
+    """Describe why two modes are too close to be separated reliably; empty if they are not."""
+    frequency, second = (central_frequency(part, ringing.interval) for part in (component, other))
+    apart = abs(second / frequency - 1.0)
+    if apart > CLOSE_FREQUENCIES:
+        return ""
+    if ringing.noise.size == 1:
+        return "one sensor does not separate such close modes reliably"
+    own, shape = (component_shape(part, ringing.noise).real for part in (component, other))
+    if noise_of_cancelling(own, [shape], ringing.noise) > MOST_CANCELLING:
+        return "their shapes at these sensors are too similar to separate such close modes reliably"
+    if apart < CLOSE_WITH_SHAPES:
+        return "even different shapes do not separate such close modes reliably"
+    return ""
+
+
+def unresolved(component: Component, ringing: Ringing) -> list[Component]:
+    """Return the modes and lines that beat too seldom with a component for the record to separate them."""
+    frequency = central_frequency(component, ringing.interval)
+    return [
+        other
+        for other in (*ringing.modes, *ringing.of_kind("line"))
+        if other is not component
+        and abs(central_frequency(other, ringing.interval) - frequency)
+        * min(other.stop, component.stop)
+        * ringing.interval
+        < FEWEST_BEATS
+    ]
+
+
+def second_blow_at(time: float) -> str:
+    """Describe a jump of the signals at a time (s)."""
+    return f"the signals jump at {time:.4g} s, as after a second blow: later samples are left out"
 
 
 def _kinds(components: Sequence[Component], interval: float) -> list[str]:

@@ -8,14 +8,20 @@ from sysid_trib.arrays import Array
 
 # Bins of the spectrum on a logarithmic axis: their width, how many on either side a line is the largest of,
 # and those whose median it stands out of so many times.
-BIN, NEIGHBOURING_BINS, BINS_OF_FLOOR, ABOVE_FLOOR = 0.01, 5, 30, 5.0
+BIN = 0.01
+NEIGHBOURING_BINS = 5
+BINS_OF_FLOOR = 30
+ABOVE_FLOOR = 5.0
 # Samples and lines below which nothing is said.
-FEWEST_FOR_MODES, FIRST_LINE = 200, 8
+FEWEST_FOR_MODES = 200
+FIRST_LINE = 8
 # A mode has this part of the strongest one's size, or this part if it may be a harmonic of it.
-LEAST_MODE, LEAST_MULTIPLE = 0.03, 0.5
+LEAST_MODE = 0.03
+LEAST_MULTIPLE = 0.5
 # How near to a whole multiple a frequency is one, and how much a line must fall from the first third of the
 # record to the last one: what does not is hum or a drive.
-NEAR_MULTIPLE, FALL = 0.015, 0.8
+NEAR_MULTIPLE = 0.015
+FALL = 0.8
 MOST_MODES = 8
 # Lines on either side of a mode's of which its centre is taken.
 CENTRED = 2
@@ -32,12 +38,14 @@ def modes(time: Array, signal: Array) -> list[float]:
         From its largest value on it decays.
     """
     finite = np.isfinite(signal)
-    time, signal = time[finite], signal[finite]
+    time = time[finite]
+    signal = signal[finite]
     if signal.size < FEWEST_FOR_MODES:
         return []
     signal = signal - np.median(signal)
     start = min(int(np.argmax(np.abs(signal))), signal.size // 2)
-    time, signal = time[start:], signal[start:]
+    time = time[start:]
+    signal = signal[start:]
     interval = (time[-1] - time[0]) / (time.size - 1)
     size = next_fast_len(signal.size, real=True)
     # The end fades out: a jump there would leak.

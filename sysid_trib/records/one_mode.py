@@ -10,17 +10,29 @@ from scipy.signal import fftconvolve
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.records.integration import as_position
+from sysid_trib.records.mode_history import RISE_MEANS, history_of, rise_of
 from sysid_trib.records.mode_search import (
+    FEWEST_BEATS,
     Ringing,
-    are_close,
     central_frequency,
     find_ringing,
     is_multiple,
+    second_blow_at,
+    too_close,
+    unresolved,
 )
-from sysid_trib.records.ringing import Complex, Component, common_shape
+from sysid_trib.records.ringing import (
+    MOST_CANCELLING,
+    Complex,
+    Component,
+    cancelling_weights,
+    component_shape,
+    noise_of_cancelling,
+)
 from sysid_trib.records.sensors import as_sensors
-from sysid_trib.records.signal import NOISE_IS_WHITE_IN, as_position
-from sysid_trib.records.smooth_rates import with_smooth_rates
+from sysid_trib.records.signal import NOISE_IS_WHITE_IN
+from sysid_trib.records.smooth_rates import FEW_INTERVALS, MANY_INTERVALS, with_smooth_rates
 
 # Samples of a period that are kept, and the filter before: its roll-off, and its half length in kept samples.
 KEPT_A_PERIOD, ROLL_OFF, HALF_LENGTH = 32, 0.3, 10
@@ -29,8 +41,8 @@ NEIGHBOURING_MODES = 1.6
 # Times at which the shape is compared with its mean: its change counts from so many standard errors, and if
 # it is more than this part.
 SHAPE_TIMES, SHAPE_ERRORS, LEAST_CHANGE = 9, 6.0, 0.01
-# A mode that is seen in fewer periods is none, and two modes are resolved if they beat so often.
-FEWEST_PERIODS, FEWEST_BEATS = 10.0, 3.0
+# A mode that is seen in fewer periods is none.
+FEWEST_PERIODS = 10.0
 # Parts of a mode that its shape, and all modes together, may leave; the second only beyond so many times the
 # noise.
 MOST_OUT_OF_SHAPE, MOST_UNEXPLAINED, UNEXPLAINED_NOISE = 0.25, 0.3, 5.0
@@ -176,15 +188,14 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
             f"{duration * frequency:.2g} periods, fewer than {FEWEST_PERIODS:g}; strike harder, or where it "
             "moves more."
         )
-    for other, kind in zip(ringing.components, ringing.kinds, strict=True):
-        apart = abs(central_frequency(other, interval) - frequency)
+    for other in unresolved(own, ringing):
         both = min(other.stop, own.stop) * interval
-        if other is not own and kind == "mode" and apart * both < FEWEST_BEATS:
-            raise DecayError(
-                f"{source}: modes of {frequency:.5g} and {central_frequency(other, interval):.5g} Hz ring "
-                f"together for {both:.3g} s, in which they beat fewer than {FEWEST_BEATS:g} times: the "
-                "record does not separate them; strike, or measure, where one of them does not move."
-            )
+        raise DecayError(
+            f"{source}: near {frequency:.5g} Hz a second oscillation fits at "
+            f"{central_frequency(other, interval):.5g} Hz, and in the {both:.3g} s that they ring they beat "
+            f"fewer than {FEWEST_BEATS:g} times: the record does not separate them; record longer, or "
+            "strike, or measure, where one of them does not move."
+        )
 
 
 def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, source: str) -> None:
@@ -195,9 +206,9 @@ def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, sourc
     above = float(ringing.residual[reference]) > UNEXPLAINED_NOISE * float(ringing.noise[reference])
     if separate.residual > MOST_OUT_OF_SHAPE or (above and unexplained > MOST_UNEXPLAINED):
         raise DecayError(
-            f"{source}: about {central_frequency(own, ringing.interval):.4g} Hz several modes ring, too "
-            "close for this record to separate them; record longer, or strike, or measure, where one of them "
-            "does not move."
+            f"{source}: its free ringing of {ringing.duration:.3g} s does not separate the modes near "
+            f"{central_frequency(own, ringing.interval):.4g} Hz; record longer, or strike, or measure, where "
+            "one of them does not move."
         )
 
 
@@ -212,51 +223,50 @@ def separated(ringing: Ringing, place: int) -> SeparateMode:
     """
     own, interval = ringing.components[place], ringing.interval
     frequency = central_frequency(own, interval)
-    rest, near = ringing.signals.copy(), [own]
+    rest, neighbours = ringing.signals.copy(), dict[float, Component]()
     for other, kind in zip(ringing.components, ringing.kinds, strict=True):
         ratio = central_frequency(other, interval) / frequency
         if other is own or (kind == "harmonic" and is_multiple(ratio)):
             continue
         if 1.0 / NEIGHBOURING_MODES < ratio < NEIGHBOURING_MODES and kind != "weak":
-            near.append(other)
+            neighbours[abs(np.log(ratio))] = other
         else:
             rest -= other.signal()
     every = max(1, int(1.0 / (KEPT_A_PERIOD * frequency * interval)))
     rest, first = decimated(rest, every, frequency * interval)
     near = [
         kept_part
-        for component in near
+        for component in (own, *(neighbours[distance] for distance in sorted(neighbours)))
         if (kept_part := _resampled(component, first, every, rest.shape[1])) is not None
     ]
     noise = ringing.noise / np.sqrt(every)
     if len(near) > 1:
-        near = with_smooth_rates(rest, near, interval * every, noise)
+        intervals = MANY_INTERVALS if _have_own_shapes(near, noise) else FEW_INTERVALS
+        near = with_smooth_rates(rest, near, interval * every, noise, intervals)
         for other in near[1:]:
             rest = rest - other.signal()
-    return _combined(rest, near[0], noise, first, every, len(near) - 1)
+    return _combined(rest, near, noise, first, every)
 
 
-def _combined(
-    rest: Array, own: Component, noise: Array, first: int, every: int, neighbours: int
-) -> SeparateMode:
-    """Combine sensors by the shape of a mode, by least squares with their noises."""
+def _combined(rest: Array, near: Sequence[Component], noise: Array, first: int, every: int) -> SeparateMode:
+    """Combine sensors by the shape of a mode, the first of those near, by least squares with their noises."""
+    own = near[0]
     points = np.linspace(0.0, own.stop - 1.0, 200)
-    weight = np.exp(np.interp(points, np.arange(own.phase.size), own.level))
-    values = own.envelope_at(points) * weight[:, None]
-    shape = common_shape(values / noise) * noise
+    shape = component_shape(own, noise)
     reference = int(np.argmax(np.abs(shape)))
-    shape = shape / shape[reference]
     # What is a quarter of a period behind is no part of the combination.
     real = shape.real
-    weights = real / noise**2 / np.sum(real**2 / noise**2)
+    weights = _weights(real, [component_shape(other, noise).real for other in near[1:]], noise)
     combined = weights @ rest
     of_combined = float(np.sqrt(np.sum((weights * noise) ** 2)))
-    stop = _above_noise(own, points, np.abs(values[:, reference]) / of_combined, combined.size)
+    level = np.interp(points, np.arange(own.phase.size), own.level)
+    size_of_own = np.abs(own.envelope_at(points)[:, reference]) * np.exp(level)
+    stop = _above_noise(own, points, size_of_own / of_combined, combined.size)
     rest, combined = rest[:, :stop], combined[:stop]
     residual = rest - real[:, None] * combined
     size = float(np.sqrt(np.mean((real[:, None] * combined) ** 2)))
-    sensors = len(noise)
-    expected = float(np.sqrt(np.mean(noise**2) * (sensors - 1) / sensors)) / size
+    of_noise = (np.eye(len(noise)) - np.outer(real, weights)) * noise
+    expected = float(np.sqrt(np.mean(np.sum(of_noise**2, axis=1)))) / size
     return SeparateMode(
         first=first,
         every=every,
@@ -265,8 +275,31 @@ def _combined(
         shape=shape,
         residual=float(np.sqrt(np.mean(residual**2))) / size,
         expected=expected,
-        neighbours=neighbours,
+        neighbours=len(near) - 1,
     )
+
+
+def _have_own_shapes(near: Sequence[Component], noise: Array) -> bool:
+    """Return whether the sensors separate the first mode from every other one by its shape."""
+    own, *others = (component_shape(component, noise).real for component in near)
+    return _cancelled(own, others, noise) == len(others)
+
+
+def _weights(own: Array, others: Sequence[Array], noise: Array) -> Array:
+    """Return the weights of sensors that keep a shape and cancel other ones, (sensor,).
+
+    An error in the subtraction of a neighbouring mode then does not count. Shapes are cancelled in their
+    order, as far as the noise allows it.
+    """
+    return cancelling_weights(own, others[: _cancelled(own, others, noise)], noise)
+
+
+def _cancelled(own: Array, others: Sequence[Array], noise: Array) -> int:
+    """Return how many shapes the sensors can cancel, from the first one on."""
+    count = 0
+    while count < len(others) and noise_of_cancelling(own, others[: count + 1], noise) < MOST_CANCELLING:
+        count += 1
+    return count
 
 
 def _above_noise(own: Component, points: Array, ratio: Array, count: int) -> int:
@@ -401,11 +434,16 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         ringing.kinds[place] in ("mode", "line")
     )
     said = []
+    if ringing.second_blow is not None:
+        said.append(second_blow_at(float(sensors.time.values[ringing.second_blow])))
     if others:
         said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
     if separate.neighbours:
         said[-1] += f", {separate.neighbours} of them fitted together with it"
     said += _close_modes(ringing, place)
+    if (rise := rise_of(history_of(own, ringing))) is not None:
+        units = str(sensors.signal.attrs["units"])
+        said.append(f"its amplitude {rise.said(units)}: {RISE_MEANS}; the curves are not those of one mode")
     if separate.every > 1:
         a_period = 1.0 / (central_frequency(own, interval) * interval * separate.every)
         left_out = 1e3 * separate.first * interval
@@ -444,17 +482,20 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
 
 
 def _close_modes(ringing: Ringing, place: int) -> list[str]:
-    """Warn about modes that are too close to this one to be separated with one sensor."""
+    """Warn about modes that are too close to this one, in frequency and in shape."""
     own = ringing.components[place]
     frequency = central_frequency(own, ringing.interval)
-    others = [central_frequency(other, ringing.interval) for other in ringing.modes if other is not own]
-    apart = {other: f"{100 * abs(other / frequency - 1.0):.2g} %" for other in others}
-    return [
-        f"the mode of {other:.4g} Hz differs by {apart[other]} in frequency; one sensor does not separate "
-        "such close modes reliably: curves can be wrong by more than their bands; measure at several places"
-        for other in others
-        if are_close(frequency, other, ringing)
-    ]
+    said = []
+    for other in ringing.modes:
+        reason = "" if other is own else too_close(own, other, ringing)
+        if reason:
+            second = central_frequency(other, ringing.interval)
+            said.append(
+                f"the mode of {second:.4g} Hz differs by {100 * abs(second / frequency - 1.0):.2g} % in "
+                f"frequency; {reason}: curves can be wrong by more than their bands; strike, or measure, "
+                "where one of them does not move"
+            )
+    return said
 
 
 def _change_of_shape(ringing: Ringing, place: int, separate: SeparateMode, names: Sequence[str]) -> list[str]:
@@ -476,5 +517,6 @@ def _change_of_shape(ringing: Ringing, place: int, separate: SeparateMode, names
     low, high = known[0], known[-1]
     return [
         f"the shape changes with the amplitude: {names[sensor]} from {shape[low, sensor]:.3f} to "
-        f"{shape[high, sensor]:.3f} of {names[reference]}"
+        f"{shape[high, sensor]:.3f} of {names[reference]}, as of a joint, or of two modes closer than the "
+        "record resolves"
     ]

@@ -22,13 +22,18 @@ from typing import Any
 from sysid_trib.errors import RecordError
 
 # Seconds of processor time: to begin with, and for each byte of the file; on a busy machine they take longer.
-SECONDS, SECONDS_PER_BYTE = 4.0, 5e-8
+SECONDS = 4.0
+SECONDS_PER_BYTE = 5e-8
 BUSY = 15.0
 # Bytes of memory beyond those of the process: to begin with, and for each byte of the file.
-MEMORY, MEMORY_PER_BYTE = 2**29, 16
+MEMORY = 2**29
+MEMORY_PER_BYTE = 16
 # Outcomes of reading a file: complete or not, external or circular links, the package that reads it is not
 # installed.
-WHOLE, DAMAGED, LINKED, NO_READER = "whole", "damaged", "linked", "no reader"
+WHOLE = "whole"
+DAMAGED = "damaged"
+LINKED = "linked"
+NO_READER = "no reader"
 # Modules that readers need, imported before a process is forked.
 PACKAGES: dict[str, tuple[str, ...]] = {
     "read_hdf5": ("h5py",),
@@ -88,7 +93,9 @@ def _ask(reader: str, path: Path) -> tuple[str, str]:
         process = _processes[os.getpid()] = _started()
     assert process.stdin is not None
     assert process.stdout is not None
-    seconds, began, answer = SECONDS + SECONDS_PER_BYTE * path.stat().st_size, monotonic(), b""
+    seconds = SECONDS + SECONDS_PER_BYTE * path.stat().st_size
+    began = monotonic()
+    answer = b""
     timer = threading.Timer(BUSY * seconds, _kill, [process])
     try:
         timer.start()

@@ -23,8 +23,11 @@ from sysid_trib.records import (
 )
 from sysid_trib.records.columns import ChosenColumns, choose_columns
 from sysid_trib.records.constants import with_constants
+from sysid_trib.records.integration import as_position
+from sysid_trib.records.own_quantity import with_own_quantity
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
-from sysid_trib.records.signal import as_position
+from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, STANDARD_GRAVITY
+from sysid_trib.records.unwrapping import unwrapped
 
 # Columns of a file that its record names.
 MOST_COLUMNS_NAMED = 30
@@ -172,7 +175,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
     values = values * unit.factor
     if unit.quantity in lab.POSITIONS:
         is_angle = unit.quantity == "angle"
-        values, turn, cuts = cleaning.unwrapped(values, 2.0 * np.pi if is_angle else None)
+        values, turn, cuts = unwrapped(values, 2.0 * np.pi if is_angle else None)
         at_end = f"the end of its range ({cuts} times, {turn:.6g} {unit.text})"
         where = f"a whole turn ({cuts} times)" if is_angle else at_end
         said += [f"put together again where it was cut at {where}"] if cuts else []
@@ -194,7 +197,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
         attrs["drives"] = [drive.name for drive in acting]
     record = with_inputs(_as_record(time, values, unit, attrs, how), table, rows, how, times.origin)
     record = with_constants(record, table, rows, how.constants)
-    return inputs.with_own_quantity(record) if how.inputs or how.constants else record
+    return with_own_quantity(record) if how.inputs or how.constants else record
 
 
 def _as_record(
@@ -209,8 +212,8 @@ def _as_record(
     position, scale = unit.position, 1.0
     time_axis = ("time", time, {"units": "s", "long_name": "time"})
     record = xr.Dataset(coords={"time": time_axis}, attrs=attrs)
-    if how.distance is None and how.length is not None and position in lab.METRES:
-        position, scale = "rad", lab.METRES[position] / how.length
+    if how.distance is None and how.length is not None and position in METRES:
+        position, scale = "rad", METRES[position] / how.length
         record.attrs["length"] = how.length
     if times := lab.INTEGRATIONS[unit.quantity]:
         swing, quantity = equilibrium.find_swing(time, values), unit.quantity
@@ -222,7 +225,7 @@ def _as_record(
         measured = {"units": position + inputs.PER_KIND[quantity], "long_name": f"{quantity} as measured"}
         if how.distance is not None:
             made = _felt(str(attrs["source"]), swing, how.distance)
-            quantity = record.attrs["signal"] = lab.ACCELEROMETER
+            quantity = record.attrs["signal"] = ACCELEROMETER
             measured, position = {"units": "m/s^2", "long_name": "acceleration that was felt"}, "rad"
         record[quantity] = ("time", values * scale, measured)
         record.attrs |= {"measured": quantity, **made}
@@ -236,9 +239,9 @@ def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict
     """Return the acceleration that an accelerometer at a distance (m) measures per sine of the angle."""
     if swing is None:
         raise RecordError(f"{source}: no oscillation is visible above the noise; choose another axis.")
-    felt = lab.STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
+    felt = STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
     # An accelerometer that feels less of gravity than this part shows no angle.
-    if felt < 0.02 * lab.STANDARD_GRAVITY:
+    if felt < 0.02 * STANDARD_GRAVITY:
         wrong = (
             f"{source}: at {distance:g} m from the axis an accelerometer measures almost nothing of a swing"
         )
@@ -273,12 +276,12 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     """
     source = record.attrs.get("source", "record")
     unit = str(record["angle"].attrs.get("units"))
-    if unit not in lab.METRES:
+    if unit not in METRES:
         raise UsageError(f"{source}: only a position can be scaled; read the record with units=m (or mm).")
     for name, value in (("mass", mass), ("natural frequency", natural_frequency), ("load", load)):
         if not (np.isfinite(value) and value > 0):
             raise UsageError(f"{name} of {value}: give a positive number.")
-    factor = lab.METRES[unit] * mass * natural_frequency**2 / load
+    factor = METRES[unit] * mass * natural_frequency**2 / load
     scaled = record.copy()
     scaled["angle"] = (record["angle"] * factor).assign_attrs(units="rad", long_name="scaled position")
     said = f"m = {mass:g} kg, w0 = {natural_frequency:g} rad/s, P = {load:g} N"

@@ -17,6 +17,7 @@ from sysid_trib.records import units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.inputs import BETWEEN_SAMPLES
 from sysid_trib.records.tables import FileTable
+from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, RADIANS
 
 # Variables of a record that no input may be.
 TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
@@ -97,14 +98,14 @@ class Reading:
                     raise UsageError(f"{text} {value!r} is no number: give one.")
                 if not low <= float(value) <= high:
                     raise UsageError(f"{text} {value:g}: give {what}.")
-        if (self.signal == lab.ACCELEROMETER) != (self.distance is not None):
+        if (self.signal == ACCELEROMETER) != (self.distance is not None):
             wrong = "An accelerometer on a pendulum is read by its distance from the axis"
             raise UsageError(f"{wrong}: give --signal accelerometer and --distance M, or neither.")
 
     @property
     def quantity(self) -> str | None:
         """Measured quantity, if it is given; an accelerometer measures an acceleration."""
-        return "acceleration" if self.signal == lab.ACCELEROMETER else self.signal
+        return "acceleration" if self.signal == ACCELEROMETER else self.signal
 
 
 _STATED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)\s*")
@@ -251,10 +252,10 @@ def _agreed(follows: str | None, given: str | None) -> str | None:
 def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
     """Return true if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
     of_unit = lab.signal_unit(unit)
-    table = lab.RADIANS if of_unit and of_unit.position == "rad" else lab.METRES
-    if of_unit is None or (table is lab.METRES and of_unit.position not in lab.METRES):
+    table = RADIANS if of_unit and of_unit.position == "rad" else METRES
+    if of_unit is None or (table is METRES and of_unit.position not in METRES):
         return False
-    size = of_unit.factor * (lab.METRES[of_unit.position] if table is lab.METRES else 1.0)
+    size = of_unit.factor * (METRES[of_unit.position] if table is METRES else 1.0)
     with np.errstate(all="ignore"):
         ends = [float(formula.evaluate(dict.fromkeys(names, at))) for at in (0.0, 1.0)]
     factor = abs(ends[1] - ends[0])

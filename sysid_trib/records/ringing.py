@@ -40,6 +40,11 @@ NORMAL_RIDGE = 1e-11
 FEWEST_LINES_OF_BAND = 12
 # Weight of the bends of the curves from which phase and level of a component start, for times from 0 to 1.
 CARRIER_PENALTY = 1e-5
+# Times of which a mean shape is taken.
+SHAPE_POINTS = 200
+# Sensors separate two modes by their shapes if the cancelling of one makes the noise at most so many times as
+# large.
+MOST_CANCELLING = 1.5
 # Points of an envelope between its knots, by which phase and level are corrected.
 POINTS_A_KNOT = 3
 
@@ -189,6 +194,34 @@ def common_shape(values: Complex) -> Complex:
     """Return the first right singular vector of a matrix, (column,)."""
     _, _, right = np.linalg.svd(values, full_matrices=False)
     return np.asarray(right[0].conj()).conj()
+
+
+def component_shape(component: Component, noise: Array) -> Complex:
+    """Return the mean shape of a component over that at the sensor where it is largest, (sensor,)."""
+    points = np.linspace(0.0, component.stop - 1.0, SHAPE_POINTS)
+    level = np.interp(points, np.arange(component.phase.size), component.level)
+    values = component.envelope_at(points) * np.exp(level)[:, None]
+    shape = common_shape(values / noise) * noise
+    return np.asarray(shape / shape[int(np.argmax(np.abs(shape)))])
+
+
+def cancelling_weights(own: Array, others: Sequence[Array], noise: Array) -> Array:
+    """Return the weights of sensors that keep a shape and cancel others, of least noise, (sensor,)."""
+    table = np.stack([own, *others], axis=1) / noise[:, None]
+    return np.asarray(np.linalg.pinv(table)[0] / noise)
+
+
+def noise_of_cancelling(own: Array, others: Sequence[Array], noise: Array) -> float:
+    """Return the noise of a combination that cancels other shapes over that of one that does not.
+
+    It is infinite if the sensors cannot cancel them.
+    """
+    if len(others) >= noise.size:
+        return np.inf
+    kept, free = cancelling_weights(own, others, noise), cancelling_weights(own, (), noise)
+    if not np.isclose(kept @ own, 1.0):
+        return np.inf
+    return float(np.linalg.norm(kept * noise) / np.linalg.norm(free * noise))
 
 
 def carrier(

@@ -11,7 +11,8 @@ from sysid_trib.records.column import MOST_SET_BACK, Column
 # Rows from which on the steps of a clock are known.
 FEWEST_ROWS = 12
 # A column sorted by its values is a clock if this part of its steps is within this part of the usual one.
-EVEN_PART, EVEN_WITHIN = 0.9, 0.3
+EVEN_PART = 0.9
+EVEN_WITHIN = 0.3
 # Part of the stamps that may be there twice.
 MOST_DOUBLED = 0.01
 # Columns that are looked at.

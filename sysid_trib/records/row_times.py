@@ -24,8 +24,9 @@ from sysid_trib.records.clock import (
     seconds_between,
 )
 from sysid_trib.records.column import DAY, Column
-from sysid_trib.records.inputs import ROLE, usual_between
+from sysid_trib.records.inputs import usual_between
 from sysid_trib.records.reading import Reading, evaluated, is_expression
+from sysid_trib.records.roles import ROLE
 from sysid_trib.records.tables import FileTable, read_table
 
 # Fraction of steps of one in a counter.
@@ -87,7 +88,8 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
     UsageError
         Time stamps contradict the sampling rate that is given.
     """
-    given, source = how.sampling_rate, table.source
+    given = how.sampling_rate
+    source = table.source
     # A column of another length, or that does not move, cannot contradict a sampling rate.
     idle = time is None or time.cells.size != values.size or not time.is_plain or np.ptp(time.cells) == 0
     # A column that counts the rows cannot be a signal either.
@@ -97,7 +99,8 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
         rate = given or table.rate
         if rate is None:
             raise RecordError(table.no_clock)
-        rows, said = np.arange(values.size), "" if given else f"sampling rate of {rate:g} Hz from its notes"
+        rows = np.arange(values.size)
+        said = "" if given else f"sampling rate of {rate:g} Hz from its notes"
         counted = rows if numbered is None else numbered
         return RowTimes(Clock(counted / rate, rows, (), (f"{rate:g} Hz",)), "s", [said, gaps])
     stamps = time.numbers
@@ -152,7 +155,8 @@ def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -
         # Larger ones are no longer exact.
         if not np.all((cells >= 0) & (cells <= 2.0**53) & (cells == np.round(cells))):
             continue
-        steps, counted = _counted_on(cells), None
+        steps = _counted_on(cells)
+        counted = None
         if np.mean(steps == 1) > MOSTLY and np.all(steps >= 1):
             counted = np.append(0, np.cumsum(steps))
         elif (_PACKETS.search(column.base) or column.counts_rows) and np.all(steps >= 0) and np.any(steps):
@@ -262,7 +266,8 @@ def with_inputs(
     for name, wanted, other in _sources(how.inputs):
         if other is None:
             whole, unit = _column(table, wanted)
-            time, values = None, whole[rows]
+            time = None
+            values = whole[rows]
         else:
             time, values, unit = _of_file(other, wanted, how, record, origin)
         if not np.all(np.isfinite(values)):

@@ -11,6 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.records import inputs
 from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.records.roles import ROLE
 from sysid_trib.records.signal import checked_signal
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
@@ -65,7 +66,7 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
     units: dict[str, set[str]] = {}
     for run in runs:
         for name, values in run.variables.items():
-            if values.attrs.get("role") == inputs.ROLE and (unit := values.attrs.get("units")):
+            if values.attrs.get("role") == ROLE and (unit := values.attrs.get("units")):
                 units.setdefault(str(name), set()).add(str(unit))
     for name, different in units.items():
         if len(different) > 1:

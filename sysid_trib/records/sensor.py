@@ -35,7 +35,8 @@ def sensor_step(signal: Array) -> float:
     Values that repeat are looked at first: where the record was interpolated to an even clock, they alone are
     the sensor's. A step divides nearly all spacings between neighbouring values.
     """
-    held, every = np.unique(signal[1:][np.diff(signal) == 0.0]), np.unique(signal)
+    held = np.unique(signal[1:][np.diff(signal) == 0.0])
+    every = np.unique(signal)
     # If values repeat twenty times on average, two spacings are enough.
     fewest = 12 if 20 * every.size > signal.size else 2
     for values in (held, every):

@@ -15,8 +15,9 @@ from sysid_trib.records import assumed_units, drives, reading, tables, units as 
 from sysid_trib.records.column import Column
 from sysid_trib.records.columns import own_time
 from sysid_trib.records.in_memory import as_record
+from sysid_trib.records.integration import uniform_pieces
 from sysid_trib.records.row_times import row_times
-from sysid_trib.records.signal import uniform_pieces, unit_of_signal
+from sysid_trib.records.signal import unit_of_signal
 
 # Samples of a record that separate modes at least.
 FEWEST_SAMPLES_OF_SENSORS = 500
@@ -27,6 +28,21 @@ CLIPPED_RUNS, CLIPPED_SAMPLES = 2, 4
 FEWEST_STEPS = 50
 # Quantities among which sensors are chosen: the first that a file has.
 SENSOR_QUANTITIES = ("acceleration", "rate", "displacement", "angle")
+
+
+class ClippedError(DecayError):
+    """A record whose sensors are all clipped.
+
+    Parameters
+    ----------
+    message : str
+    quantity : str
+        Measured quantity of the sensors.
+    """
+
+    def __init__(self, message: str, quantity: str) -> None:
+        super().__init__(message)
+        self.quantity = quantity
 
 
 def read_sensors(
@@ -58,12 +74,14 @@ def read_sensors(
     UsageError
         An unknown column or file.
     RecordError, DecayError
-        No sensors, next to no samples, or all of them clipped.
+        No sensors, or next to no samples.
+    ClippedError
+        All of them are clipped.
     """
     how = how or reading.Reading()
     path = Path(path)
     table = tables.read_table(path)
-    columns = _columns(table, how)
+    columns, unused = _columns(table, how)
     first = columns[0]
     time_column = table.find(how.time) if how.time is not None else own_time(table, first)
     columns = [column for column in columns if column.values.size == first.values.size]
@@ -85,12 +103,15 @@ def read_sensors(
     time, table_of, said = _on_one_clock(time, table_of)
     values = table_of * np.array([unit.factor for unit, _ in units])[:, None]
     record = _dataset(time, values, _names(columns), units[0][0])
+    in_file = list(dict.fromkeys(unit.text for unit, _ in units))
+    if len(in_file) > 1:
+        said.append(f"units of the sensors: {', '.join(unit.text for unit, _ in units)}")
     record.attrs |= {
         "source": table.source,
         "record_checksum": table.checksum,
         "time_column": time_column.name if time_column else "none",
-        "angle_unit_in_file": units[0][0].text,
-        "reading": "; ".join(text for text in (*table.said, *said, units[0][1]) if text),
+        "angle_unit_in_file": in_file[0] if len(in_file) == 1 else str(record.signal.attrs["units"]),
+        "reading": "; ".join(text for text in (*table.said, *said, *unused, units[0][1]) if text),
     }
     return _without_clipped(record)
 
@@ -146,25 +167,29 @@ def _dataset(time: Array, values: Array, names: list[str], unit: lab.SignalUnit)
     return xr.Dataset({"signal": signal}, coordinates, attrs)
 
 
-def _columns(table: tables.FileTable, how: reading.Reading) -> list[Column]:
-    """Return the columns of the sensors: as named, or those of one quantity."""
+def _columns(table: tables.FileTable, how: reading.Reading) -> tuple[list[Column], list[str]]:
+    """Return the columns of the sensors, and sentences on others that are left out."""
     if how.angle is not None:
         names = str(how.angle).split(",")
         if len(names) > 1 and table.match(how.angle) is None:
-            return [table.find(name.strip()) for name in names]
-        return [table.find(how.angle)]
+            return [table.find(name.strip()) for name in names], []
+        return [table.find(how.angle)], []
     times = [table.find(how.time)] if how.time is not None else table.times
-    numeric = [
-        c
-        for c in table.columns
-        if c not in times and c.is_numeric and not c.is_empty and not c.is_level and drives.moves(c)
-    ]
-    numeric = [c for c in numeric if not drives.is_named_as_drive(c)] or numeric
-    if not numeric:
+    numeric = [c for c in table.columns if c not in times and c.is_numeric and not c.is_empty]
+    moving = [c for c in numeric if not c.is_level and drives.moves(c)]
+    sensors = [c for c in moving if not drives.is_named_as_drive(c)] or moving
+    if not sensors:
         raise RecordError(f"{table.source}: there is no column of a sensor, only the time.")
-    kinds = {column: _quantity(table, column, how) for column in numeric}
+    kinds = {column: _quantity(table, column, how) for column in sensors}
     chosen = next((kind for kind in SENSOR_QUANTITIES if kind in kinds.values()), "")
-    return [column for column, kind in kinds.items() if kind == chosen]
+    said = [
+        f"{column.name} left out, a {kind} and no {chosen}"
+        for column, kind in kinds.items()
+        if kind != chosen
+    ]
+    still = [c for c in numeric if c not in moving and _quantity(table, c, how) == chosen]
+    said += [f"{column.name} left out, it does not move" for column in still if not column.rises]
+    return [column for column, kind in kinds.items() if kind == chosen], said
 
 
 def _names(columns: list[Column]) -> list[str]:
@@ -213,8 +238,10 @@ def _without_clipped(sensors: xr.Dataset) -> xr.Dataset:
     )
     if len(clipped) == sensors.sizes["sensor"]:
         after = max(until for _, until in ends)
-        raise DecayError(
-            f"{source}: {said}; use what comes after it (--window {after:.4g}:), or record with a lower gain."
+        raise ClippedError(
+            f"{source}: {said}; use what comes after it (--window {after:.4g}:), or record with a lower "
+            "gain.",
+            str(sensors.attrs["quantity"]),
         )
     kept = sensors.drop_sel(sensor=clipped)
     return kept.assign_attrs(

@@ -5,7 +5,7 @@ each mode has few numbers: rates of phase and level that are splines of a few in
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import BSpline
@@ -21,17 +21,40 @@ from sysid_trib.records.ringing import (
     with_common_part,
 )
 
-# Intervals of the splines that are the rates of phase and level, over a fall of the amplitude by e and in
-# all; their degree, and the part of the duration by which their knots lie in time rather than in the
-# amplitude.
-RATES_A_FALL, FEWEST_RATES, MOST_RATES, RATE_DEGREE, IN_TIME = 2.0, 3, 10, 3, 0.3
+# Splines that are the rates of phase and level: the fewest intervals, their degree, and the part of the
+# duration by which their knots lie in time rather than in the amplitude.
+FEWEST_RATES, RATE_DEGREE, IN_TIME = 3, 3, 0.3
 POLISHING_ROUNDS, LEAST_GAIN = 12, 1.0
 # Damping of Levenberg and Marquardt's steps, relative to the diagonal of the normal equations.
 LEAST_DAMPING, MOST_DAMPING, LARGEST_LEVEL = 1e-9, 1.0, 40.0
 
 
+@dataclass(frozen=True)
+class RateIntervals:
+    """Number of intervals of the splines of a rate.
+
+    Attributes
+    ----------
+    per_fall : float
+        Over a fall of the amplitude by e.
+    most : int
+    """
+
+    per_fall: float
+    most: int
+
+
+# Few intervals separate modes by their frequencies alone; many follow the law of a mode closely, which the
+# sensors must separate by its shape.
+FEW_INTERVALS, MANY_INTERVALS = RateIntervals(2.0, 10), RateIntervals(4.0, 24)
+
+
 def with_smooth_rates(
-    signals: Array, components: Sequence[Component], interval: float, noise: Array
+    signals: Array,
+    components: Sequence[Component],
+    interval: float,
+    noise: Array,
+    intervals: RateIntervals = FEW_INTERVALS,
 ) -> list[Component]:
     """Fit components whose frequency and rate of decay are smooth curves, and whose shapes are constant.
 
@@ -45,9 +68,11 @@ def with_smooth_rates(
         With their envelopes.
     interval : float, s
     noise : (sensor,) array of float
+    intervals : RateIntervals, optional
     """
-    smoothed = [_smoothed(with_common_part(component, noise), interval) for component in components]
-    integrals = [_integrated_rates(component, interval) for component in smoothed]
+    common = [with_common_part(component, noise) for component in components]
+    smoothed = [_smoothed(component, interval, intervals) for component in common]
+    integrals = [_integrated_rates(component, interval, intervals) for component in smoothed]
     fitted = fit_envelopes(signals, smoothed)
     shapes = [_mean_shape(component) for component in fitted]
     damping, rounds = LEAST_DAMPING, 0
@@ -91,11 +116,11 @@ def _what_is_left(
     return rest, columns
 
 
-def _smoothed(component: Component, interval: float) -> Component:
+def _smoothed(component: Component, interval: float, intervals: RateIntervals) -> Component:
     """Replace phase and level of an oscillation by the nearest ones with smooth rates."""
     every = max(1, component.stop // 1000)
     for _ in range(2):
-        integrals = _integrated_rates(component, interval)
+        integrals = _integrated_rates(component, interval, intervals)
         table = np.vstack([np.ones(component.stop), integrals])
         weight = np.exp(
             np.maximum(component.level[: component.stop] - component.level[: component.stop].max(), -6.0)
@@ -117,17 +142,15 @@ def _mean_shape(component: Component) -> Complex:
     return np.asarray(weight @ component.envelope_at(points) / weight.sum())
 
 
-def _integrated_rates(component: Component, interval: float) -> Array:
+def _integrated_rates(component: Component, interval: float, intervals: RateIntervals) -> Array:
     """Return the integrals over time of the splines of the rates, (spline, sample)."""
     time = np.linspace(0.0, 1.0, component.stop)
     fall = np.maximum(-np.gradient(component.level[: component.stop]), 0.0)
     fallen = np.cumsum(fall)
     along = IN_TIME * time + (1.0 - IN_TIME) * fallen / fallen[-1] if fallen[-1] > 0.0 else time
     along = along / along[-1]
-    intervals = int(np.clip(round(RATES_A_FALL * fallen[-1]), FEWEST_RATES, MOST_RATES))
-    knots = np.concatenate(
-        [np.zeros(RATE_DEGREE), np.linspace(0.0, 1.0, intervals + 1), np.ones(RATE_DEGREE)]
-    )
+    count = int(np.clip(round(intervals.per_fall * fallen[-1]), FEWEST_RATES, intervals.most))
+    knots = np.concatenate([np.zeros(RATE_DEGREE), np.linspace(0.0, 1.0, count + 1), np.ones(RATE_DEGREE)])
     splines = BSpline.design_matrix(np.clip(along, 0.0, 1.0), knots, RATE_DEGREE).toarray().T
     summed = np.cumsum(splines, axis=1)
     return (summed - 0.5 * (splines + splines[:, :1])) * interval

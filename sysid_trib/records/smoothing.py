@@ -74,7 +74,8 @@ def first_of_spline(tau: Array, values: Array) -> tuple[float, float]:
         last = knots[SPLINE_DEGREE + FELT_KNOTS]
         knots = np.append(knots[: SPLINE_DEGREE + FELT_KNOTS], np.full(SPLINE_DEGREE + 1, last))
         used = slice(np.searchsorted(tau, last, side="right"))
-        tau, values = tau[used], values[used]
+        tau = tau[used]
+        values = values[used]
     spline, x = _spline_on(knots, tau, values)
     return float(x[0]), float(spline(tau[0], 1))
 
@@ -92,7 +93,8 @@ def _spline_on(knots: Array, tau: Array, values: Array) -> tuple[BSpline, Array]
 
 def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_array, Array]:
     """Return B-splines at the samples, (sample, spline), and the banded Cholesky factor of their products."""
-    tau, knots = np.frombuffer(tau_bytes), np.frombuffer(knots_bytes)
+    tau = np.frombuffer(tau_bytes)
+    knots = np.frombuffer(knots_bytes)
     if np.any(np.diff(tau) <= 0.0):
         raise ValueError("times that do not increase")
     # No sample is beyond the knots: without extrapolation Python's own min and max look through all of them.
@@ -102,7 +104,8 @@ def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_arra
     return basis, cholesky_banded(band, lower=True, check_finite=False)
 
 
-_kept, _last = lru_cache(maxsize=6)(_normal_equations), lru_cache(maxsize=1)(_normal_equations)
+_kept = lru_cache(maxsize=6)(_normal_equations)
+_last = lru_cache(maxsize=1)(_normal_equations)
 
 
 def smooth(tau: Array, angle: Array) -> tuple[Array, Array, Array, float]:
@@ -280,7 +283,8 @@ def sensor_noise(decay: xr.Dataset) -> float:
         # noise.
         noise = by_spline if by_spline < 1.2 * by_differences else by_differences
         return float(noise / swing_frequency(decay) ** integrations)
-    time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
+    time = decay.time.values.astype(float)
+    angle = decay.angle.values.astype(float)
     try:
         tau = nominal_frequency(swing_frequency(decay)) * (time - time[0])
         about_spline = _about_spline if len(tau) <= MOST_KEPT else _about_long_spline
@@ -298,4 +302,5 @@ def _noise(tau: bytes, angle: bytes) -> float:
 
 # A long record outlasts the records that are simulated of it.
 # Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
-_about_spline, _about_long_spline = lru_cache(4)(_noise), lru_cache(1)(_noise)
+_about_spline = lru_cache(4)(_noise)
+_about_long_spline = lru_cache(1)(_noise)

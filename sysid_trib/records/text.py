@@ -92,7 +92,8 @@ def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, lis
     commas = any("," in line for line in lines[start : start + 50])
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
-        delimiter, decimal = None, ","
+        delimiter = None
+        decimal = ","
     block = _rows_below(lines, start, delimiter)
     frame = _as_frame(block, delimiter, decimal, path, len(header or ()))
     # A delimiter at the end of every line makes an empty last column.
@@ -143,7 +144,8 @@ def _as_frame(
     """
 
     def table(lines: Sequence[str]) -> pd.DataFrame:
-        rows, sign = StringIO("\n".join(lines)), delimiter or r"\s+"
+        rows = StringIO("\n".join(lines))
+        sign = delimiter or r"\s+"
         return pd.read_csv(
             rows, sep=sign, decimal=decimal, header=None, skipinitialspace=True, low_memory=False
         )
@@ -214,7 +216,8 @@ def _without_labels(lines: list[str]) -> list[str]:
             continue
         rows = [_dressed(line, delimiter) for line in lines]
         alike = [row is not None and (row[0], row[2]) == (labels, units) for row in rows]
-        start, sign = alike.index(True), delimiter or "\t"
+        start = alike.index(True)
+        sign = delimiter or "\t"
         above = lines[start - 1].split(delimiter) if start else []
         named = not any(labels) and len(above) == len(units)
         names = above if named else labels
@@ -363,7 +366,8 @@ def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) ->
 
 def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | None]:
     """Return the row that names the columns, nearest first, and the row of their units, or None."""
-    last, above = rows[0], rows[1] if len(rows) > 1 else []
+    last = rows[0]
+    above = rows[1] if len(rows) > 1 else []
     bracketed = any(last) and all(re.fullmatch(r"[\[(].*[\])]|", item) for item in last)
     if _are_names(above, last) and (bracketed or _are_units_of(last, above)):
         return 1, last

@@ -1,37 +1,27 @@
 """Spellings of laboratories: units and their factors, names of columns, sampling rates."""
 
 import re
-import tomllib
 import unicodedata
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations, pairwise
-from pathlib import Path
 
 import numpy as np
 
-STANDARD_GRAVITY = 9.80665
-# Words of laboratories: names of columns, spellings of units, and marks of missing values.
-LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
-
-
-def _by_spelling(kind: str) -> dict[str, str]:
-    """Return the name that results use of each spelling of a kind of unit."""
-    return {spelling: name for name, spellings in LAB_WORDS[kind].items() for spelling in spellings}
-
+from sysid_trib.records.unit_tables import (
+    ACCELEROMETER,
+    ANGLE_UNITS,
+    LAB_WORDS,
+    POSITION_UNITS,
+    RADIANS,
+    STANDARD_GRAVITY,
+    by_spelling,
+)
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "d": 86400.0}
-TIME_UNITS = {spelling: _SECONDS[name] for spelling, name in _by_spelling("seconds").items()}
-ANGLE_UNITS, POSITION_UNITS = _by_spelling("angles"), _by_spelling("positions")
-_TURN = 2.0 * np.pi
-_PER_TURN = {"rev": 1.0, "deg": 360.0, "gon": 400.0, "arcmin": 21600.0, "arcsec": 1296000.0}
-RADIANS = {"rad": 1.0, "mrad": 1e-3, "µrad": 1e-6}
-RADIANS |= {name: _TURN / count for name, count in _PER_TURN.items()}
-METRES = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "µm": 1e-6, "nm": 1e-9, "in": 0.0254}
+TIME_UNITS = {spelling: _SECONDS[name] for spelling, name in by_spelling("seconds").items()}
 # Number of integrations that turn a signal into an angle or a displacement.
 INTEGRATIONS = {"angle": 0, "displacement": 0, "rate": 1, "acceleration": 2}
-# An accelerometer on a pendulum does not measure a derivative of the angle.
-ACCELEROMETER = "accelerometer"
 SIGNALS = (*INTEGRATIONS, ACCELEROMETER)
 POSITIONS = ("angle", "displacement")
 OFFERED_UNITS = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
@@ -82,7 +72,7 @@ def signal_unit(text: str) -> SignalUnit | None:
         thousandth = 1e-3 if plain == "mg" else 1.0
         return SignalUnit("mg" if plain == "mg" else "g", "acceleration", "m", thousandth * STANDARD_GRAVITY)
     if plain == "rpm":
-        return SignalUnit(plain, "rate", "rad", _TURN / 60.0)
+        return SignalUnit(plain, "rate", "rad", 2.0 * np.pi / 60.0)
     plain = "deg/s" if plain == "dps" else plain
     match = re.fullmatch(r"(.+?)/s(\^?2)?", plain)
     base, quantity = (match[1], "acceleration" if match[2] else "rate") if match else (plain, "")
@@ -135,7 +125,8 @@ def split_header(name: str) -> tuple[str, str]:
     text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(name.lower().split()).replace("μ", "µ"))
     bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
-        base, unit = bracket[1], plain_unit(bracket[2])
+        base = bracket[1]
+        unit = plain_unit(bracket[2])
     else:
         base, unit = _without_bracket(text)
     *groups, base = re.split(r"[./](?=\D)|:\s+", base)

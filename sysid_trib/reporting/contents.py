@@ -11,8 +11,6 @@ from rich.table import Table
 
 from sysid_trib import plots
 from sysid_trib._version import __version__
-from sysid_trib.campaigns.conditions import reported_method
-from sysid_trib.campaigns.rows import STATUS, counts_of
 from sysid_trib.physics.consequences import with_consequences
 from sysid_trib.plots.compared import FAR
 from sysid_trib.plots.figure import figures_of
@@ -29,6 +27,7 @@ from sysid_trib.printing import (
     layout,
 )
 from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.store import Status, counts_of, reported_method
 from sysid_trib.results.variables import record_groups
 
 # A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
@@ -199,7 +198,7 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
 def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
     cells = [layout.quantity(record.sel(force=symbol), "coefficient") for symbol in symbols]
     cells.append(layout.quantity(record, "asymptotic_frequency"))
-    status = STATUS[int(record.status)]
+    status = Status(int(record.status)).name.lower()
     texts = [text for text in (record.verdict.item(), campaign.named_text(record)) if text]
     verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
     name = str(record.record.item())

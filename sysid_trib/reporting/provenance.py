@@ -14,7 +14,7 @@ from sysid_trib.methods import method_of
 from sysid_trib.printing.equation import from_template
 from sysid_trib.reporting.contents import Part
 from sysid_trib.results.kinds import identifications_of, kind_of
-from sysid_trib.results.schema import NOT_KEPT
+from sysid_trib.results.models import NOT_KEPT
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import xarray as xr
 
-from sysid_trib.campaigns.rows import counts_of
+from sysid_trib.cycles.signatures import signatures_of
 from sysid_trib.errors import UsageError, printable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.physics.consequences import with_consequences
@@ -16,6 +16,7 @@ from sysid_trib.printing import Block, Layer, campaign, driven, looked, modes
 from sysid_trib.printing.written import blocks_of_layer, write_blocks
 from sysid_trib.reporting.contents import PAGES, as_table
 from sysid_trib.results.kinds import contents_text, kind_of
+from sysid_trib.results.store import counts_of
 
 # Of what else than results is shown: variables by which it is known, and its blocks.
 OTHERS: dict[frozenset[str], Callable[[xr.Dataset], Iterable[Block]]] = {
@@ -108,7 +109,8 @@ def show(result: xr.Dataset | xr.DataTree | ForceLibrary, *, explain: bool = Fal
 def _blocks_of(result: xr.Dataset | xr.DataTree | ForceLibrary) -> Iterable[Block]:
     """Return sentences and tables on a result."""
     if isinstance(result, ForceLibrary):
-        return [Block([result.title, looked.NORMALISED], table=looked.force_table(result))]
+        table = looked.force_table(result, signatures_of(result))
+        return [Block([result.title, looked.NORMALISED], table=table)]
     if isinstance(result, xr.Dataset | xr.DataTree):
         tree = result if isinstance(result, xr.DataTree) else xr.DataTree(result)
         if kind := kind_of(tree):

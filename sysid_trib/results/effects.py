@@ -1,8 +1,9 @@
 """Effects in a result: significant coefficients, and the names of a discovery."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 import scipy
@@ -12,6 +13,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces import force
 from sysid_trib.forces.library import library_of_text
 
+Item = TypeVar("Item")
 # Number of standard errors at which an effect needs a name.
 NAMED = 20.0
 
@@ -121,6 +123,27 @@ def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:
     # Without a step there is but the count.
     steps = tree["steps"].to_dataset()
     return [steps.isel(step=at) for at in range(steps.attrs["count"])]
+
+
+def inseparable_groups(step: xr.Dataset) -> list[list[str]]:
+    """Return the credible set of a step in groups of effects that no run of this kind separates."""
+    groups: dict[float, list[str]] = {}
+    for symbol in credible_set(step):
+        number = step.inseparable.sel(candidate=symbol).item()
+        groups.setdefault(number, []).append(symbol)
+    return list(groups.values())
+
+
+def grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
+    """Return groups in which each is like each: a chain of neighbours may have ends that are far apart."""
+    groups: list[list[Item]] = []
+    for item in items:
+        home = next((group for group in groups if all(alike(other, item) for other in group)), None)
+        if home is None:
+            groups.append([item])
+        else:
+            home.append(item)
+    return groups
 
 
 def added_effects(tree: xr.DataTree) -> list[str]:

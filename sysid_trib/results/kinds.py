@@ -2,12 +2,21 @@
 
 import xarray as xr
 
+from sysid_trib.records.roles import input_names
 from sysid_trib.results.variables import record_groups
 
 # The preferred model in SI units, with the measured values used, and its coefficient of friction.
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
 CONSEQUENCES = "consequences"
+# Mass, stiffness and forces of a driven record in the unit of its input; the first two of them.
+PER_INPUT = "per_input"
+MASS = "mass"
+STIFFNESS = "stiffness"
+# Attribute of a prediction: the sensor terms that were fitted to its record.
+REFITTED_SENSORS = "refitted_sensors"
+# Samples of a difference.
+SIDES = ("first", "second")
 
 
 def si_of(tree: xr.DataTree) -> xr.Dataset | None:
@@ -48,7 +57,7 @@ def is_of_driven(tree: xr.DataTree) -> bool:
 
 def has_input(record: xr.Dataset) -> bool:
     """Return true if something that drives the motion was recorded with it."""
-    return any("input" in (name, record[name].attrs.get("role")) for name in record.variables)
+    return bool(input_names(record))
 
 
 def identifications_of(tree: xr.DataTree) -> dict[str, xr.Dataset]:

@@ -6,6 +6,11 @@ import xarray as xr
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import library_of_text
 
+# Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
+NOT_KEPT = "not kept"
+# Attribute of a result: units of the inputs that have one of their own.
+INPUT_UNITS = "input_units"
+
 
 def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
     """Return force library of an identification: the forces it holds, or the whole file it was read from."""
@@ -17,8 +22,12 @@ def shape_values_of(result: xr.Dataset, library: ForceLibrary | None = None) -> 
     """Return the shape parameters of an identification by name, such as `dahl.s`; of one library if given."""
     if "shape" not in result:
         return {}
-    values = dict(zip(result.shape_parameter.values.tolist(), result["shape"].values.tolist(), strict=True))
-    return values if library is None else {k: v for k, v in values.items() if k in library.shape_values()}
+    names = result.shape_parameter.values.tolist()
+    values = dict(zip(names, result["shape"].values.tolist(), strict=True))
+    if library is None:
+        return values
+    known = library.shape_values()
+    return {name: value for name, value in values.items() if name in known}
 
 
 def in_model(result: xr.Dataset, symbol: str) -> bool:

@@ -9,7 +9,8 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
-from sysid_trib.results import kinds, schema, variables
+from sysid_trib.results import kinds, models, schema, variables
+from sysid_trib.results.frequencies import asymptotic_frequency
 from sysid_trib.results.models import forces_in_model as forces_in_model, in_model as in_model
 
 Result = TypeVar("Result", xr.Dataset, xr.DataTree)
@@ -85,8 +86,8 @@ def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float)
     slopes = np.zeros((len(kept) + 1, len(symbols) + 1))
     slopes[np.arange(len(kept)), places] = factors
     slopes[:-1, -1] = powers * factors * coefficients[places] / w
-    acting = schema.library_of(result).select(symbols)
-    slopes[-1] = schema.asymptotic_frequency(acting, coefficients, w)[1]
+    acting = models.library_of(result).select(symbols)
+    slopes[-1] = asymptotic_frequency(acting, coefficients, w)[1]
     return slopes
 
 
@@ -102,7 +103,8 @@ def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float)
 
 def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
     """Return the covariance that a method states, of the coefficients and the asymptotic frequency."""
-    symbols, count = list(kept), len(kept)
+    symbols = list(kept)
+    count = len(kept)
     covariance = np.empty((count + 1, count + 1))
     covariance[:count, :count] = result.covariance.sel(force=symbols, other_force=symbols)
     covariance[count, :count] = covariance[:count, count] = result.frequency_covariance.sel(force=symbols)
@@ -112,7 +114,8 @@ def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
 
 def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
     """Return the covariance of `comparison_values`; conversion adds the frequency's error."""
-    factors, count = reference_factors(result, kept, frequency), len(kept)
+    factors = reference_factors(result, kept, frequency)
+    count = len(kept)
     jacobian = np.diag(np.append(factors, 1.0))
     if result.reference_frequency_standard_error.item() > 0.0:
         power = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
@@ -157,7 +160,7 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
     """
     if isinstance(result, xr.DataTree):
         return _of_each(result, lambda own: with_contactless_frequency(own, omega0, standard_error))
-    library = schema.library_of(result, whole=True)
+    library = models.library_of(result, whole=True)
     force = library.role("x")
     if force is None:
         raise UsageError(
@@ -217,7 +220,7 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
         raise UsageError(f"The relative error of a scale is a number from 0 to 1, not {relative_error}.")
     if isinstance(result, xr.DataTree):
         return _of_each(result, lambda own: with_scale_error(own, relative_error))
-    degrees = [signal_powers(force) for force in schema.library_of(result)]
+    degrees = [signal_powers(force) for force in models.library_of(result)]
     powers = np.array([0.0 if degree is None else degree[""] for degree in degrees])
     known = result.standard_error.values > 0.0
     by_scale = np.where(known, powers * result.coefficient.values, 0.0) * relative_error

@@ -12,16 +12,12 @@ from numpy.typing import ArrayLike
 from sysid_trib._version import __version__
 from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.records.inputs import CONSTANT, inputs_of
+from sysid_trib.records.roles import CONSTANT, input_names
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results.models import library_of as library_of, shape_values_of as shape_values_of
+from sysid_trib.results.frequencies import asymptotic_frequency
+from sysid_trib.results.models import INPUT_UNITS, NOT_KEPT, library_of, shape_values_of
 from sysid_trib.results.variables import FORMAT_VERSION, Variable, described, refuse_whole_result, variable
 from sysid_trib.simulation.model import Model
-
-# Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
-NOT_KEPT = "not kept"
-# Attribute of a result: units of the inputs that have one of their own.
-INPUT_UNITS = "input_units"
 
 
 @dataclass(frozen=True)
@@ -152,7 +148,7 @@ def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, A
     names = [f.name for f in fields(method)] if is_dataclass(method) else []
     options = {name: getattr(method, name) for name in names}
     of_kind = {channel.input for channel in library.channels if channel.kind}
-    inputs = {name: runs[0][name].attrs.get("units") for name in inputs_of(runs[0]) if name not in of_kind}
+    inputs = {name: runs[0][name].attrs.get("units") for name in input_names(runs[0]) if name not in of_kind}
     kept = {INPUT_UNITS: json.dumps(inputs)} if any(inputs.values()) else {}
     return kept | {
         "method": type(method).__name__.lower(),
@@ -165,44 +161,6 @@ def provenance(method: Any, decay: Decays, library: ForceLibrary) -> dict[str, A
         "record_source": [str(run.attrs.get("source", "")) for run in runs],
         "record_checksum": [str(run.attrs.get("record_checksum", "")) for run in runs],
     }
-
-
-def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: float) -> tuple[float, Array]:
-    """Return w sqrt(1 + alpha - zeta^2), the frequency at rest, and its gradient by (coefficients, w)."""
-    value = dict(zip(library.symbols, coefficients, strict=True))
-    gradient = np.zeros(len(library) + 1)
-    squared = 1.0
-    # Alpha enters linearly, the damping ratio by its square.
-    if (elastic := library.role("x")) is not None:
-        squared += value[elastic.symbol]
-        gradient[library.symbols.index(elastic.symbol)] = 1.0
-    for symbol, factor in library.damping_factors.items():
-        squared -= (factor * value[symbol]) ** 2
-        gradient[library.symbols.index(symbol)] = -2.0 * factor**2 * value[symbol]
-    squared = max(squared, 0.0)
-    root = np.sqrt(squared)
-    gradient *= reference / (2.0 * root) if root > 0 else np.nan
-    gradient[-1] = root
-    return float(reference * root), gradient
-
-
-def covariance_with_frequency(result: xr.Dataset) -> Array:
-    """Return the covariance of coefficients and, last, reference frequency: (force + 1, force + 1)."""
-    count, w = result.sizes["force"], result.reference_frequency.item()
-    covariance, error = result.covariance.values, result.reference_frequency_standard_error.item()
-    whole = np.zeros((count + 1, count + 1))
-    whole[:count, :count] = covariance
-    if error > 0.0:
-        inside = np.isclose(result.refers_to.values, w, rtol=1e-12)
-        acting = library_of(result).select(result.force.values[inside].tolist())
-        limit, gradient = asymptotic_frequency(acting, result.coefficient.values[inside], w)
-        with_w = result.frequency_covariance.values
-        if limit > 0.0:
-            # A result states the covariance with the asymptotic frequency; that with w follows.
-            with_w = (with_w - covariance[:, inside] @ gradient[:-1]) / gradient[-1]
-        whole[:count, count] = whole[count, :count] = with_w
-        whole[count, count] = error**2
-    return whole
 
 
 def model_of(result: xr.Dataset, run: int = 0) -> Model:

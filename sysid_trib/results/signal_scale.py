@@ -32,7 +32,8 @@ USUAL_ANGLES = 1e-4, 1e4
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2": 2, "(rad/s^2)^2/Hz": 2}
 # Units of variables over coefficients.
 PER_FORCE = (PER_FORCE_UNIT, "1; rad/s for the frequency")
-UNIT_ATTR, SIZE_ATTR = "signal_unit", "signal_size"
+UNIT_ATTR = "signal_unit"
+SIZE_ATTR = "signal_size"
 
 
 def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
@@ -76,7 +77,8 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
 def _usual_forms(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
     """Return the record and the library of a call as Datasets and a `ForceLibrary`, where they are not."""
     changed: dict[str, Any] = {}
-    decay, library_given = given.get("decay"), given.get("library")
+    decay = given.get("decay")
+    library_given = given.get("library")
     runs = decay if isinstance(decay, list | tuple) else [decay]
     if decay is not None and not all(isinstance(run, xr.Dataset) for run in runs):
         changed["decay"] = records.as_decays(decay, name)
@@ -130,17 +132,21 @@ class _SignalScale:
 
     def _dataset(self, data: xr.Dataset, inside: bool = False) -> xr.Dataset:
         """Multiply every variable that is a signal or a coefficient by its factor; others are unchanged."""
-        factor, old, new = self.size, ANGLE_UNIT, self.unit
+        factor = self.size
+        old = ANGLE_UNIT
+        new = self.unit
         if inside:
             factor, old, new = 1.0 / factor, new, old
         changed = data.copy()
         for key, variable in data.variables.items():
-            name, attrs = str(key), dict(variable.attrs)
+            name = str(key)
+            attrs = dict(variable.attrs)
             units = unit_of_signal(data) if name == "angle" else str(attrs.get("units", ""))
             scaling = scaling_of(name)
             power = _power(units, old) if scaling == "unit" else 0
             if attrs.get("role") == "input" and name != "input":
-                power, units = int(name in self.inputs), units or old
+                power = int(name in self.inputs)
+                units = units or old
             if power:
                 values = variable.values * factor**power
                 changed[name] = (variable.dims, values, attrs | {"units": units.replace(old, new)})

@@ -21,6 +21,8 @@ from sysid_trib.errors import UsageError
 FORMAT_VERSION = 7
 # Parts of each run in which a result is fitted again, from and to in parts of its length.
 PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
+# Confidence of all intervals, and of bands that hold a whole curve.
+CONFIDENCE = 0.95
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
 # Variables of validation and physics, by name.

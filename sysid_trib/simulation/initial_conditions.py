@@ -1,39 +1,17 @@
-"""The start of a motion fitted to a record, and what a sensor shows of the motion."""
+"""The start of a motion fitted to a record."""
 
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import SimulationError
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.records.smoothing import first_of_spline
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model, sensor_error
-from sysid_trib.simulation.motions import STEPS_A_PERIOD, SimulatedMotion
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.motions import STEPS_A_PERIOD
 from sysid_trib.simulation.stand_in import accuracy_of, has_curves, without_curves
-
-MEASURED, MEASURED_TIME = "measured", "measured_time"
-
-
-def measured_part(decay: xr.Dataset) -> tuple[tuple[str, float], Array, Array]:
-    """Return sensor (see `SimulatedMotion.shown`), times (s) and values of the measurement of a decay.
-
-    Parameters
-    ----------
-    decay : Dataset
-        As `free_decay` returns it. Of a part of one, only what was measured within it counts.
-    """
-    time = decay["time"].to_numpy().astype(float)
-    if MEASURED not in decay:
-        return ("angle", 0.0), time, decay["angle"].to_numpy().astype(float)
-    inside = decay[MEASURED].sel({MEASURED_TIME: slice(time[0], time[-1])})
-    sensor = str(decay.attrs["measured"]), float(decay.attrs.get("distance", 0.0))
-    return sensor, inside[MEASURED_TIME].to_numpy().astype(float), inside.to_numpy().astype(float)
-
+from sysid_trib.simulation.trajectory import trajectory
 
 MAX_ROUNDS = 8
 # A last step of the start, in parts of the swing; of a motion that need only be near the record.
@@ -205,108 +183,3 @@ def fit_start(
     return FittedMotion(
         begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
     )
-
-
-def measured_motion(
-    model: Model,
-    run: xr.Dataset,
-    start: tuple[float, float],
-    *,
-    fitted: slice | None = None,
-) -> tuple[SimulatedMotion, Array]:
-    """Fit the start of a motion, and the sensor's bias, to what was measured of a run.
-
-    Parameters
-    ----------
-    model : Model
-        With its inputs.
-    run : Dataset
-        See `measured_part`.
-    start : (float, float), rad and rad/s
-        First guess of angle and rate at the first sample.
-    fitted : slice, optional
-        Samples that the start is fitted to; all where left out.
-
-    Returns
-    -------
-    motion : SimulatedMotion
-    residual : (sample,) array of float
-        Measured signal minus motion and bias, in the unit of the sensor.
-
-    Raises
-    ------
-    SimulationError
-        The motion cannot be computed.
-    """
-    (quantity, distance), time, values = measured_part(run)
-    part = slice(None) if fitted is None else fitted
-    # The bias of a body that may be anywhere, and moves at any speed, cannot be determined.
-    biased = first_zero(model) is not None
-    begin, last = np.array(start, dtype=float), np.inf
-    scale = np.array([1.0, model.reference_frequency, model.reference_frequency])[: 2 + biased]
-    for _ in range(MAX_ROUNDS):
-        motion = trajectory(model, time, *begin, by=BY_START)
-        columns = motion.shown_derivatives(quantity, distance)
-        columns = np.column_stack([columns, np.ones(len(time))]) if biased else columns
-        residual = values - motion.shown(quantity, distance)
-        step, *_ = np.linalg.lstsq(columns[part] * scale, residual[part], rcond=SINGULAR)
-        step = step * scale
-        size = float(np.max(np.abs(columns[part] @ step))) / max(float(np.std(values)), 1e-300)
-        if biased:
-            residual = residual - step[2]
-        if size < SETTLED_START or not size < NOT_SHORTER * last:
-            break
-        begin, last = begin + step[:2], size
-    return motion, residual
-
-
-# A start may be in a local minimum if its residual (RMS) is more than this part of the record's.
-LOCAL_MINIMUM = 0.3
-# Sizes of the swing and phases of a period at which others then begin; the nearest of them are fitted.
-SWING_SIZES, START_PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
-
-
-def fit_start_of_several(
-    model: Model,
-    time: Array,
-    angle: Array,
-    start: tuple[float, float],
-    *,
-    offset: float | None = 0.0,
-) -> FittedMotion:
-    """Return `fit_start` from further first guesses where the motion from the first one misses the record.
-
-    Where the frequency of a model is a little off, its motion slips out of phase in a long record, and the
-    sum of squares has a minimum for each slip. A better motion may begin at another phase, or with another
-    amplitude, on which the frequency depends. A driven motion forgets its start, and is fitted once.
-
-    Raises
-    ------
-    SimulationError
-        The model's motion cannot be computed from the first start.
-    """
-    best = fit_start(model, time, angle, start, offset=offset)
-    if model.inputs or not _missed(best, angle) > LOCAL_MINIMUM * float(np.std(angle)):
-        return best
-    step, lead = float(np.median(np.diff(time))), 2.0 * np.pi / model.reference_frequency
-    longer = np.append(time, time[-1] + step * np.arange(1.0, 2.0 + lead / step))
-    nearest: list[tuple[float, tuple[float, float]]] = []
-    for size in SWING_SIZES:
-        with suppress(SimulationError):
-            motion = trajectory(model, longer, size * start[0], size * start[1])
-            # The same motion later begins at another phase.
-            for later in lead * np.arange(START_PHASES) / START_PHASES:
-                x = np.interp(time + later, longer, motion.angle)
-                begin = [float(np.interp(time[0] + later, longer, of)) for of in (motion.angle, motion.rate)]
-                nearest.append((float(np.sum((angle - best.offset - x) ** 2)), (begin[0], begin[1])))
-    for _, guess in sorted(nearest)[:FITTED_STARTS]:
-        with suppress(SimulationError):
-            tried = fit_start(model, time, angle, guess, offset=offset)
-            best = min(best, tried, key=lambda motion: _missed(motion, angle))
-    return best
-
-
-def _missed(motion: FittedMotion, angle: Array) -> float:
-    """Return the RMS of a record minus a motion; infinite where that is no number."""
-    rms = float(np.sqrt(np.mean((angle - motion.offset - motion.x) ** 2)))
-    return rms if np.isfinite(rms) else float("inf")

@@ -13,7 +13,8 @@ from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary, channels_of
 from sysid_trib.forces.formulas import Formula
 from sysid_trib.forces.notation import parse
-from sysid_trib.records.inputs import FORCING_CHANNEL, INPUT, KnownInput
+from sysid_trib.records.inputs import FORCING_CHANNEL, KnownInput
+from sysid_trib.records.roles import INPUT
 from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 
 Vector = NDArray[np.float64]

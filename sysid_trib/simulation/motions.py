@@ -10,7 +10,7 @@ import numpy as np
 from sysid_trib.arrays import Mask
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.force import channels_of
-from sysid_trib.records.units import ACCELEROMETER, STANDARD_GRAVITY
+from sysid_trib.records.unit_tables import ACCELEROMETER, STANDARD_GRAVITY
 from sysid_trib.simulation import under_way
 from sysid_trib.simulation.model import FREQUENCY, Model, Motion, Vector, motion_of, sensor_error
 

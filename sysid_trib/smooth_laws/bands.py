@@ -7,16 +7,14 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.cycles.smooth_curve import BAND_PROBABILITY
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.results import schema
-from sysid_trib.results.variables import Variables, described
+from sysid_trib.results import models
+from sysid_trib.results.frequencies import covariance_with_frequency
+from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
+from sysid_trib.results.variables import CONFIDENCE, Variables, described
 
 # Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
 VISITED_POINTS, SHOWN_BEYOND = 40, 0.25
-# Laws, the variable of the motion that each is a function of, and its name in formulas.
-VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
-NAME_IN_FORMULAS = {"speed": "v", "displacement": "x"}
 # Draws from which the width of a simultaneous band follows.
 DRAWS = 4000
 
@@ -86,25 +84,18 @@ def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = 
     list of Law
         `friction` of the forces of v alone, and `restoring` of w^2 x and the forces of x alone.
     """
-    library = schema.library_of(result)
+    library = models.library_of(result)
     laws = []
     for name, variable in VARIABLE_OF_LAW.items():
         of = NAME_IN_FORMULAS[variable]
-        forces = [force for force in library if depends_on(force, of)]
+        forces = [force for force in library if force.depends_only_on(of)]
         even = any(force.parity != "odd" for force in forces)
         places, visited = grid(largest[of], both_sides=even)
         values, jacobian = law_and_jacobian(result, library, forces, of, places, run)
-        covariance = jacobian @ schema.covariance_with_frequency(result) @ jacobian.T
+        covariance = jacobian @ covariance_with_frequency(result) @ jacobian.T
         covariance = 0.5 * (covariance + covariance.T)
         laws.append(Law(name, variable, places, visited, values, covariance))
     return laws
-
-
-def depends_on(force: Force, of: str) -> bool:
-    """Return True if a force is a function of x, or of v, alone."""
-    if force.kind != "force" or not force.memoryless or force.channels or force.holds_time:
-        return False
-    return {"x", "v"} & set(force.formula.names) == {of}
 
 
 def law_and_jacobian(
@@ -130,7 +121,7 @@ def law_and_jacobian(
     run : int or None
         See `laws_of`.
     """
-    shapes = schema.shape_values_of(result)
+    shapes = models.shape_values_of(result)
     symbols = result.force.values.tolist()
     w = result.reference_frequency.item()
     coefficients = np.where(result.active.values, result.coefficient.values, 0.0)
@@ -201,7 +192,7 @@ def simultaneous_factor(covariance: Array) -> float:
     Sec. 6.5).
     """
     draws = largest_of_draws(covariance)
-    return float(np.quantile(draws, BAND_PROBABILITY)) if len(draws) else 0.0
+    return float(np.quantile(draws, CONFIDENCE)) if len(draws) else 0.0
 
 
 def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str, Array]:
@@ -242,56 +233,6 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
         places[law.variable] = law.places
         places[f"other_{law.variable}"] = law.places
     return described("laws", values), described("laws", places)
-
-
-def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:
-    """Return the visited speeds at which friction certainly, and at which it seemingly, feeds energy in.
-
-    Parameters
-    ----------
-    result : Dataset
-        With `friction(speed)` and its band.
-    """
-    part = result.isel(speed=np.flatnonzero(result.speed_visited.values))
-    speed = part.speed.values
-    power = np.sign(speed) * part.friction.values
-    highest = np.where(speed > 0.0, part.friction_high.values, -part.friction_low.values)
-    return speed[highest < 0.0], speed[(power < 0.0) & (highest >= 0.0)]
-
-
-def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
-    """Return the odd part of a law with its standard error, at positive places: what averages see of it.
-
-    Parameters
-    ----------
-    result : Dataset
-        With `friction(speed)` and `restoring(displacement)`.
-    law : {"friction", "restoring"}
-
-    Returns
-    -------
-    Dataset
-        The law and its `_standard_error`, by their names.
-    """
-    (variable,) = result[law].dims
-    places = result[variable].values
-    names = [law, f"{law}_standard_error"]
-    if not np.any(places < 0.0):
-        return result[names]
-    # Places are the same on both sides, in rising order.
-    half = len(places) // 2
-    part = 0.5 * np.hstack([-np.eye(half)[::-1], np.eye(half)])
-    covariance = part @ result[f"{law}_covariance"].values @ part.T
-    return (
-        result[names]
-        .isel({variable: slice(half, None)})
-        .assign(
-            {
-                names[0]: (variable, part @ result[law].values, result[law].attrs),
-                names[1]: (variable, np.sqrt(np.diag(covariance)), result[names[1]].attrs),
-            }
-        )
-    )
 
 
 def interpolation(places: Array, common: Array) -> Array:

@@ -5,8 +5,9 @@ import xarray as xr
 
 from sysid_trib.arrays import Array
 from sysid_trib.results import references
+from sysid_trib.results.law_curves import VARIABLE_OF_LAW
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.bands import VARIABLE_OF_LAW, band
+from sysid_trib.smooth_laws.bands import band
 
 
 def with_scale_error(result: references.Result, relative_error: float) -> references.Result:

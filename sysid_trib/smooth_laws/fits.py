@@ -18,6 +18,8 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
+from sysid_trib.results.law_curves import NO_BETTER
+from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
 from sysid_trib.smooth_laws.passive import Passive, made_passive
@@ -31,7 +33,6 @@ SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
 EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.8
 # Motions that give the columns of a fit which begins at another one, and of a fit to a part of the record.
 REFINEMENTS_OF_EXTENSION, REFINEMENTS_OF_PART = 4, 2
-NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
 
 
 @dataclass(frozen=True)
@@ -202,7 +203,7 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
     result = fit.followed.result
     coefficients = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
     # With a copy of each run's own forces.
-    library = schema.library_of(result)
+    library = library_of(result)
     held = {force.symbol: coefficients[force.symbol] for force in library if force.curve}
     own = fit.method.own if isinstance(fit.method, Direct) else ()
     of_runs = Constraints(fit.method.constraints).of_each_run(own, len(runs))
@@ -211,7 +212,7 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
         library,
         coefficients,
         result.reference_frequency.item(),
-        schema.shape_values_of(result),
+        shape_values_of(result),
     )
     method = Trajectory(
         reference_frequency=fit.method.reference_frequency,

@@ -15,8 +15,8 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.results import schema, signal_scale
+from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 
 # Most terms of a formula, and most formulas that are listed.
 MOST_TERMS, MOST_FORMULAS = 3, 6

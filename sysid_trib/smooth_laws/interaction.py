@@ -12,9 +12,8 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
 from sysid_trib.methods import Direct
 from sysid_trib.records.smoothing import smooth
-from sysid_trib.results import schema
+from sysid_trib.results import models
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.bands import depends_on
 from sysid_trib.smooth_laws.fits import (
     EXTENSION_GAIN,
     EXTENSION_LEVEL,
@@ -60,7 +59,7 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
     w = result.reference_frequency.item()
     displacement, speed = (np.linspace(-1.0, 1.0, MAP_POINTS) * largest[of] for of in ("x", "v"))
     x, v = np.meshgrid(displacement, speed / w, indexing="ij")
-    library = schema.library_of(result).select(PRODUCTS)
+    library = models.library_of(result).select(PRODUCTS)
     columns = w**2 * np.stack([force.value(x, v) for force in library], axis=-1)
     at = [result.force.values.tolist().index(symbol) for symbol in PRODUCTS]
     covariance = result.covariance.values[np.ix_(at, at)]
@@ -141,15 +140,15 @@ def readings(fit: LawFit, amplitude: float) -> xr.Dataset | None:
     if whole is None:
         return None
     result = whole.followed.result
-    library = schema.library_of(result)
+    library = models.library_of(result)
     phase = 2.0 * np.pi * np.arange(CYCLE_POINTS) / CYCLE_POINTS
     x, v = amplitude * np.cos(phase), -amplitude * np.sin(phase)
-    shapes = schema.shape_values_of(result)
+    shapes = models.shape_values_of(result)
     of_law, of_products = np.zeros((2, len(library)))
     for at, force in enumerate(library):
         # A viscous force 2 v has a damping ratio of 1.
         ratio = np.mean(force.value(x, v, shapes=shapes) * v) / amplitude**2
-        if depends_on(force, "v"):
+        if force.depends_only_on("v"):
             of_law[at] = ratio
         elif force.symbol in PRODUCTS:
             of_products[at] = ratio

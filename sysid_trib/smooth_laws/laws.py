@@ -13,7 +13,8 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
-from sysid_trib.forces.selection import System, load_system, with_inputs_acting
+from sysid_trib.forces.offered import with_inputs_acting
+from sysid_trib.forces.systems import System, load_system
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct
 from sysid_trib.records.half_sines import envelope
@@ -21,14 +22,13 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.records.smoothing import clock_of, swing_frequency
 from sysid_trib.results import signal_scale
+from sysid_trib.results.law_curves import NAME_IN_FORMULAS, OWN_LAWS, PASSIVE, VARIABLE_OF_LAW, odd_part
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
-from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, refitted
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction, readings
 from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
-from sysid_trib.smooth_laws.passive import PASSIVE
 from sysid_trib.smooth_laws.predictions import with_predictions
 from sysid_trib.validation import cross_check, judge, model_error
 from sysid_trib.validation.driven import is_driven
@@ -39,8 +39,6 @@ from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motion
 FAR_WORSE = 2.0
 # What two parts of the record reach, by the variable of a law.
 TWICE = {"speed": "speed of two parts", "displacement": "displacement of two parts"}
-# Group of a result that holds the laws of each run.
-OWN_LAWS = "own_laws"
 
 
 def laws(
@@ -147,7 +145,7 @@ def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, .
 def _offering(candidates: ForceLibrary | None, law: str) -> ForceLibrary | None:
     """Return the library if it has forces of which formulas of a law can be made."""
     of = NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]]
-    if candidates is None or not any(bands.depends_on(force, of) for force in candidates):
+    if candidates is None or not any(force.depends_only_on(of) for force in candidates):
         return None
     return candidates
 
@@ -403,7 +401,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     """
     values: dict[str, Any] = {}
     for law in VARIABLE_OF_LAW:
-        averaged, other = xr.align(bands.odd_part(first, law), bands.odd_part(second, law))
+        averaged, other = xr.align(odd_part(first, law), odd_part(second, law))
         error = np.hypot(averaged[f"{law}_standard_error"], other[f"{law}_standard_error"])
         values[f"{law}_difference"] = (averaged[law] - other[law]).assign_attrs(units="rad/s^2")
         values[f"{law}_z"] = ((averaged[law] - other[law]) / error).assign_attrs(units="1")

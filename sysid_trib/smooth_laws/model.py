@@ -9,9 +9,10 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.constraints import Constraints, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import System, is_free_to_move, with_shipped
+from sysid_trib.forces.selection import is_free_to_move, with_shipped
+from sysid_trib.forces.systems import System
+from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.smooth_laws import curves
-from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW, depends_on
 
 # Forces outside of the penalty where no system is named, and the one that is always there: a jump at rest.
 USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
@@ -59,7 +60,7 @@ class LawModel:
         return tuple(
             force.symbol
             for force in library
-            if force.symbol in self.own or any(depends_on(force, of) for of in of_laws)
+            if force.symbol in self.own or any(force.depends_only_on(of) for of in of_laws)
         )
 
     @property

@@ -13,12 +13,11 @@ from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays
-from sysid_trib.results import schema
+from sysid_trib.results import models
+from sysid_trib.results.frequencies import asymptotic_frequency, covariance_with_frequency
+from sysid_trib.results.law_curves import PASSIVE
 from sysid_trib.smooth_laws import bands
 
-# Attribute of an identification with a passive law: speeds at which the constraint acts, in parts of the
-# largest one that the record visits, as JSON.
-PASSIVE = "passive_at"
 # Just above zero speed, in parts of the largest: there friction jumps.
 SMALLEST_SPEED = 1e-6
 # A force that is below this part of its largest value there is none.
@@ -91,7 +90,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
     estimate = np.append(
         np.where(result.active.values, result.coefficient.values, 0.0), result.reference_frequency.item()
     )
-    covariance = schema.covariance_with_frequency(result)
+    covariance = covariance_with_frequency(result)
     values, vectors = np.linalg.eigh(0.5 * (covariance + covariance.T))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     power = rows[:, :-1] @ estimate[:-1]
@@ -111,9 +110,9 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
 
 def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[Array, Array]:
     """Return speeds (place,), and by coefficients and frequency the friction there times the sign of them."""
-    library = schema.library_of(result)
+    library = models.library_of(result)
     runs: Sequence[int | None] = sorted({force.run for force in library if force.run}) or [None]
-    forces = [force for force in library if bands.depends_on(force, "v")]
+    forces = [force for force in library if force.depends_only_on("v")]
     even = any(force.parity != "odd" for force in forces)
     at_rest = SMALLEST_SPEED * largest["v"] * np.array([-1.0, 1.0] if even else [1.0])
     places = np.concatenate([at_rest, bands.grid(largest["v"], both_sides=even)[0]])
@@ -140,8 +139,8 @@ def _least_distance(moves: Array, needed: Array) -> tuple[Array, Array]:
 
 def _with_values(result: xr.Dataset, values: Array, covariance: Array) -> xr.Dataset:
     """Return the identification with other coefficients and another frequency, and the same errors."""
-    library, w = schema.library_of(result), float(values[-1])
-    limit, gradient = schema.asymptotic_frequency(library, values[:-1], w)
+    library, w = models.library_of(result), float(values[-1])
+    limit, gradient = asymptotic_frequency(library, values[:-1], w)
     with_frequency = covariance @ gradient if limit > 0.0 else covariance[:, -1]
     variance = float(gradient @ covariance @ gradient) if limit > 0.0 else 0.0
     error = float(np.sqrt(max(variance, 0.0)))

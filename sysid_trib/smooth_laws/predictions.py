@@ -12,8 +12,8 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
+from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described
-from sysid_trib.smooth_laws.bands import NAME_IN_FORMULAS, VARIABLE_OF_LAW, depends_on
 from sysid_trib.smooth_laws.fits import LawFit
 from sysid_trib.validation import holdout
 
@@ -81,7 +81,7 @@ def _forces_of(formulas: xr.Dataset) -> Iterator[list[Force]]:
 def _model(fit: LawFit, forces: Mapping[str, Sequence[Force] | None]) -> ForceLibrary:
     """Return the forces of a fit in which formulas stand in the place of laws."""
     replaced = {NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]] for law, of_law in forces.items() if of_law}
-    kept = [force for force in fit.library if not any(depends_on(force, of) for of in replaced)]
+    kept = [force for force in fit.library if not any(force.depends_only_on(of) for of in replaced)]
     taken = {force.symbol for force in kept}
     for of_law in forces.values():
         for force in of_law or ():

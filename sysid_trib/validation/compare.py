@@ -13,17 +13,14 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, Constrain
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import as_method, every_kind
-from sysid_trib.methods.scope import (
-    Method,
-    by_unique_label,
-    constrained,
-    scope_of,
-    with_stated,
-)
+from sysid_trib.methods.labels import by_unique_label
+from sysid_trib.methods.options import constrained, with_stated
+from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records import inputs, smoothing
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale, variables
+from sysid_trib.results import references, signal_scale, variables
+from sysid_trib.results.models import library_of
 from sysid_trib.validation import cross_check, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
@@ -320,7 +317,7 @@ def _not_separable(
     """Return forces that no method separates, or identifies, on these runs; as attrs."""
     widest = max(results, key=lambda result: result.sizes["force"])
     identified = {symbol for result in results for symbol in result.force.values.tolist()}
-    force = library.role("x") or schema.library_of(widest, whole=True).role("x")
+    force = library.role("x") or library_of(widest, whole=True).role("x")
     stiffness = "" if force is None else force.symbol
     unseen = [s for s in library.symbols if s not in identified and s != stiffness]
     return cross_check.ties(runs, widest) | {

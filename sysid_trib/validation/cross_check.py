@@ -19,6 +19,7 @@ from sysid_trib.motion_fit import bands, innovations
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results.models import library_of
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation.influence import covariances_of_difference
@@ -29,7 +30,7 @@ from sysid_trib.validation.verdict import decided, judged_models, tested_runs
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     """Return forces that averaging, or any method, cannot separate by principle."""
-    library = schema.library_of(result)
+    library = library_of(result)
     shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
 

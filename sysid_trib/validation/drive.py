@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -11,8 +11,11 @@ from sysid_trib.errors import SysidTribError
 from sysid_trib.forces import selection
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
+from sysid_trib.forces.offered import with_inputs_acting
+from sysid_trib.forces.systems import System, shipped_systems
 from sysid_trib.methods.direct import Direct
 from sysid_trib.records import drives, inputs
+from sysid_trib.records.roles import INPUT
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.driven import residual_over_motion
@@ -31,8 +34,7 @@ LESS = 0.8
 PER_PERIOD, MOST_OF_RECORD = 40, 3000
 
 
-@dataclass(frozen=True)
-class FittingModel:
+class TriedModel(NamedTuple):
     """A model that was tried.
 
     Attributes
@@ -50,7 +52,7 @@ class FittingModel:
     residual: float
 
 
-def fitting_models(runs: Sequence[xr.Dataset]) -> list[FittingModel]:
+def fitting_models(runs: Sequence[xr.Dataset]) -> xr.Dataset:
     """Return models of driven records, the one to take first, then the best of each other kind.
 
     Parameters
@@ -58,19 +60,32 @@ def fitting_models(runs: Sequence[xr.Dataset]) -> list[FittingModel]:
     runs : sequence of Dataset
         `angle(time)` with inputs.
 
+    Returns
+    -------
+    Dataset
+        Over `model`: the `system` of `libraries/systems.toml`, empty of an oscillator; the symbols of its
+        `forces`; `residual_over_motion`, infinite where it has no motion.
+
     Notes
     -----
     Each is fitted by Direct to the first samples. An oscillator has the fewest forces that leave hardly more
     than more of them do.
     """
     short = [_short(run) for run in runs[:1]]
-    names = [name for name in inputs.inputs_of(short[0]) if name != inputs.INPUT]
+    names = [name for name in inputs.inputs_of(short[0]) if name != INPUT]
     oscillators = _nested([_tried("", library, short) for library in _oscillators(names)])
     # Try systems with a held force too: it changes the equation.
-    systems = [_of_system(system, names, short) for system in selection.shipped_systems() if system.held]
+    systems = [_of_system(system, names, short) for system in shipped_systems() if system.held]
     kinds = [oscillators, *systems]
     # A system precedes an oscillator of more forces if it is equally good.
-    return sorted(kinds, key=lambda model: model.residual * (1.0 if model.system else 1.0 / LESS))
+    kinds = sorted(kinds, key=lambda model: model.residual * (1.0 if model.system else 1.0 / LESS))
+    return xr.Dataset(
+        {
+            "system": ("model", [model.system for model in kinds]),
+            "forces": ("model", [",".join(model.forces) for model in kinds]),
+            "residual_over_motion": ("model", [model.residual for model in kinds]),
+        }
+    )
 
 
 def _oscillators(names: Sequence[str]) -> list[ForceLibrary]:
@@ -79,11 +94,11 @@ def _oscillators(names: Sequence[str]) -> list[ForceLibrary]:
     for formulas in OSCILLATORS:
         forces = (library.role(formula) for formula in formulas)
         chosen = library.select(force.symbol for force in forces if force is not None)
-        made.append(selection.with_inputs_acting(chosen, names))
+        made.append(with_inputs_acting(chosen, names))
     return made
 
 
-def _nested(models: Sequence[FittingModel]) -> FittingModel:
+def _nested(models: Sequence[TriedModel]) -> TriedModel:
     """Return the model of fewest forces that no larger one improves upon."""
     best = models[0]
     for model in models[1:]:
@@ -92,18 +107,18 @@ def _nested(models: Sequence[FittingModel]) -> FittingModel:
     return best
 
 
-def _of_system(system: selection.System, names: Sequence[str], runs: Sequence[xr.Dataset]) -> FittingModel:
+def _of_system(system: System, names: Sequence[str], runs: Sequence[xr.Dataset]) -> TriedModel:
     offered = selection.with_shipped(load_library(), system.symbols).select(system.symbols)
-    return _tried(system.name, selection.with_inputs_acting(offered, names), runs, system.held)
+    return _tried(system.name, with_inputs_acting(offered, names), runs, system.held)
 
 
 def _tried(
     system: str, library: ForceLibrary, runs: Sequence[xr.Dataset], held: Mapping[str, float] | None = None
-) -> FittingModel:
+) -> TriedModel:
     residual = np.inf
     with suppress(SysidTribError, np.linalg.LinAlgError):
         residual = _residual(runs[0], library, held=dict(held or {}))
-    return FittingModel(system, library.symbols, float(residual))
+    return TriedModel(system, library.symbols, float(residual))
 
 
 @in_units_of_the_motion

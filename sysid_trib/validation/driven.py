@@ -26,21 +26,16 @@ from sysid_trib.records.runs import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.judged import best
-from sysid_trib.results.models import library_of, shape_values_of
+from sysid_trib.results.models import INPUT_UNITS, library_of, shape_values_of
 from sysid_trib.results.references import comparison_values, stated_covariance
-from sysid_trib.results.schema import INPUT_UNITS, model_of
+from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
-from sysid_trib.simulation.initial_conditions import (
-    MEASURED,
-    first_guess,
-    first_zero,
-    fit_start_of_several,
-    measured_motion,
-    true_start,
-)
+from sysid_trib.simulation.initial_conditions import first_guess, first_zero, true_start
+from sysid_trib.simulation.measured_motion import MEASURED, measured_motion
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.start_search import fit_start_of_several
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability
 from sysid_trib.validation.model_error import with_error_by_another_fit

@@ -12,6 +12,7 @@ from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.smoothing import least_squares_spline
 from sysid_trib.results import judged, references, schema, variables
+from sysid_trib.results.models import in_model, library_of
 from sysid_trib.simulation import internal_states
 from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.validation import judge, refits
@@ -45,7 +46,7 @@ def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
 
 def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[FittedMotion | None]:
     """Return the motion in the last third of each run of a model that was identified from the rest."""
-    library = schema.library_of(result, whole=True)
+    library = library_of(result, whole=True)
     pairs = [(split(run)[1], carried_on(result, library, up_to_held_out(run))) for run in runs]
     return [fitted_motion(rest, later, at) for at, (rest, later) in enumerate(pairs)]
 
@@ -266,7 +267,7 @@ def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tup
     for row, result in enumerate(results):
         if result is not None:
             symbols = result.force.values.tolist()
-            own = [references.in_model(result, symbol) for symbol in symbols] & ~references.held(result)
+            own = [in_model(result, symbol) for symbol in symbols] & ~references.held(result)
             factors = np.where(own, references.reference_factors(result, symbols, reference), 1.0)
             at = forces.indexes["force"].get_indexer(symbols)
             values[row, at] = result.coefficient.values * factors

@@ -15,14 +15,15 @@ from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.methods import Averaging, Direct, Trajectory, as_method, method_of
-from sysid_trib.methods.scope import Method, constrained, with_stated
+from sysid_trib.methods.options import constrained, with_stated
+from sysid_trib.methods.scope import Method
 from sysid_trib.methods.trajectory import StartsOption
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale
+from sysid_trib.results import models, references, signal_scale
 from sysid_trib.results.judged import last_of
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
-from sysid_trib.simulation.initial_conditions import MEASURED
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
 
@@ -220,7 +221,7 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     Cochran's Q. Large where a force changes from run to run (wear), or is of another form than the model's:
     then it changes with amplitude.
     """
-    method, library = method_of(together), schema.library_of(together, whole=True)
+    method, library = method_of(together), models.library_of(together, whole=True)
     kept, frequency = references.comparable(together), together.reference_frequency.item()
     # `discovery.parts.homogeneity` is the score test of the same question: it fits no run alone, and so
     # serves for every model of a search, but gives no values of the runs.

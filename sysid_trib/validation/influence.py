@@ -28,11 +28,13 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_along
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
-from sysid_trib.results import references, schema
+from sysid_trib.results import models, references, schema
+from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import random_force_of
-from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion, first_zero
+from sysid_trib.simulation.initial_conditions import FittedMotion, first_zero
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation.residuals import FollowedRuns
 
 # Condition number beyond which a record does not tell parameters apart.
@@ -226,9 +228,9 @@ class _Parameters:
 
 
 def _parameters(result: xr.Dataset, method: Any) -> _Parameters:
-    symbols = references.forces_in_model(result)
-    library = schema.library_of(result).select(symbols)
-    shapes = dict(schema.shape_values_of(result))
+    symbols = forces_in_model(result)
+    library = models.library_of(result).select(symbols)
+    shapes = dict(models.shape_values_of(result))
     constraints = Constraints(method.constraints)
     if "constraint" in result.coords:
         bound = result.force.values[result.constraint.values == "at its bound"].tolist()
@@ -262,7 +264,7 @@ def _influence(
     if method.curve != "half-sines" or not result.get("first_order_bias_removed", False):
         return None
     runs = [*followed.runs.values()]
-    library = schema.library_of(result).select(parameters.symbols)
+    library = models.library_of(result).select(parameters.symbols)
     density = [random_force_of(result, run).density for run in followed.runs]
     pairs = [(noise.level, of_run) for noise, of_run in zip(noises, density, strict=True)]
     free_motions = [

@@ -14,7 +14,7 @@ from sysid_trib.records import half_sines
 from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
 
 def lack_of_fit(

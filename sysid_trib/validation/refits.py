@@ -12,9 +12,11 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
-from sysid_trib.methods.scope import Method, constrained, with_random_force
+from sysid_trib.methods.options import constrained, with_random_force
+from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
-from sysid_trib.results import references, schema, signal_scale, variables
+from sysid_trib.results import models, references, signal_scale, variables
+from sysid_trib.results.models import forces_in_model
 
 # The noise that a fit of the motion may allow for.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
@@ -73,7 +75,7 @@ def at_reference(
     covariances = np.full((len(results), count, count), missing)
     for row, result in enumerate(results):
         if result is not None:
-            kept = [symbol for symbol in symbols if symbol in references.forces_in_model(result)]
+            kept = [symbol for symbol in symbols if symbol in forces_in_model(result)]
             at = [*map(symbols.index, kept), len(symbols)]
             values[row, at] = references.comparison_values(result, kept, reference)
             covariances[row][np.ix_(at, at)] = references.comparison_covariance(result, kept, reference)
@@ -114,8 +116,8 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     leave out one and three periods; sampling takes every second sample, with either first; noises are the
     sensor's alone and a random force with it.
     """
-    runs, library = as_runs(decay, driven=True), schema.library_of(result)
-    symbols = references.forces_in_model(result)
+    runs, library = as_runs(decay, driven=True), models.library_of(result)
+    symbols = forces_in_model(result)
     reference, made = result.reference_frequency.item(), []
     for fit in _fits(method_of(result), runs, reference):
         tell(f"{fit.kind}: {fit.label}")

@@ -16,9 +16,11 @@ from sysid_trib.records import inputs, sensor, smoothing
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.variables import described, noise_of_run
-from sysid_trib.simulation import initial_conditions, simulate
-from sysid_trib.simulation.initial_conditions import MEASURED, FittedMotion
+from sysid_trib.simulation import initial_conditions
+from sysid_trib.simulation.initial_conditions import FittedMotion
+from sysid_trib.simulation.measured_motion import MEASURED, MEASURED_TIME, measured_part
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
+from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import lack_of_fit
 
 # A model departs from the record where the RMS over half a period is beyond this many noise levels.
@@ -220,9 +222,9 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
     Integration makes white noise red: in the integral no residual is white.
     """
     time, model = decay.time.values.astype(float), model_of(result)
-    simulated = simulate.trajectory(model, time, motion.angle, motion.rate)
-    measured = decay[MEASURED].sel({initial_conditions.MEASURED_TIME: time}).values
-    residual = measured - simulated.shown(*initial_conditions.measured_part(decay)[0])
+    simulated = trajectory(model, time, motion.angle, motion.rate)
+    measured = decay[MEASURED].sel({MEASURED_TIME: time}).values
+    residual = measured - simulated.shown(*measured_part(decay)[0])
     # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])

@@ -7,12 +7,12 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.errors import SimulationError
-from sysid_trib.simulation.initial_conditions import BY_START, MEASURED, first_guess, first_zero, fit_start
+from sysid_trib.results.kinds import REFITTED_SENSORS
+from sysid_trib.simulation.initial_conditions import BY_START, first_guess, first_zero, fit_start
+from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.simulate import trajectory
+from sysid_trib.simulation.trajectory import trajectory
 
-# Attribute of a prediction: the sensor terms that were fitted to its record.
-REFITTED_SENSORS = "refitted_sensors"
 # Steps that are tried; damping of the first, its factor after one that fails; least gain of a further step.
 MOST_REFITS, FIRST_DAMPING, DAMPED_BY, SETTLED_RESIDUAL = 30, 1e-4, 10.0, 1e-5
 # Another run's terms are of the size of the identification's, or of some times that.

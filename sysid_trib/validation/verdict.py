@@ -11,14 +11,17 @@ from sysid_trib import forces
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
-from sysid_trib.forces.selection import with_inputs_acting
+from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
 from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
-from sysid_trib.methods.scope import Method, scope_of, with_random_force
+from sysid_trib.methods.options import with_random_force
+from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records import inputs, smoothing
+from sysid_trib.records.roles import INPUT
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.results import effects, references, schema, signal_scale, variables
+from sysid_trib.results import effects, models, signal_scale, variables
+from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import judge, model_error
 from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
@@ -206,7 +209,7 @@ def checked_library(function: str, library: LibraryLike | None, decay: Decays) -
     if library is None:
         runs = [decay] if isinstance(decay, xr.Dataset) else [*decay]
         of_runs = (inputs.inputs_of(run) for run in runs if isinstance(run, xr.Dataset))
-        names = [name for known in of_runs for name in known if name != inputs.INPUT]
+        names = [name for known in of_runs for name in known if name != INPUT]
         library = with_inputs_acting(load_library(), names)
     return forces.as_library(library, function)
 
@@ -271,12 +274,12 @@ def _depends_on_amplitude(followed: FollowedRuns) -> bool:
     if len(moving) < len(followed.motions):
         return False
     runs, result = [*followed.runs.values()], followed.result
-    library = schema.library_of(result).select(references.forces_in_model(result))
+    library = models.library_of(result).select(forces_in_model(result))
     free_motions = [
         xr.Dataset({"angle": ("time", motion.x)}, {"time": run.time})
         for run, motion in zip(runs, moving, strict=True)
     ]
-    averaging = Averaging(shapes=schema.shape_values_of(result))
+    averaging = Averaging(shapes=models.shape_values_of(result))
     try:
         return averaging.amplitude_p_value(runs, free_motions, library) < AMPLITUDE_LEVEL
     except (SysidTribError, np.linalg.LinAlgError):

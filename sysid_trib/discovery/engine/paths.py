@@ -26,7 +26,8 @@ from sysid_trib.discovery.engine.trials import Settings, TrialEffect
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Force, channels_of
 from sysid_trib.likelihood import force_columns, sensor_noise, weak_form
-from sysid_trib.records.inputs import INPUT, KnownInput, values_of_inputs
+from sysid_trib.records.inputs import KnownInput, values_of_inputs
+from sysid_trib.records.roles import INPUT
 from sysid_trib.records.smoothing import SplinesAt, least_squares_spline
 from sysid_trib.simulation import internal_states
 

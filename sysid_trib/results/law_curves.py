@@ -1,4 +1,4 @@
-"""Laws as they are shown: at chosen places, without what is known of them, on one side or both."""
+"""Friction and restoring force of a result as curves: their names, and how they are read."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,10 +7,21 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, Mask
-from sysid_trib.results import schema
-from sysid_trib.smooth_laws import bands
+from sysid_trib.results.models import library_of, shape_values_of
 
-LAW_PLACES = {"friction": "speed", "restoring": "displacement"}
+# Groups of a result: the laws of each run, those in SI units, and the difference of two samples.
+OWN_LAWS = "own_laws"
+LAWS_SI = "laws_si"
+LAW_DIFFERENCE = "law_difference"
+# Attribute of an identification with a passive law: speeds at which the constraint acts, in parts of the
+# largest one that the record visits, as JSON.
+PASSIVE = "passive_at"
+# Laws, the variable of the motion that each is a function of, its name in formulas, and their names in words.
+VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
+NAME_IN_FORMULAS = {"speed": "v", "displacement": "x"}
+LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
+# Why a result holds no curves although its record determines some.
+NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
 # A restoring force below this part of w^2 x is none.
 NO_RESTORING_FORCE = 1e-9
 # More standard errors of both methods than this are a difference.
@@ -82,7 +93,7 @@ def curve_of(result: xr.Dataset, law: str) -> Curve:
         With `friction(speed)` and `restoring(displacement)`.
     law : {"friction", "restoring"}
     """
-    variable = LAW_PLACES[law]
+    variable = VARIABLE_OF_LAW[law]
     return Curve(
         result[variable].values,
         result[law].values,
@@ -101,7 +112,7 @@ def restores(result: xr.Dataset) -> bool:
 
 def laws_in(result: xr.Dataset) -> list[str]:
     """Return the laws of an identification."""
-    return list(LAW_PLACES) if restores(result) else ["friction"]
+    return list(VARIABLE_OF_LAW) if restores(result) else ["friction"]
 
 
 def curves_of(
@@ -132,14 +143,55 @@ def curves_of(
 
 def _odd_curve(result: xr.Dataset, law: str) -> Curve:
     """Return the odd part of a law, with a band as wide as that of the law in standard errors."""
-    whole, odd = curve_of(result, law), bands.odd_part(result, law)
+    whole = curve_of(result, law)
+    odd = odd_part(result, law)
     at = whole.places > 0.0
-    values, errors = odd[law].values, odd[f"{law}_standard_error"].values
+    values = odd[law].values
+    errors = odd[f"{law}_standard_error"].values
     known = at & (whole.errors > 0.0)
     ratios = (whole.high - whole.values)[known] / whole.errors[known]
     width = float(np.max(ratios, initial=0.0))
     return Curve(
-        whole.places[at], values, errors, values - width * errors, values + width * errors, whole.visited[at]
+        whole.places[at],
+        values,
+        errors,
+        values - width * errors,
+        values + width * errors,
+        whole.visited[at],
+    )
+
+
+def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
+    """Return the odd part of a law with its standard error, at positive places: what averages see of it.
+
+    Parameters
+    ----------
+    result : Dataset
+        With `friction(speed)` and `restoring(displacement)`.
+    law : {"friction", "restoring"}
+
+    Returns
+    -------
+    Dataset
+        The law and its `_standard_error`, by their names.
+    """
+    (variable,) = result[law].dims
+    places = result[variable].values
+    names = [law, f"{law}_standard_error"]
+    if not np.any(places < 0.0):
+        return result[names]
+    # Places are the same on both sides, in rising order.
+    half = len(places) // 2
+    part = 0.5 * np.hstack([-np.eye(half)[::-1], np.eye(half)])
+    covariance = part @ result[f"{law}_covariance"].values @ part.T
+    values = part @ result[law].values
+    errors = np.sqrt(np.diag(covariance))
+    right = result[names].isel({variable: slice(half, None)})
+    return right.assign(
+        {
+            names[0]: (variable, values, result[law].attrs),
+            names[1]: (variable, errors, result[names[1]].attrs),
+        }
     )
 
 
@@ -159,9 +211,9 @@ def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
     constraint = result.coords.get("constraint")
     if constraint is None:
         return known, names
-    shapes = schema.shape_values_of(result)
-    for force in schema.library_of(result, whole=True):
-        if not bands.depends_on(force, "x") or constraint.sel(force=force.symbol).item() != "fixed":
+    shapes = shape_values_of(result)
+    for force in library_of(result, whole=True):
+        if not force.depends_only_on("x") or constraint.sel(force=force.symbol).item() != "fixed":
             continue
         coefficient = result.coefficient.sel(force=force.symbol).item()
         if coefficient:
@@ -172,11 +224,11 @@ def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
 
 def stretches(places: Array, chosen: Mask) -> list[tuple[float, float]]:
     """Return the first and last place of each unbroken stretch of chosen places."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], chosen, [False]]).astype(int)))
-    return [
-        (float(places[start]), float(places[stop - 1]))
-        for start, stop in zip(edges[::2], edges[1::2], strict=True)
-    ]
+    between = np.concatenate([[False], chosen, [False]])
+    edges = np.flatnonzero(np.diff(between.astype(int)))
+    firsts = places[edges[::2]]
+    lasts = places[edges[1::2] - 1]
+    return list(zip(firsts.tolist(), lasts.tolist(), strict=True))
 
 
 def difference_over_error(first: Curve, second: Curve) -> Array:
@@ -184,7 +236,8 @@ def difference_over_error(first: Curve, second: Curve) -> Array:
 
     Both methods saw the same noise: the numbers are rather too small.
     """
-    error, difference = np.hypot(first.errors, second.errors), first.values - second.values
+    error = np.hypot(first.errors, second.errors)
+    difference = first.values - second.values
     return np.divide(difference, error, out=np.zeros_like(difference), where=error > 0.0)
 
 
@@ -201,7 +254,7 @@ def feeding(result: xr.Dataset) -> dict[str, list[tuple[float, float]]]:
     Each is a list of stretches of speeds.
     """
     curve = curve_of(result, "friction")
-    certain, seeming = bands.feeds_energy(result)
+    certain, seeming = feeds_energy(result)
     feeds = (np.sign(curve.places) * curve.values < 0.0) & ~curve.visited
     masks = {
         "certainly": np.isin(curve.places, certain),
@@ -209,6 +262,21 @@ def feeding(result: xr.Dataset) -> dict[str, list[tuple[float, float]]]:
         "beyond": feeds,
     }
     return {name: stretches(curve.places, chosen) for name, chosen in masks.items()}
+
+
+def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:
+    """Return the visited speeds at which friction certainly, and at which it seemingly, feeds energy in.
+
+    Parameters
+    ----------
+    result : Dataset
+        With `friction(speed)` and its band.
+    """
+    part = result.isel(speed=np.flatnonzero(result.speed_visited.values))
+    speed = part.speed.values
+    power = np.sign(speed) * part.friction.values
+    highest = np.where(speed > 0.0, part.friction_high.values, -part.friction_low.values)
+    return speed[highest < 0.0], speed[(power < 0.0) & (highest >= 0.0)]
 
 
 def places_shown(curve: Curve, parts: Sequence[float]) -> Array:

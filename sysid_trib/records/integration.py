@@ -1,0 +1,152 @@
+"""Integration of a rate or an acceleration to a position, in pieces on a uniform grid."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.linalg import solveh_banded
+
+from sysid_trib.arrays import Array
+from sysid_trib.records.signal import LONGEST_FILLED, PARTED_STEP, clamped_knots, is_uniform, usual_step
+
+FILL_DEGREE = 7
+DRIFT_DEGREE = 3
+SMALLEST_PIVOT = 1e-13
+
+
+class Piece(NamedTuple):
+    """A part of a record without a long gap.
+
+    Attributes
+    ----------
+    time : (sample,) array of float, s
+        In steps that differ by 2 % at most.
+    signal : (sample,) array of float
+    changes : str
+        Changes that made the steps even; empty if they were even.
+    """
+
+    time: Array
+    signal: Array
+    changes: str
+
+
+def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[float, ...] = ()) -> list[Piece]:
+    """Split a record at long gaps and put each piece on a uniform clock.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Rising, in any steps.
+    signal : (sample,) array of float
+    period : float, s
+        Period of the oscillation: a gap of more than a quarter of it parts the record.
+    breaks : tuple of float, s
+        Further times at which a piece starts.
+
+    Notes
+    -----
+    Where steps differ by more than 2 %, samples on a uniform grid are those of the cubic spline through the
+    measured ones. In a short gap they are those of the polynomial of degree 7 that fits a quarter of a period
+    on either side best. The mean step stays, and so does the density of the noise at low frequency.
+    """
+    steps = np.diff(time)
+    usual = usual_step(steps)
+    longest = max(LONGEST_FILLED * period, PARTED_STEP * usual)
+    bounds = np.union1d(np.flatnonzero(steps > longest) + 1, np.searchsorted(time, breaks)).astype(int)
+    parts = np.split(np.arange(time.size), bounds)
+    return [_on_a_grid(time[part], signal[part], usual, period) for part in parts if part.size > 1]
+
+
+def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece:
+    if is_uniform(time):
+        return Piece(time, signal, "")
+    count = max(1, round((time[-1] - time[0]) / usual))
+    grid = np.linspace(time[0], time[-1], count + 1)
+    value = CubicSpline(time, signal)(grid)
+    filled = 0
+    for start in np.flatnonzero(np.diff(time) > PARTED_STEP * usual):
+        low = time[start]
+        high = time[start + 1]
+        # The samples at its ends are there: by rounding a point of the grid may be after one.
+        inside = (grid > low + 0.5 * usual) & (grid < high - 0.5 * usual)
+        near = (time >= low - LONGEST_FILLED * period) & (time <= high + LONGEST_FILLED * period)
+        if np.count_nonzero(near) > 2 * FILL_DEGREE:
+            fit = np.polynomial.Polynomial.fit(time[near], signal[near], FILL_DEGREE)
+            value[inside] = fit(grid[inside])
+        filled += int(np.count_nonzero(inside))
+    uneven = f"uneven steps: interpolated to {1.0 / (grid[1] - grid[0]):.5g} Hz"
+    gaps = f"{filled} missing samples filled from a quarter of a period on either side"
+    steps = np.diff(time)
+    jitters = not is_uniform(np.cumsum(steps[steps <= PARTED_STEP * usual]))
+    said = [text for text, is_so in ((uneven, jitters or not filled), (gaps, filled > 0)) if is_so]
+    return Piece(grid, value, " and ".join(said))
+
+
+def integrated(time: Array, signal: Array, period: float) -> Array:
+    """Return the integral of an oscillation over time, about its slow mean.
+
+    Parameters
+    ----------
+    time : (sample,) array of float, s
+        Rising.
+    signal : (sample,) array of float
+    period : float, s
+        Period of the oscillation.
+
+    Returns
+    -------
+    (sample,) array of float
+        In the signal's unit times s.
+
+    Notes
+    -----
+    The antiderivative of the quintic spline through the samples, less its drift: the slow part of the least
+    squares fit of splines (knots two periods apart) times 1, cos and sin. Without the waves the ends of the
+    swing would pass for drift.
+    """
+    centred = signal - np.median(signal)
+    spline = make_interp_spline(time, centred, 5) if time.size > 6 else CubicSpline(time, signal)
+    whole = np.asarray(spline.antiderivative()(time), dtype=float)
+    return whole - _drift(time, whole, period)
+
+
+def _drift(time: Array, signal: Array, period: float) -> Array:
+    # Periods between the knots of drift and envelope: slower than the swing, faster than the drift of a bias.
+    spans = int((time[-1] - time[0]) / (2.0 * period))
+    slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
+    phase = 2.0 * np.pi * (time - time[0]) / period
+    waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
+    # The columns of each spline are adjacent: the normal equations are banded, and the solution time is
+    # proportional to the number of periods.
+    columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
+    splines = slow.shape[1]
+    design = columns[:, np.arange(len(waves) * splines).reshape(len(waves), splines).T.ravel()].tocsr()
+    normal = design.T @ design
+    width = len(waves) * (DRIFT_DEGREE + 1)
+    band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(width)])
+    # With few samples a wave may be a sum of others: smaller parts than this are ignored.
+    band[0] += SMALLEST_PIVOT * band[0].max()
+    solution = solveh_banded(band, design.T @ signal, lower=True)
+    return np.asarray(slow @ solution[:: len(waves)])
+
+
+def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:
+    """Return angle or displacement of a measured quantity, about its mean, as the record's attrs state it.
+
+    Parameters
+    ----------
+    time, measured : (sample,) array of float
+    period : float, s
+        Period of the oscillation.
+    attrs : mapping
+        `integrations`, how often it is integrated; `felt_per_sine` of an accelerometer on a pendulum, which
+        feels so much times the sine of the angle.
+    """
+    for _ in range(int(attrs["integrations"])):
+        measured = integrated(time, measured, period)
+    if "felt_per_sine" in attrs:
+        return np.asarray(np.arcsin(np.clip(measured / float(attrs["felt_per_sine"]), -1.0, 1.0)))
+    return measured
