@@ -14,20 +14,15 @@ import sysid_trib as st
 from benchmarks import servo
 from sysid_trib.errors import LibraryError, UsageError
 from sysid_trib.forces.library import library_of_text
+from sysid_trib.motion_fit.least_squares import Fit
+from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
 from sysid_trib.questions.difference import held_against
+from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.inputs import KnownInput, inputs_of
 from sysid_trib.records.roles import constants_of
 from sysid_trib.results.files import save
 from sysid_trib.simulation.trajectory import trajectory
 
-LIBRARY = """
-title = "A servo"
-include = ["joints"]
-inputs = { goal = "displacement", kp = "", on = "" }
-[expressions]
-powered = "on"
-torque = "max(-1, min(1, 0.003*kp*(goal - x)))"
-"""
 FORCES = ("gravity", "motor", "back_emf", "lambda", "zeta", "load_friction")
 TRUTH = {"gravity": 1.0, "motor": 1.5, "back_emf": 0.6, "lambda": 0.02, "zeta": 0.06, "load_friction": 0.25}
 W, NOISE = 8.4, 5e-4
@@ -40,7 +35,7 @@ HELD = {"gravity": 1.0}
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     place = tmp_path_factory.mktemp("servo")
-    (place / "servo.toml").write_text(LIBRARY, encoding="utf-8")
+    (place / "servo.toml").write_text(servo.library_text(0.003), encoding="utf-8")
     forces = st.load_library(place / "servo.toml").select(FORCES)
     for kp, motion in ((kp, motion) for kp in (100, 400) for motion in GOALS):
         moved = stored(forces, kp, motion, {})
@@ -70,7 +65,7 @@ def runs(folder):
 
 
 def test_a_library_with_expressions_reads_back_as_it_was_written(joint):
-    assert joint["load_friction"].uses == ("back_emf", "motor", "tilt")
+    assert joint["load_friction"].uses == ("back_emf", "motor", "motor_saturation", "tilt")
     assert joint["load_friction"].inputs == ("goal", "kp", "on")
     again = library_of_text(joint.to_toml(), "again")
     assert again.forces == joint.forces
@@ -121,6 +116,78 @@ def test_both_methods_find_the_friction_law_of_the_joint(joint, runs):
             assert result.coefficient.sel(force=symbol).item() == pytest.approx(TRUTH[symbol], rel=0.05)
         w.append(result.reference_frequency.item())
     assert w == pytest.approx([W, W], rel=2e-3)
+
+
+@pytest.mark.parametrize("method", ["direct", "fitted", "measured"])
+def test_delay_gain_and_zero_of_the_sensor_are_found_beside_the_forces(joint, method):
+    # The control loop sees the true angle: the terms belong to the recorder.
+    sensor = {"sensor_delay": 0.05, "sensor_gain": 0.03, "sensor_bias": 0.02}
+    forces = joint.select((*FORCES, *sensor))
+    recorded = [stored(forces, kp, motion, sensor) for kp in (100, 400) for motion in GOALS]
+    how = {"random_force": "off", "constraints": HELD}
+    direct = st.methods.Direct(**how)
+    chosen = direct if method == "direct" else st.methods.Trajectory(**how, starts=method)
+    result = st.identify(recorded, forces, chosen)
+    for symbol, value in sensor.items():
+        assert result.coefficient.sel(force=symbol).item() == pytest.approx(value, rel=0.15)
+        assert 0.0 < result.standard_error.sel(force=symbol).item() < 0.2 * value
+    assert result.coefficient.sel(force="lambda").item() == pytest.approx(TRUTH["lambda"], rel=0.05)
+    # A zero of all runs leaves none to each.
+    assert not np.any(result.offset.values)
+
+
+def test_a_control_loop_may_see_the_zero_of_its_sensor(folder):
+    text = servo.library_text(0.003, seen="x + sensor_bias")
+    biased = library_of_text(text, "biased").select((*FORCES, "sensor_bias"))
+    runs = [stored(biased, kp, motion, {"sensor_bias": 0.03}) for kp in (100, 400) for motion in GOALS]
+    method = st.methods.Trajectory(random_force="off", constraints=HELD, starts="measured")
+    result = st.identify(runs, biased, method)
+    assert result.coefficient.sel(force="sensor_bias").item() == pytest.approx(0.03, rel=0.02)
+    assert result.coefficient.sel(force="motor").item() == pytest.approx(TRUTH["motor"], rel=0.02)
+
+
+def test_a_start_as_measured_is_what_the_sensor_shows(joint):
+    forces, sensor = joint.select((*FORCES, "sensor_bias")), {"sensor_bias": 0.05}
+    run = stored(forces, 400, "lift", sensor)
+    method = st.methods.Trajectory(random_force="off", constraints=HELD | sensor, starts="measured")
+    result = st.identify([run, stored(forces, 100, "lift", sensor)], forces, method)
+    np.testing.assert_allclose(result.start_angle.values, 0.0, atol=3.0 * NOISE)
+    predicted = st.predict(result, run, starts="measured")
+    assert abs(predicted.residual.values[:50].mean()) < NOISE
+
+
+def test_errors_of_an_incomplete_law_are_those_between_runs():
+    """In a linear model the covariance is that of leaving out one run at a time."""
+    random = np.random.default_rng(5)
+    time = np.arange(30.0)
+    design, target = random.standard_normal((8 * len(time), 2)), random.standard_normal(8 * len(time))
+    values, *_ = np.linalg.lstsq(design, target, rcond=None)
+    record = WhitenedRecord(time, time)
+    problem = FitProblem(_TwoParameters(), (record,) * 8, [], None)
+    fit = Fit(problem, values, design @ values - target, design)
+    without = []
+    for left_out in np.array_split(np.arange(len(target)), 8):
+        kept = np.setdiff1d(np.arange(len(target)), left_out)
+        without.append(np.linalg.lstsq(design[kept], target[kept], rcond=None)[0] - values)
+    jackknife = 7.0 / 8.0 * np.transpose(without) @ without
+    own = fit._covariance_between(fit._ends(1))
+    np.testing.assert_allclose(own, jackknife, rtol=1e-9)
+    assert np.all(np.diag(fit.clustered_covariance) >= np.diag(own) * (1.0 - 1e-9))
+
+
+class _TwoParameters:
+    """Two free parameters."""
+
+    free = np.arange(2)
+
+    @staticmethod
+    def jacobian(values):
+        return np.eye(len(values))
+
+
+def test_a_switch_has_no_unit(joint, runs):
+    result = st.identify(runs, joint.select(FORCES), st.methods.Direct(random_force="off", constraints=HELD))
+    assert result.unit.sel(force=["motor", "back_emf"]).values.tolist() == ["1", "1"]
 
 
 def test_a_run_without_a_half_period_is_no_obstacle_where_the_motion_is_driven(joint, runs):
@@ -178,7 +245,7 @@ def test_parameters_leave_with_their_covariance_as_toml_and_json(joint, runs, tm
     assert data["toml"] == data["json"]
     forces = {force["symbol"]: force for force in data["toml"]["forces"]}
     assert forces["load_friction"]["value"] == pytest.approx(0.25, rel=0.05)
-    assert forces["load_friction"]["uses"] == ["back_emf", "motor", "tilt"]
+    assert forces["load_friction"]["uses"] == ["back_emf", "motor", "motor_saturation", "tilt"]
     variances = np.diag(data["toml"]["covariance"]["values"])
     errors = [force["standard_error"] for force in data["toml"]["forces"]]
     np.testing.assert_allclose(np.sqrt(variances[:-1]), errors, rtol=1e-9)
@@ -279,3 +346,22 @@ def test_load_dependent_friction_predicts_a_gain_that_was_kept_back():
     first, second = errors.values()
     assert second < 0.75 * first
     assert all(first >= second for first, second in pairwise(errors.values()))
+
+
+def test_a_sensor_at_the_end_of_its_range_is_refused_in_a_sentence(folder, tmp_path):
+    lines = (folder / "kp400_sweep.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines[1:]]
+    cut = [",".join([row[0], f"{min(float(row[1]), 0.5):.6f}", *row[2:]]) for row in rows]
+    (tmp_path / "cut.csv").write_text("\n".join([lines[0], *cut]), encoding="utf-8")
+    (tmp_path / "servo.toml").write_text(servo.library_text(0.003), encoding="utf-8")
+    ending = command(tmp_path, ["cut.csv"], ("gravity", "motor", "lambda"))
+    assert ending.status == 1
+    assert "The sensor saturates: the angle is cut off at 0.5 rad" in ending.err
+    assert ending.err.count("\n") == 1
+
+
+@pytest.mark.skipif(not servo.FOLDER.is_dir(), reason="no measured servo")
+def test_an_arm_that_rests_at_its_largest_angle_is_no_sensor_that_saturates():
+    for gain, motion in ((100, "lift_and_drop"), (400, "up_and_down")):
+        (part,) = driven_parts(servo.run_of(gain, motion))
+        assert part.sizes["time"] > 1000

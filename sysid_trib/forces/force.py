@@ -373,6 +373,11 @@ class ForceLibrary:
         return next((force for force in self.forces if force.matches(formula)), None)
 
     @property
+    def has_common_zero(self) -> bool:
+        """True if a constant term of the sensor is its zero in all runs: no run has one of its own."""
+        return any(force.kind == "sensor" and not force.formula.names for force in self.forces)
+
+    @property
     def damping_factors(self) -> dict[str, float]:
         """The damping ratio that a unit of each viscous force makes, by symbol."""
         factors = {"2*v": 1.0, "v": 0.5}

@@ -170,7 +170,10 @@ def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     For an input without a unit its name is used: `1/u`.
     """
     text = force.units
-    raw = dict.fromkeys(c.input for c in force.channels if not c.kind and c.input in inputs)
+    with_unit = [
+        channel for channel in force.channels if not channel.kind and inputs.get(channel.input) != "1"
+    ]
+    raw = dict.fromkeys(channel.input for channel in with_unit if channel.input in inputs)
     for name in raw:
         of_input = {channel.name: 1.0 for channel in force.channels if channel.input == name}
         if power := _degree_in(force, of_input):

@@ -187,6 +187,10 @@ def motion_of_run(run: RunRegression, constraints: ConstraintMap, *, near: bool 
     """Return motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
     pairs = zip(run.library.symbols, run.coefficients.tolist(), constraints.in_model & run.acts, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
-    model = Model(run.library, kept, run.frequency, run.shapes, run.inputs)
-    angle, offset = run.measured + run.offset, run.offset
+    # The record comes without the terms of the sensor; formulas may hold their coefficients.
+    of_sensor = {force.symbol for force in run.library if force.kind == "sensor"}
+    library = run.bound if of_sensor & set(run.library.used) else run.library
+    model = Model(library, kept, run.frequency, run.shapes, run.inputs)
+    angle = run.measured + run.offset
+    offset = None if run.library.has_common_zero else run.offset
     return fit_start(model, run.time, angle, run.start, offset=offset, sensitivity=run.sensitivity, near=near)

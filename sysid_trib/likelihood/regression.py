@@ -99,7 +99,7 @@ class RunRegression:
     @cached_property
     def bound(self) -> ForceLibrary:
         """Forces with the present coefficients of others as numbers in their formulas."""
-        return self.library.bound(dict(zip(self.library.symbols, self.acting.tolist(), strict=True)))
+        return self.library.bound(dict(zip(self.library.symbols, self.coefficients.tolist(), strict=True)))
 
     @property
     def stiffness_scale(self) -> float:

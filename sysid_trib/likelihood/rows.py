@@ -77,7 +77,9 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
     else:
         near, force = (0.0, run.forcing) if run.near is None else run.near
         target = target - form.curvature @ (run.x - near) - form.value @ (k * run.x - force)
-    nuisances = [-(matrix @ np.ones_like(run.x))] + [stiffness] * run.frequency_free
+    # A zero that all runs have is a column of its own.
+    own_zero = np.full_like(run.x, not run.library.has_common_zero)
+    nuisances = [-(matrix @ own_zero)] + [stiffness] * run.frequency_free
     return Rows((run,), target, columns, np.column_stack(nuisances), factor)
 
 

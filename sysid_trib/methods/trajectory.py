@@ -94,6 +94,10 @@ class Trajectory(Constrained):
     exact motions, so that switching times and the stop take part. Each of several runs is weighted by its own
     noise, that of its residual. A fixed parameter has the standard error 0, a tied one that of the chain
     rule. A parameter at its bound is held there; all errors are those of the fit in which it is free.
+
+    Where the residual of driven runs is not white, errors are the scatter between runs (six or more), and at
+    least that between 24 parts of them: the jackknife to first order (Bell and McCaffrey 2002, CR3). A term
+    of the sensor of formula `1` is the zero of all runs.
     """
 
     reference_frequency: float | None = None
@@ -190,6 +194,7 @@ class Trajectory(Constrained):
         parameters = parameters.completed()
         if self.starts == "measured":
             parameters = parameters.fix(measured_starts(runs))
+            records = tuple(replace(record, start_is_shown=True) for record in records)
         elif is_free_to_move(offered, parameters.constraints.fixed):
             # The position of a free body does not follow from its rate.
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
@@ -351,8 +356,8 @@ def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
         # noise.
         noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
         if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
-            # Blocks for the errors of a driven record whose residual is not white.
-            covariance = unbounded.clustered_covariance(24)
+            # Errors of a driven record whose residual is not white.
+            covariance = unbounded.clustered_covariance
     # Unit of the compared quantity.
     units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
     extra: dict[str, tuple[ArrayLike, str, str]]

@@ -1,6 +1,6 @@
 """Least squares of motions on records: the fit over a growing window, its likelihood, the bound on errors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -42,6 +42,14 @@ CONVERGED_DRIVEN = 1e-7
 # A driven motion follows the record if its residual (RMS) is at most this part of it: it forgets a slip of
 # phase.
 FOLLOWED_DRIVEN = 0.3
+# Parts of all runs between which a model that lacks something scatters; from so many runs on, these do.
+PARTS_OF_RUNS, FEWEST_CLUSTERS = 24, 6
+# A motion whose sensitivities, whitened, are beyond this has diverged; their squares are still numbers.
+LARGEST_SENSITIVITY = 1e100
+# Part of what decides a parameter that its cluster leaves to the others, at least.
+LEAST_LEFT = 1e-3
+# A combination of parameters is not known if it moves the residual by less than this part of the best known.
+SINGULAR_PART = 1e-7
 
 
 @dataclass(frozen=True)
@@ -95,15 +103,52 @@ class Fit:
         jacobian = self.parameters.jacobian(self.values)
         return np.asarray(jacobian @ self._inverse @ jacobian.T)
 
-    def clustered_covariance(self, blocks: int) -> Array:
-        """Return covariance of all parameters where the residual is correlated, but not from block to block.
+    @cached_property
+    def clustered_covariance(self) -> Array:
+        """Return the covariance of all parameters where the residual is what the model lacks, not noise.
 
-        The sandwich of Liang and Zeger (1986), for so many blocks of samples (times blocks/(blocks - 1)).
+        Of `FEWEST_CLUSTERS` runs or more it is that between runs, and at least that between parts of runs; of
+        fewer runs that between parts.
         """
-        parts = (np.array_split(of_fit, blocks) for of_fit in (self.sensitivity, self.residual))
-        scores = np.stack([table.T @ part for table, part in zip(*parts, strict=True)])
-        outer = self.parameters.jacobian(self.values) @ self._inverse
-        return np.asarray(outer @ (scores.T @ scores) @ outer.T * blocks / (blocks - 1.0))
+        of_parts = self.covariance_between_parts
+        if len(self.problem.records) < FEWEST_CLUSTERS:
+            return of_parts
+        of_runs = self._covariance_between(self._ends(1))
+        parts, runs = (np.sqrt(np.diag(covariance)) for covariance in (of_parts, of_runs))
+        ratio = np.divide(parts, runs, out=np.ones_like(parts), where=runs > 0.0)
+        wider = np.maximum(1.0, ratio)
+        return np.asarray(of_runs * np.outer(wider, wider))
+
+    @cached_property
+    def covariance_between_parts(self) -> Array:
+        """Return the covariance of all parameters where the residual is correlated within parts of runs."""
+        return self._covariance_between(self._ends(-(-PARTS_OF_RUNS // len(self.problem.records))))
+
+    def _ends(self, parts: int) -> list[int]:
+        """Return the samples at which parts of runs end, the last left out; each run has so many parts."""
+        counts = [len(record.time) - record.uncounted for record in self.problem.records]
+        lengths = [len(part) for count in counts for part in np.array_split(np.arange(count), parts)]
+        return np.cumsum(lengths)[:-1].tolist()
+
+    def _covariance_between(self, ends: Sequence[int]) -> Array:
+        """Return the covariance of all parameters by the scatter between clusters of samples.
+
+        The sandwich of Liang and Zeger (1986), each score divided by what its cluster leaves to the others
+        (CR3 of Bell and McCaffrey 2002): to first order the jackknife that leaves out one cluster at a time.
+        The scores alone give errors that are too small where a few clusters decide a parameter.
+        """
+        size = np.linalg.norm(self.sensitivity, axis=0)
+        size = np.where(size > 0.0, size, 1.0)
+        basis, singular, axes = np.linalg.svd(self.sensitivity / size, full_matrices=False)
+        known = singular > SINGULAR_PART * singular[0]
+        changes = []
+        for rows, part in zip(np.split(basis[:, known], ends), np.split(self.residual, ends), strict=True):
+            leverage, directions = np.linalg.eigh(rows.T @ rows)
+            remaining = np.maximum(1.0 - leverage, LEAST_LEFT)
+            changes.append(directions @ ((directions.T @ (rows.T @ part)) / remaining))
+        to_free = (axes[known] / singular[known, None]).T / size[:, None]
+        table = np.stack(changes) @ (self.parameters.jacobian(self.values) @ to_free).T
+        return np.asarray(table.T @ table * (1.0 - 1.0 / len(table)))
 
     @property
     def _inverse(self) -> Array:
@@ -169,17 +214,21 @@ def nearby_best(fit: Fit) -> Fit:
     Parameters
     ----------
     fit : Fit
-        A minimum. The further starts are drawn from its errors, by blocks of samples, always the same ones.
+        A minimum. The further starts are drawn from its errors between parts, always the same ones.
     """
     free, random = fit.parameters.free, np.random.default_rng(20190417)
     best = fit
     for _ in range(FURTHER_STARTS):
-        # Number of blocks that determine the errors of a record whose residual is not white.
-        root = covariance_root(best.clustered_covariance(24)[np.ix_(free, free)])
+        root = covariance_root(best.covariance_between_parts[np.ix_(free, free)])
         direction = random.standard_normal(len(free))
         start = best.values[free] + START_DISTANCE * root @ direction
         of_start = best.parameters.expand(start)
-        tried = fitted(best.problem, of_start, tolerance=ROUGHLY, most_evaluations=FEW_EVALUATIONS)
+        try:
+            # The motion of a start far away may diverge.
+            with np.errstate(all="ignore"):
+                tried = fitted(best.problem, of_start, tolerance=ROUGHLY, most_evaluations=FEW_EVALUATIONS)
+        except DecayError:
+            continue
         if sum_of_squares(tried) < (1.0 - BETTER_START_BY) * sum_of_squares(best):
             best = tried
     return best if best is fit else fitted(best.problem, best.values)
@@ -249,7 +298,11 @@ def fitted(
 
     def sensitivity(free: Array) -> Array:
         here = parameters.expand(free)
-        return problem.white_sensitivity(here, residuals(*free))
+        columns = problem.white_sensitivity(here, residuals(*free))
+        # The optimiser within bounds takes nothing else.
+        if bounded and not np.all(np.abs(columns) < LARGEST_SENSITIVITY):
+            raise DecayError(NO_FITTED_MOTION)
+        return columns
 
     if not np.all(np.isfinite(problem.white(residuals(*inside)))):
         raise DecayError(NO_FITTED_MOTION)

@@ -67,9 +67,9 @@ class Parameters:
                 )
         held = {**self.shapes, **{name: value for name, value in constraints.fixed.items() if name in shapes}}
         whole = replace(self, fit_shapes=fitted, shapes=held)
-        if not is_free_to_move(library, constraints.fixed):
+        if not (is_free_to_move(library, constraints.fixed) or library.has_common_zero):
             return whole
-        # Nothing tells the sensor's zero from where the motion begins.
+        # Nothing separates the sensor's zero from where a free body begins, or from a zero of all runs.
         return whole.fix({name: 0.0 for name in whole.names if name.startswith(PER_RUN[-1])})
 
     @cached_property

@@ -16,6 +16,7 @@ from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.records.inputs import KnownInput, inputs_for
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.results import schema, variables
+from sysid_trib.simulation.initial_conditions import true_start
 from sysid_trib.simulation.measured_motion import measured_part
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD, STEPS_A_PERIOD, SimulatedMotion
@@ -50,6 +51,8 @@ class WhitenedRecord:
         Inputs that drive the motion.
     uncounted : int
         First samples, until which the motion forgets with what states and memory it began.
+    start_is_shown : bool
+        Whether the angle at the start is what the sensor shows, with its terms, not that of the motion.
     """
 
     time: Array
@@ -60,6 +63,7 @@ class WhitenedRecord:
     swing: float | None = None
     inputs: Mapping[str, KnownInput] = field(default_factory=dict)
     uncounted: int = 0
+    start_is_shown: bool = False
 
     @classmethod
     def of_decay(cls, decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> "WhitenedRecord":
@@ -126,7 +130,13 @@ class WhitenedRecord:
         if self._excess(model, per_run) > 1.0:
             return None
         motion = self._motion(model, per_run, by=by)
-        return None if motion is None else motion.shown_derivatives(*self.sensor)
+        if motion is None:
+            return None
+        columns = motion.shown_derivatives(*self.sensor)
+        if self.start_is_shown and model.sensors:
+            # A term of the sensor moves the start, which shows the same.
+            columns = columns + np.outer(columns[:, by.index(BY_ANGLE)], motion.start_by_sensor)
+        return columns
 
     def _excess(self, model: Model, per_run: Array) -> float:
         """Return the ratio of frequency or start to the largest plausible value, whichever is worse."""
@@ -138,7 +148,7 @@ class WhitenedRecord:
     def _motion(
         self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
     ) -> SimulatedMotion | None:
-        acting, (angle, rate, _) = replace(model, inputs=self.inputs), per_run.tolist()
+        acting, (angle, rate) = replace(model, inputs=self.inputs), self.start_of(model, per_run)
         # A motion without states takes so many steps only if it diverges.
         plain = all(force.memoryless for force in model.library)
         steps = FEW_STEPS_A_PERIOD if plain else STEPS_A_PERIOD
@@ -154,6 +164,11 @@ class WhitenedRecord:
             )
         except SimulationError:
             return None
+
+    def start_of(self, model: Model, per_run: Array) -> tuple[float, float]:
+        """Return angle (rad) and rate (rad/s) of the motion at the first sample."""
+        angle, rate, _ = per_run.tolist()
+        return true_start(model, angle, rate) if self.start_is_shown else angle, rate
 
     def _difference(self, motion: SimulatedMotion, per_run: Array) -> Array:
         return np.asarray(motion.shown(*self.sensor) + per_run[2] - self.angle[: len(motion.angle)])
@@ -287,7 +302,9 @@ class FitProblem:
         places = [at for at, name in enumerate(parameters.common) if at < count or name == FREQUENCY]
         of_both = np.zeros((count + 1, count + 1))
         of_both[: len(places), : len(places)] = covariance[np.ix_(places, places)]
-        of_starts = variables.start_variables([(angle, rate) for angle, rate, _ in per_run], per_run[:, 2])
+        pairs = enumerate(zip(self.records, per_run, strict=True))
+        starts = [record.start_of(parameters.model(values, run), start) for run, (record, start) in pairs]
+        of_starts = variables.start_variables(starts, per_run[:, 2])
         frequency, method = model.reference_frequency, replace(method, shapes=dict(model.shapes))
         errors = dict(zip(parameters.names, np.sqrt(np.diag(covariance)).tolist(), strict=True))
         shape_errors = {name: errors[name] for name in parameters.fit_shapes}

@@ -12,6 +12,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, half_periods
 from sysid_trib.records.inputs import KnownInput, inputs_of, integral_of_rate, is_constant
 from sysid_trib.records.roles import ROLE
+from sysid_trib.records.saturation import refuse_saturated
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
 # Fewest samples and fewest periods of a part of a record that is used.
@@ -71,6 +72,9 @@ def driven_parts(
     if part.sizes["time"] < FEWEST_SAMPLES:
         raise DecayError(f"The window contains {part.sizes['time']} samples; give a longer one.")
     said: list[str] = []
+    measured = _signal_names(part)[0]
+    given = part.time.values.astype(float), part[measured].values.astype(float)
+    refuse_saturated(*given, _shown(part, measured), str(part[measured].attrs.get("units", "")))
     if not keep_outliers:
         part, said = _without_outliers(part)
     time = part.time.values.astype(float)

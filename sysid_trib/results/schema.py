@@ -106,10 +106,17 @@ def identification(
     coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
     recorded = as_runs(decay, driven=True)[0].variables.items()
     # A constant, such as the gain of a loop, is a number of the formula, and no unit of a coefficient.
-    of_inputs = {str(k): str(v.attrs.get("units", "")) for k, v in recorded if CONSTANT not in v.attrs}
+    of_inputs = {str(k): _unit_of_input(v) for k, v in recorded if CONSTANT not in v.attrs}
     coords |= force_labels(library.forces, of_inputs)
     # All at once: xarray takes a quarter of a millisecond for each on its own.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
+
+
+def _unit_of_input(values: xr.Variable) -> str:
+    """Return the unit of an input; empty if it is not stated. A switch between 0 and 1 has the unit 1."""
+    unit = str(values.attrs.get("units", ""))
+    is_switch = not unit and values.dtype.kind in "fiub" and bool(np.isin(values.values, (0, 1)).all())
+    return "1" if is_switch else unit
 
 
 def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = None) -> dict[str, Variable]:

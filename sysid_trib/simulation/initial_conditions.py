@@ -8,7 +8,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.records.smoothing import first_of_spline
-from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model
+from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, Model, sensor_error
 from sysid_trib.simulation.motions import STEPS_A_PERIOD
 from sysid_trib.simulation.stand_in import accuracy_of, has_curves, most_steps_of, without_curves
 from sysid_trib.simulation.trajectory import trajectory
@@ -74,9 +74,33 @@ def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, flo
 def first_zero(model: Model) -> float | None:
     """Return first guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
 
-    Nothing tells it from where such a body begins.
+    Nothing tells it from where such a body begins. A zero that is a term of the model is not fitted again.
     """
-    return None if is_free_to_move(model.library, model.coefficients) else 0.0
+    known = any(not sensor.formula.names for sensor in model.sensors)
+    return None if known or is_free_to_move(model.library, model.coefficients) else 0.0
+
+
+# Newton steps from what a sensor shows at a start to the angle of the motion.
+SENSOR_STEPS = 3
+
+
+def true_start(model: Model, shown: float, rate: float) -> float:
+    """Return the angle (rad) of a motion at its start where the sensor shows another one.
+
+    Parameters
+    ----------
+    model : Model
+        With its sensor terms.
+    shown, rate : float, rad and rad/s
+        What the sensor shows at the start, and the rate there.
+    """
+    if not model.sensors:
+        return shown
+    angle, v, elapsed = np.array([shown]), np.array([rate / model.reference_frequency]), np.zeros(1)
+    for _ in range(SENSOR_STEPS):
+        error, by_motion, _ = sensor_error(model, elapsed, angle, v, ())
+        angle = angle - (angle + error - shown) / (1.0 + by_motion[:, 0])
+    return float(angle[0])
 
 
 def fit_start(

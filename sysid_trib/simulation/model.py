@@ -169,7 +169,9 @@ class Motion:
     def names(self) -> tuple[str, ...]:
         """Names of the initial values (x, v, internal states) and of the parameters."""
         shapes = (f"{f.symbol}.{k}" for f in self.forces for k in f.shape)
-        return (BY_ANGLE, BY_RATE, *self.hidden, PACE, *(f.symbol for f in self.forces), *shapes, "1/w")
+        # A formula may hold the coefficient of a term of the sensor, which is no force.
+        symbols = dict.fromkeys([*(f.symbol for f in self.forces), *(s for f in self.forces for s in f.uses)])
+        return (BY_ANGLE, BY_RATE, *self.hidden, PACE, *symbols, *shapes, "1/w")
 
     @cached_property
     def channels(self) -> tuple[Channel, ...]:

@@ -108,6 +108,12 @@ class SimulatedMotion:
             "acceleration": w * (w * of_bend + self.rows[:, -1:] * of_w),
         }
 
+    @property
+    def start_by_sensor(self) -> Vector:
+        """Derivatives of the angle at the start by the parameters, (parameter,), if the sensor shows one."""
+        _, by_motion, by_names = self._sensor_error
+        return np.asarray(-by_names[0] / (1.0 + by_motion[0, 0]))
+
     @cached_property
     def _sensor_error(self) -> tuple[Vector, Vector, Vector]:
         elapsed = self.tau / self.model.reference_frequency

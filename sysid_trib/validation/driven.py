@@ -31,7 +31,7 @@ from sysid_trib.results.references import comparison_values, stated_covariance
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
-from sysid_trib.simulation.initial_conditions import first_guess, first_zero
+from sysid_trib.simulation.initial_conditions import first_guess, first_zero, true_start
 from sysid_trib.simulation.measured_motion import MEASURED, measured_motion
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.start_search import fit_start_of_several
@@ -438,10 +438,10 @@ def _predict(
 
 def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
     """Predict a record from its measured start; nothing is fitted to it."""
-    held = [*measured_starts([record]).values()]
+    shown_angle, rate, _ = measured_starts([record]).values()
     time, angle = record.time.values.astype(float), record.angle.values.astype(float)
     try:
-        shown = trajectory(model, time, held[0], held[1]).angle
+        shown = trajectory(model, time, true_start(model, shown_angle, rate), rate).angle
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
     residual = angle - shown

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
@@ -116,7 +117,8 @@ def fitted_parts(
             missed += [_missed(run, begun) for run in others]
     held_out = float("nan")
     if missed and np.all(np.isfinite(missed)):
-        held_out = float(np.exp(np.mean(np.log(missed))))
+        # Without noise a part may leave nothing at all.
+        held_out = float(scipy.stats.gmean(missed))
     return FittedParts([part for part in parts if part is not None], held_out)
 
 
