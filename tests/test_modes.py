@@ -265,6 +265,9 @@ def test_sensors_that_are_left_out_are_named(tmp_path, record):
     said = run("look", path).out.splitlines()[0]
     assert "speed (m/s) left out, a rate and no acceleration" in said
     assert "acc1 (m/s^2) left out, it does not move" in said
+    twice = run("look", path, "--mode", "1", "--angle", "acc2,2")
+    assert twice.status == 2
+    assert "--angle names column acc2 (m/s^2) twice" in twice.complaint
 
 
 def test_clipped_sensors_are_refused_by_look(tmp_path, record):

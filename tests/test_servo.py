@@ -77,6 +77,7 @@ def test_a_library_with_expressions_reads_back_as_it_was_written(joint):
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
+        ('[expressions]\na = "a"\n[[force]]\nsymbol = "f"\nformula = "a"', "'a' contains itself"),
         ('[expressions]\na = "b"\nb = "a"\n[[force]]\nsymbol = "f"\nformula = "a"', "are circular"),
         ('[expressions]\nsin = "x"\n[[force]]\nsymbol = "f"\nformula = "x"', "cannot name an expression"),
         ('[expressions]\na = 1\n[[force]]\nsymbol = "f"\nformula = "a"', "must be a formula in quotes"),

@@ -107,8 +107,12 @@ def test_a_displacement_takes_a_mass_and_gives_newtons():
     np.testing.assert_allclose(data.friction_coefficient, data.friction / LOAD[0])
     assert (data.friction.attrs["units"], data.speed.attrs["units"]) == ("N", "m/s")
     assert data.displacement.attrs["units"] == "m"
-    with pytest.raises(UsageError, match="give the mass"):
+    with pytest.raises(UsageError, match="Give the mass"):
         st.physics.laws_in_si(shown, inertia=INERTIA)
+    for unit in ("px", "V", "au"):
+        of_unit = result.assign(noise=result.noise.assign_attrs(units=unit))
+        with pytest.raises(UsageError, match=f"torques of an angle; this record is in {unit}"):
+            st.physics.laws_in_si(of_unit, inertia=INERTIA)
     with pytest.raises(UsageError, match="this record is in rad"):
         st.physics.laws_in_si(result, mass=(0.5, 0.0))
 

@@ -17,7 +17,7 @@ from sysid_trib.errors import Tell, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.systems import load_system
 from sysid_trib.physics.si_laws import laws_in_si
-from sysid_trib.physics.si_units import check_length_unit
+from sysid_trib.physics.si_units import check_angle_unit, check_length_unit
 from sysid_trib.printing import Block, driven, laws as printed
 from sysid_trib.printing.si_laws import si_blocks, si_json
 from sysid_trib.records.signal import unit_of_signal
@@ -44,6 +44,8 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
     decays, sources = read_decays(given, driven=True)
     if "mass" in measured:
         check_length_unit(unit_of_signal(decays[0]))
+    if "inertia" in measured:
+        check_angle_unit(unit_of_signal(decays[0]))
     tree = identified(
         decays,
         system,

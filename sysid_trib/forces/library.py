@@ -249,8 +249,12 @@ def _expressions(table: object, source: str) -> dict[str, str]:
             if len(whole[name]) > MAX_LENGTH:
                 raise LibraryError(f"{where}: '{name}' is longer than {MAX_LENGTH} characters as a whole.")
     except CycleError as error:
-        circle = " and ".join(error.args[1][1:])
-        raise LibraryError(f"{where}: {circle} are circular; write one without the other.") from None
+        circle = error.args[1][1:]
+        if len(circle) == 1:
+            raise LibraryError(f"{where}: '{circle[0]}' contains itself; write it without.") from None
+        raise LibraryError(
+            f"{where}: {' and '.join(circle)} are circular; write one without the other."
+        ) from None
     return whole
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from sysid_trib.arrays import Array, Mask
 from sysid_trib.errors import UsageError
 from sysid_trib.physics.model_estimate import check_quantity
-from sysid_trib.physics.si_units import Measured, check_length_unit, check_measured
+from sysid_trib.physics.si_units import Measured, check_angle_unit, check_length_unit, check_measured
 from sysid_trib.records.unit_tables import METRES
 from sysid_trib.results.judged import best
 from sysid_trib.results.kinds import MU
@@ -58,7 +58,8 @@ def laws_in_si(
     Raises
     ------
     UsageError
-        A result without laws, a quantity that is not positive, or one that is missing.
+        A result without laws, a quantity that is not positive, one that is missing, or a signal in a unit
+        that the inertia or the mass does not suit.
 
     Notes
     -----
@@ -75,8 +76,8 @@ def laws_in_si(
     unit = signal_units(laws)
     if mass is not None:
         check_length_unit(unit)
-    elif unit in METRES:
-        raise UsageError(f"The record is a displacement in {unit}: give the mass, --mass, not the inertia.")
+    else:
+        check_angle_unit(unit)
     length = 1.0 if mass is None else METRES[unit]
     size, error = known["inertia" if mass is None else "mass"]
     values: dict[str, Any] = {}

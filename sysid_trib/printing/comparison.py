@@ -156,8 +156,10 @@ def _prediction(tree: xr.DataTree) -> str:
     explain = "explain" if explains else "do not explain"
     if ratio > LARGE and _with_random_force(tree):
         explain = "without a random force do not explain"
+    # The names of inventors keep their capitals.
+    first, others = table.attrs["best"][:1].upper(), table.attrs["best"][1:]
     return (
-        f"{table.attrs['best'].capitalize()} predicts the held-out part best ({third}, from {starts} on): "
+        f"{first}{others} predicts the held-out part best ({third}, from {starts} on): "
         f"RMS residual {layout.in_small_units(best.holdout_rms.item(), signal_units(tree))}, "
         f"{ratio:.3g} times the noise. These forces {explain} it."
     )

@@ -74,8 +74,8 @@ def _number(
         finite = np.flatnonzero(np.isfinite(values))
         at = finite[np.flatnonzero(known != known[0])[0]]
         raise UsageError(
-            f"{table.source}: the constant {name} changes within the run, from {known[0]:g} to "
-            f"{values[at]:g} at {time[at]:.6g} s; cut the record there (--window), or name it as an "
+            f"{table.source}: the constant {name} changes within the run, from {known[0]:.12g} to "
+            f"{values[at]:.12g} at {time[at]:.6g} s; cut the record there (--window), or name it as an "
             f"input (--input {name}={wanted})."
         )
     return float(known[0]), None if column.unit is None else column.unit.text
