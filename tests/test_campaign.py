@@ -17,7 +17,8 @@ from command_line import TIME, linear, run, write_csv
 import sysid_trib as st
 from sysid_trib.campaigns.conditions import read_conditions
 from sysid_trib.errors import RecordError, UsageError
-from sysid_trib.results.store import counts_of
+from sysid_trib.printing import campaign
+from sysid_trib.results.store import Status, counts_of
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
 LIBRARY_OF_ALL = st.load_library("contact_forces")
@@ -232,6 +233,17 @@ def test_workers_and_order_change_no_bit(tmp_path):
 
 
 @pytest.mark.slow
+def test_records_in_another_unit_are_said_to_be_left_out():
+    store = xr.Dataset(
+        {
+            "status": ("record", [Status.DONE] * 3),
+            "signal_units": ("record", ["rad", "mm", "rad"]),
+        }
+    )
+    (said,) = campaign.other_units(store)
+    assert said == "1 record is in mm and left out of the mean, which is that of the records in rad."
+
+
 def test_the_command_ends_with_a_page(tmp_path):
     for at in range(3):
         noise = 1e-4 * np.random.default_rng(at).standard_normal(len(TIME))

@@ -246,6 +246,8 @@ def test_the_commands_take_one_mode(tmp_path, record):
     assert "is for a RECORD" in run("backbone", "--mode", 1).complaint
     steady = json.loads(run("response", path, "--mode", 1, "--drive", 0.2, "--json").out)
     assert steady["drive_units"] == "m/s^2"
+    beyond = run("response", path, "--mode", 1, "--drive", 1e9)
+    assert "No motion of this drive is within the range of the decay" in beyond.out
 
 
 def test_a_record_of_modes_names_the_option(tmp_path, record):

@@ -53,8 +53,16 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
         for name, why in _reasons(store).items()
     ]
     refused = layout.first_and_more(reasons, REFUSALS, ": see `message` in the store")
-    varying = [] if compared is None else [*_varying(compared)]
+    varying = [] if compared is None else [*_varying(compared), Block([*other_units(store)], title=VARIES)]
     return [Block([*_counts(store, counts)]), *varying, Block(refused, title=WITHOUT_RESULT)]
+
+
+def other_units(store: xr.Dataset) -> Iterator[str]:
+    """Say which records are in another unit than most: the variation between the records is without them."""
+    (usual, _), *others = Counter(_of_done(store, "signal_units")).most_common()
+    for unit, count in others:
+        records = "1 record is" if count == 1 else f"{count} records are"
+        yield f"{records} in {unit} and left out of the mean, which is that of the records in {usual}."
 
 
 def _reasons(store: xr.Dataset) -> dict[str, str]:

@@ -97,6 +97,8 @@ def mode_response_blocks(response: xr.Dataset, sources: Sequence[str] = ()) -> I
             rows += [_response_row(motions.isel(frequency=at), sweep) for at in sorted(places)]
     if rows:
         yield Block(table=layout.text_table(rows, ("sweep",)))
+    else:
+        yield Block(["No motion of this drive is within the range of the decay; change the drive, --drive."])
     drive = f"{response.drive.item():.4g} {response.drive.attrs['units']}"
     mass = (
         ""
