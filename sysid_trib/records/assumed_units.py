@@ -123,7 +123,7 @@ def unit_of(
             raise _contradicted(column, f"{stated.text}, {article} {stated.quantity}", "signal", how.signal)
     if not unit.known:
         known = f"unknown (known are {lab.OFFERED_UNITS})"
-        why = f"unit {unit.text} is {known}: coefficients are in it"
+        why = f"unit {unit.text} is {known}: coefficients are in this unit"
     # Two whole turns to either side are more than an oscillation.
     swing = 0.5 * float(np.ptp(values)) * unit.factor
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
