@@ -213,7 +213,9 @@ def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
         return known, names
     shapes = shape_values_of(result)
     for force in library_of(result, whole=True):
-        if not force.depends_only_on("x") or constraint.sel(force=force.symbol).item() != "fixed":
+        # A fit of the motion to driven records holds the curves; they belong to the law all the same.
+        is_held = constraint.sel(force=force.symbol).item() == "fixed"
+        if force.curve or not is_held or not force.depends_only_on("x"):
             continue
         coefficient = result.coefficient.sel(force=force.symbol).item()
         if coefficient:
