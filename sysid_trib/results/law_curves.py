@@ -21,7 +21,7 @@ VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
 NAME_IN_FORMULAS = {"speed": "v", "displacement": "x"}
 LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
 # Why a result holds no curves although its record determines some.
-NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
+NO_BETTER = "The named forces follow the record as well as curves do: the laws are sums of the named forces."
 # A restoring force below this part of w^2 x is none.
 NO_RESTORING_FORCE = 1e-9
 # More standard errors of both methods than this are a difference.
