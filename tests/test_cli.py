@@ -13,7 +13,7 @@ from sysid_trib.commands.options import COMMANDS, OPTIONS_OF, defaults_of, rows_
 from sysid_trib.commands.terminal import print_table
 from sysid_trib.plots.figure import figures_of
 from sysid_trib.printing.identification import identification_table
-from sysid_trib.printing.layout import value_with_error
+from sysid_trib.printing.layout import shortened, value_with_error
 from sysid_trib.results import files as result_files
 from sysid_trib.simulation.simulate import PAPER_COEFFICIENTS, PAPER_FREQUENCY
 
@@ -215,3 +215,11 @@ def test_all_examples_work(tmp_path):
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_has_a_type_and_a_text_of_help(command):
     assert set(defaults_of(OPTIONS_OF[command])) == set(rows_of_command(command))
+
+
+@pytest.mark.parametrize(("length", "shown"), [(48, 48), (49, 48), (200, 48)])
+def test_a_long_formula_is_cut_in_a_table(length, shown):
+    formula = "v" * length
+    text = shortened(formula)
+    assert len(text) == shown
+    assert (text == formula) == (length <= shown)

@@ -143,9 +143,7 @@ def test_names_that_were_not_compared_explain_nothing():
     assert set(tree["steps"].symbol.values) == {"cubic_damping", "even_spring"}
     assert tree.attrs["verdict"] == "unknown effect"
     headline, ended, *_ = verdict_sentences(tree)
-    assert headline.endswith(
-        "0.98 times the noise, but not all alternatives to these effects were compared."
-    )
+    assert headline.endswith("0.98 times the noise, but not all alternatives to these effects were compared.")
     assert "after as many fits as its settings allow" in ended
 
 

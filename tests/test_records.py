@@ -312,7 +312,7 @@ def test_any_text_is_read_or_refused(tmp_path_factory, content):
 
 def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):
     known = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
-    said = f"unit furlong is unknown (known are {known}): coefficients are in it"
+    said = f"unit furlong is unknown (known are {known}): coefficients are in this unit"
     stated = read_record(written(tmp_path, table(header="time (s),signal (furlong)")))
     assert (stated.angle.attrs["units"], stated.attrs["reading"]) == ("furlong", said)
     plain = written(tmp_path, table(header="time (s),signal"))

@@ -139,7 +139,7 @@ def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     assert command("report", out, "-o", page).status == 0
     assert "st.difference(results[:1], results[1:])" in (tmp_path / "d.html").read_text()
     text = "\n".join(sentence for block in difference_blocks(kept) for sentence in block.sentences)
-    assert "Stiffness of a.csv relative to b.csv, minus 1: " in text
+    assert "Stiffness of a.csv over that of b.csv, minus 1: " in text
     assert "Standard errors of b.csv, by the noise and by the model: " in text
     several = command("difference", a, ":", b, c, "--json")
     data = json.loads(several.out)

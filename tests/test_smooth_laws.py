@@ -13,6 +13,7 @@ from sysid_trib.cycles.signatures import averages, tabulated_averages_of
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.likelihood.smoothness import smooth_least_squares
+from sysid_trib.results.law_curves import known_part
 from sysid_trib.results.models import library_of
 from sysid_trib.results.schema import model_of
 from sysid_trib.simulation.initial_conditions import fit_start
@@ -242,3 +243,11 @@ def test_a_bound_that_is_passed_only_with_the_penalty_is_held():
     found = method.identify(st.free_decay((time, noisy)), st.library({"lambda": "sign(v)", "zeta": "2*v"}))
     # Before, the search of the bounds that are passed did not end.
     assert 0.0 <= found.coefficient.sel(force="lambda").item() < 1e-5
+
+
+def test_a_curve_that_a_fit_holds_belongs_to_its_law():
+    result = st.best(identified("paper"))
+    held = result.assign_coords(constraint=("force", ["fixed"] * result.sizes["force"]))
+    curves = [force.symbol for force in library_of(held, whole=True) if force.curve]
+    assert curves
+    assert not set(known_part(held, np.array([0.1]))[1]) & set(curves)

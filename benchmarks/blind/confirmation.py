@@ -135,7 +135,7 @@ def named(
         "steps": [_step(steps.isel(step=i)) for i in range(steps.sizes.get("step", 0))],
         "base": dict(zip(base, by_symbol.coefficient.values.tolist(), strict=True)),
         "base_errors": dict(zip(base, by_symbol.standard_error.values.tolist(), strict=True)),
-        "random_force_p_value": np.atleast_1d(after.random_force_p_value.values).tolist(),
+        "random_force_p_value": np.atleast_1d(after.get("random_force_p_value", np.nan)).tolist(),
     }
 
 

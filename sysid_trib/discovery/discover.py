@@ -18,7 +18,7 @@ from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
-from sysid_trib.discovery.law_rival import held_out_by_laws
+from sysid_trib.discovery.law_rival import LawPrediction, held_out_by_laws
 from sysid_trib.discovery.plain_start import PlainStart, plain_start, residual_of_motions
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.discovery.unseen import RecordPart, predicted, search_parts, start_forces
@@ -34,6 +34,7 @@ from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
+from sysid_trib.validation.holdout import diebold_mariano
 
 
 def discover(
@@ -162,6 +163,8 @@ def _of_start_model(
 
 # The plain start model replaces that of the search if its residual is below this part of the other.
 NEARER = 0.95
+# Significance level of the test that smooth laws predict better than names.
+LAWS_LEVEL = 0.05
 
 
 @dataclass(frozen=True)
@@ -287,25 +290,38 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
 
 
 def _unless_laws_predict_better(
-    done: Search, later: Sequence[RecordPart], rival: Callable[[], float], tell: Tell
+    done: Search, later: Sequence[RecordPart], rival: Callable[[], LawPrediction], tell: Tell
 ) -> tuple[Search, float, tuple[str, ...]]:
     """Return the search without names where smooth laws predict clearly better; their residual; the names.
 
-    Names that leave hardly more than noise of what was held out are not held against laws, nor are those of
-    driven records, nor those to which one more that was not asked for is all that lacks.
+    Laws predict better if their residual is smaller by more than the scatter of that comparison. Names are
+    not compared with laws if their held-out residual is hardly larger than the noise, if the record is
+    driven, or if only one more effect is missing that was not asked for.
     """
-    named_rms = float(np.nan_to_num(done.predictions[-1].rms, nan=np.inf))
+    named = done.predictions[-1]
+    named_rms = float(np.nan_to_num(named.rms, nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
     explains = named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
     tell("laws as an alternative model")
-    laws_rms = rival()
-    if not CLEARLY_BETTER * laws_rms < named_rms:
-        return done, laws_rms, ()
+    laws = rival()
+    if not CLEARLY_BETTER * laws.rms < named_rms:
+        return done, laws.rms, ()
+    if np.isfinite(named_rms):
+        periods = [_samples_of_a_period(part.record) for part in later]
+        p_value = diebold_mariano(named.residuals, laws.residuals, periods)
+        if not p_value < LAWS_LEVEL:
+            return done, laws.rms, ()
     start = done.models[0]
-    return _best_by_holdout(search(done.fits, begin=start, most=0, tell=tell), tell), laws_rms, done.effects
+    return _best_by_holdout(search(done.fits, begin=start, most=0, tell=tell), tell), laws.rms, done.effects
+
+
+def _samples_of_a_period(record: xr.Dataset) -> int:
+    """Return the number of samples of a period of a decay."""
+    step = float(np.median(np.diff(record.time.values)))
+    return max(1, round(2.0 * np.pi / (smoothing.swing_frequency(record) * step)))
 
 
 def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:

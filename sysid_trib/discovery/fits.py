@@ -254,7 +254,7 @@ class Fits:
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self._known:
             referred = start_model.refitted(model)
-            _, rms = self.foretold(referred)
+            rms = self.foretold(referred).rms
             # It predicts better than another one, or its residual is noise.
             better = self.best is None or bool(rms < self._least_rms) or self.is_complete(referred)
             self._refused = 0 if better else self._refused + 1
@@ -272,7 +272,7 @@ class Fits:
         """Return `noise_p_value` of a model, computed once."""
         key = model.coefficients.tobytes()
         if key not in self._p_values:
-            self._p_values[key] = unseen.noise_p_value(model, self.runs, lambda: self.foretold(model)[1])
+            self._p_values[key] = unseen.noise_p_value(model, self.runs, lambda: self.foretold(model).rms)
         return self._p_values[key]
 
     def is_complete(self, model: FittedModel) -> bool:

@@ -1,11 +1,12 @@
 """Smooth laws as an alternative to names: their prediction of the held-out part."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import root_mean_square
+from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.discovery.unseen import RecordPart
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.constraints import ConstraintTable
@@ -17,13 +18,28 @@ from sysid_trib.validation.holdout import carried_on
 from sysid_trib.validation.residuals import fitted_motion
 
 
+class LawPrediction(NamedTuple):
+    """Prediction of the held-out parts by smooth laws.
+
+    Attributes
+    ----------
+    residuals : sequence of (sample,) array of float, rad
+        Residual of each part, its start and the sensor's zero fitted.
+    rms : float, rad
+        RMS over all parts; infinite if the laws predict no motion.
+    """
+
+    residuals: Sequence[Array]
+    rms: float
+
+
 def held_out_by_laws(
     named: ForceLibrary,
     constraints: ConstraintTable,
     learnt: Sequence[RecordPart],
     later: Sequence[RecordPart],
-) -> float:
-    """Return the RMS residual (rad) of the held-out part, predicted by smooth laws.
+) -> LawPrediction:
+    """Return the prediction of the held-out parts by smooth laws, the better of Direct and averaging.
 
     Parameters
     ----------
@@ -33,16 +49,11 @@ def held_out_by_laws(
         Constraints of their coefficients.
     learnt, later : sequence of RecordPart
         Parts from which the laws are identified, and parts that they predict.
-
-    Returns
-    -------
-    float
-        Residual of the better of Direct and averaging; infinite if neither predicts a motion.
     """
     forces = named.select(force.symbol for force in named if force.kind == "force")
     model = LawModel(with_jump(forces, forces), constraints)
     runs = [part.record for part in learnt]
-    kept: list[float] = []
+    best = LawPrediction((), float("inf"))
     for method in (
         Direct(random_force="off", constraints=constraints),
         Averaging(random_force="off", constraints=constraints),
@@ -51,17 +62,19 @@ def held_out_by_laws(
             fit = fitted(runs, method, model)
         except (SysidTribError, np.linalg.LinAlgError):
             continue
-        kept.append(root_mean_square([_missed(fit, part) for part in later]))
-    finite = [rms for rms in kept if np.isfinite(rms)]
-    return min(finite, default=float("inf"))
+        residuals = [_residual(fit, part) for part in later]
+        rms = root_mean_square([root_mean_square(residual) for residual in residuals])
+        if rms < best.rms:
+            best = LawPrediction(residuals, rms)
+    return best
 
 
-def _missed(fit: LawFit, part: RecordPart) -> float:
-    """Return the RMS residual (rad) of one part, start and zero fitted; infinite without a motion."""
+def _residual(fit: LawFit, part: RecordPart) -> Array:
+    """Return the residual (rad) of one part, start and zero fitted; nan without a motion."""
     result: xr.Dataset = fit.followed.result.drop_vars(["start_angle", "start_rate"], errors="ignore")
     if part.before is not None:
         result = carried_on(result, fit.library, part.before)
     motion = fitted_motion(part.record, result)
     if motion is None:
-        return float("inf")
-    return root_mean_square(part.record.angle.values - motion.offset - motion.x)
+        return np.full(part.record.sizes["time"], np.nan)
+    return np.asarray(part.record.angle.values - motion.offset - motion.x)

@@ -302,10 +302,11 @@ def _omnibus(search: Search) -> xr.Dataset:
 
 def _holdout(search: Search, final: Sequence[free_motion.FreeMotion]) -> xr.Dataset:
     noise = root_mean_square([run.noise.standard_deviation for run in final])
-    of_periods, rms = zip(*search.predictions, strict=True)
-    above = np.square(rms) - noise**2
+    of_periods = [prediction.log_densities for prediction in search.predictions]
+    rms = np.array([prediction.rms for prediction in search.predictions])
+    above = rms**2 - noise**2
     values = {
-        "rms": np.array(rms),
+        "rms": rms,
         # Parts that are shorter than a period have no score.
         "log_score": [float(np.mean(scores)) if len(scores) else np.nan for scores in of_periods],
         "residual_noise": noise,

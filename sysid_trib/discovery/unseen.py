@@ -34,12 +34,20 @@ class Prediction(NamedTuple):
     ----------
     log_densities : (period,) array of float
         Mean logarithm of the predictive density of the rows of each period of all parts, given those before.
-    rms : float, rad
-        RMS residual of the free motion, its start and the sensor's zero fitted.
+    residuals : tuple of (sample,) array of float, rad
+        Residual of the free motion in each part, its start and the sensor's zero fitted; empty where the
+        model has no motion.
     """
 
     log_densities: Array
-    rms: float
+    residuals: tuple[Array, ...]
+
+    @property
+    def rms(self) -> float:
+        """RMS residual of all parts, rad; nan where the model has no motion."""
+        if not all(map(len, self.residuals)):
+            return float("nan")
+        return root_mean_square([root_mean_square(residual) for residual in self.residuals])
 
 
 def start_forces(
@@ -180,10 +188,10 @@ def predicted(
         scores.append(scored)
         try:
             motion = free_motion(model_of_fit(model), path, model.sensor(run))
-            residuals.append(root_mean_square(motion.residual))
+            residuals.append(motion.residual)
         except SysidTribError:
-            residuals.append(float("nan"))
-    return Prediction(np.concatenate(scores), root_mean_square(residuals))
+            residuals.append(np.array([]))
+    return Prediction(np.concatenate(scores), tuple(residuals))
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:

@@ -96,7 +96,9 @@ def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
 def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -> None:
     """Draw the RMS residual of the start model and after each named effect, over the noise."""
     steps, units = steps_taken(tree), signal_units(tree)
-    residuals = [residual_of(tree, "before"), *(step.residual_after.item() for step in steps)]
+    # As in the table of the steps, which were all fitted to the same part of the record.
+    first = steps[0].residual_before.item() if steps else residual_of(tree, "before")
+    residuals = [first, *(step.residual_after.item() for step in steps)]
     ratios = [residual / record_noise(tree) for residual in residuals]
     note = style.LABEL_OFFSET | {"fontsize": FONT_SIZE, "annotation_clip": False}
     for row, ratio, text in zip(rows, ratios, texts, strict=True):

@@ -182,8 +182,8 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
     """Return the blocks of two samples, in order; `record` describes the records."""
     data = tree.to_dataset()
     said = (
-        f"Coefficients are at w = {data.reference_frequency.item():.6g} rad/s. A test at the level "
-        f"{data.attrs['level']:g} finds a detectable difference with a probability of {POWER_STATED:g}."
+        f"Coefficients refer to w = {data.reference_frequency.item():.6g} rad/s. Last column: the difference "
+        f"that a test at the level {data.attrs['level']:g} finds with a probability of {POWER_STATED:g}."
     )
     return [
         Block([*law_sentences(tree)], ALWAYS),
@@ -243,7 +243,7 @@ def _first_sentence(tree: xr.DataTree) -> str:
         if row.differs.item():
             unit = _force(tree, name).unit.item()
             pair = " and ".join(layout.with_unit(layout.quantity(row, side), unit) for side in SIDES)
-            parts.append(f"{name} differs: {pair}, z = {abs(row.z.item()):.1f}")
+            parts.append(f"{name} differs: {pair}, |z| = {abs(row.z.item()):.1f}")
     if parts:
         rest = f"; no difference was found in {', '.join(others)}" if others else ""
         rest += f"; not tested (held in both): {', '.join(held)}" if held else ""
@@ -280,8 +280,8 @@ def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
     """Describe the ratio of the frequencies as stiffness, the parts of the errors, and differing methods."""
     data, (first, second) = tree.to_dataset(), sample_names(tree.to_dataset())
     value, error = data.stiffness_difference.item(), data.stiffness_difference_standard_error.item()
-    z = f", z = {abs(value) / error:.1f}" if error > 0.0 else ""
-    yield f"Stiffness of {first} relative to {second}, minus 1: {layout.value_with_error(value, error)}{z}."
+    z = f", |z| = {abs(value) / error:.1f}" if error > 0.0 else ""
+    yield f"Stiffness of {first} over that of {second}, minus 1: {layout.value_with_error(value, error)}{z}."
     if incomplete := [name for name, run in _runs(tree) if "error_of_model" in run]:
         yield (
             f"The residual exceeds the noise in {', '.join(incomplete)}: the errors include the model error "

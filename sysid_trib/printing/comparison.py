@@ -22,7 +22,7 @@ ALIKE = 1.01
 ALIKE_LEVEL = 0.01
 BY_METHOD = "Coefficients by method"
 HELD_OUT = "Prediction of the held-out part"
-DIFFERENCES = "Difference from the method that predicts best, in standard errors of both"
+DIFFERENCES = "Difference from the method that predicts best, in combined standard errors"
 QUALITY = (
     "RMS of record minus simulated motion, for the whole record (all). For a model identified from the first "
     "two thirds: on these (train) and on the last third (held out)"

@@ -28,7 +28,10 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
     """Return the blocks of a result of `discover`; `sources` describe the records."""
     (verdict, *sentences), details = verdict_sentences(tree), Layer.EXPLAIN
     remarks = [line for at, step in enumerate(effects.steps_taken(tree)) for line in _remarks(tree, at, step)]
-    held = f"Effects in the order in which they were added; held out: {tree.attrs['held_out']}"
+    held = (
+        "Effects in the order in which they were added, with the residual before and after each, over the "
+        f"noise; held out: {tree.attrs['held_out']}"
+    )
     after, remains = "discrepancy_after", tree.attrs["verdict"] == "unknown effect"
     parts = tables.residual_table(tree, after) if remains else None
     return [
@@ -130,15 +133,15 @@ def remedy(tied: Sequence[Force]) -> str:
         what = "Another inertia, or a second sensor,"
         why = "the error of the sensor stays the same, but the coefficient of a force changes"
     elif len({force.holds_time for force in tied}) > 1:
-        what = "A second release at 0.6 of the amplitude"
+        what = "A second run, released at 0.6 times this amplitude,"
         why = "a drift depends on time, but the others on amplitude"
     elif len({force.memoryless for force in tied}) > 1:
-        what = "A release at 0.2 of the amplitude, or another inertia,"
+        what = "A run released at 0.2 times this amplitude, or with another inertia,"
         why = "a history-dependent force changes differently"
     elif any(force.shape or force.character != "conservative" for force in tied):
-        what, why = "A release at 0.2 of the amplitude", "they differ most there"
+        what, why = "A run released at 0.2 times this amplitude", "there they differ most"
     else:
-        what, why = "A release at a larger amplitude", "they differ most there"
+        what, why = "A run released at a larger amplitude", "there they differ most"
     return f"{what} would separate them: {why}."
 
 
@@ -150,8 +153,8 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
     groups = effects.grouped(symbols, lambda first, symbol: bool(pairs.at[symbol, first]))
     if alike := "; ".join(", ".join(group) for group in groups if len(group) > 1):
         yield (
-            f"This record cannot separate these, even if a coefficient is {effects.NAMED:g} standard errors: "
-            f"{alike}."
+            f"This record cannot separate the forces of a group, even at a coefficient of {effects.NAMED:g} "
+            f"standard errors. The groups: {alike}."
         )
     # The reason may name the record already.
     reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")

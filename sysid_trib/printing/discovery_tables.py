@@ -20,8 +20,8 @@ ROWS, LAST = 10, 3
 TIES_NAMED = 2
 RANKING = (
     "|z| of the named and the strongest candidates before each step and at the end (-: in the model, or not "
-    "tested). Last column: the coefficient of five standard errors. Shapes and frequencies are those of the "
-    "highest score"
+    "tested). Last column: the coefficient of five standard errors. Shape parameters and frequencies are "
+    "those with the largest |z|"
 )
 UNKNOWN = "The residual does not follow the motion: it is external vibration, or noise of another kind."
 # Places that a sentence names; a residual that is everywhere needs none.
@@ -73,7 +73,10 @@ def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
         if details:
             units = step.random_force_before.attrs.get("units", DENSITY_UNITS)
             forces = [step.random_force_before.item(), step.random_force_after.item()]
-            row |= {"fall of the deviance": f"{step.gain.item():.3g}", f"random force ({units})": _to(forces)}
+            row |= {
+                "decrease of the deviance": f"{step.gain.item():.3g}",
+                f"random force ({units})": _to(forces),
+            }
         rows.append(row)
     return layout.text_table(rows, ("effect", "name", "formula"), ("effect",)) if rows else None
 
@@ -180,7 +183,7 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
         f"offset ({unit})": factor * spans.offset,
         **harmonics,
         "frequency (%)": 100.0 * spans.frequency_error,
-        "decay (w)": spans.decay_error,
+        "decay rate (w)": spans.decay_error,
     }
     # The record's own: the model's may be far off.
     amplitude = (spans.amplitude + spans.amplitude_error).values
@@ -219,7 +222,7 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
         scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
         near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
         meaning = MEANINGS.get(near, "forces of several types would explain it")
-        yield f"According to the omnibus test (largest |z|: {scores}), {meaning}."
+        yield f"According to the omnibus test (largest |z| of each type of force: {scores}), {meaning}."
 
 
 def _sort_of(name: str) -> str:

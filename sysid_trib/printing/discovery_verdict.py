@@ -108,9 +108,10 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
             yield f"Among the added effects, {imitation}"
         yield (
             f"The omnibus test shows that an effect is missing (p "
-            f"{layout.p_value_text(omnibus.p_value.item())}). Its highest scores, by amplitude r and phase "
-            f"phi: {_highest(omnibus.z)}. The missing effect also biases the coefficients: standard errors "
-            f"are multiplied by the RMS of these scores, {error_widening(tree):.3g}."
+            f"{layout.p_value_text(omnibus.p_value.item())}). Its largest scores, of force terms "
+            f"in amplitude r and phase phi: {_highest(omnibus.z)}. The missing effect also biases the "
+            "coefficients: standard errors are multiplied by the RMS of all scores of this test, "
+            f"{error_widening(tree):.3g}."
         )
     elif imitating:
         yield f"{nothing} {imitation}"
@@ -156,7 +157,7 @@ def _high_but_not_significant(last: xr.Dataset) -> Iterator[str]:
     if high.sizes["candidate"]:
         named = ", ".join(f"{symbol} ({abs(z):.3g})" for symbol, z in high.z.to_series().items())
         why = "many frequencies were tried, or few swings determine the random force there"
-        yield f"Above the threshold of {limit:.3g}, but not significant ({why}): {named}."
+        yield f"Not significant although |z| exceeds {limit:.3g} ({why}): {named}."
 
 
 def _unexplained(tree: xr.DataTree) -> Iterator[str]:
@@ -172,7 +173,7 @@ def _unexplained(tree: xr.DataTree) -> Iterator[str]:
         x, v = cells.abs().idxmax()
         where = (
             f" The missing force is most significant near x = {x:.2g}, v = {v:.2g} {units}, where it is "
-            f"{after.force.sel(x=x, v=v).item():.2g} {units} times I w^2."
+            f"I w^2 times {after.force.sel(x=x, v=v).item():.2g} {units}."
         )
     yield (
         f"No candidate explains the residual {_between(amplitude[high], units)}; it is largest at "
@@ -215,12 +216,14 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
     for step in steps_taken(tree):
         symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.values.tolist())
         del others[symbol]
-        likelier = ", ".join(f"{name or 'no force'} more likely in {count}" for name, count in others.items())
+        likelier = ", ".join(
+            f"{name or 'no force'} more probable in {count}" for name, count in others.items()
+        )
         stands.append(f"{symbol} in {step.stands_in.item()} of {len(PARTS_OF_RECORD)}")
         stands[-1] += f" ({likelier})" if likelier else ""
     if stands:
         parts = ", ".join(PARTS_OF_RECORD)
-        yield f"In parts of the record ({parts}), the 95 % set contains {'; '.join(stands)}."
+        yield f"In parts of the record ({parts}), the 95 % credible set contains {'; '.join(stands)}."
 
 
 def _model(tree: xr.DataTree) -> Iterator[str]:

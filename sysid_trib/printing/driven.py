@@ -227,13 +227,15 @@ def response_csv(response: xr.Dataset) -> str:
 
 # Runs that the table has, and the head of one of its columns.
 MOST_RUNS, DURATION = 8, "duration (s)"
+PLAN_CAPTION = "Runs within the limits (--amplitude, --duration), the best first"
 
 
 def plan_blocks(data: xr.Dataset) -> list[Block]:
     """Return the blocks of a plan of runs."""
     rows = _rows(data)
     said = [*_next_run(data, data.sizes["run"] - len(rows))]
-    return [Block(said, ALWAYS), Block((), ALWAYS, table=layout.text_table(rows[:MOST_RUNS]))]
+    table = layout.text_table(rows[:MOST_RUNS])
+    return [Block(said, ALWAYS), Block((), ALWAYS, table=table, caption=PLAN_CAPTION)]
 
 
 def _next_run(data: xr.Dataset, equal: int) -> Iterator[str]:

@@ -91,7 +91,7 @@ def identification_table(tree: xr.DataTree) -> Table:
     below = [{"force": "residual (RMS)", "formula": noise, **ratios}]
     stochastic = [bool(random_force_of(result)) for result in results.values()]
     further = {
-        ("exceeds the noise", "from (s)"): np.where(stochastic, np.nan, kept.departure_time.values),
+        ("residual exceeds noise", "from (s)"): np.where(stochastic, np.nan, kept.departure_time.values),
         ("one-step prediction", "RMS / stated error"): np.where(
             stochastic, kept.tested_over_noise.values, np.nan
         ),

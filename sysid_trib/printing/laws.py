@@ -252,8 +252,9 @@ def _caption(tree: xr.DataTree, law: str) -> str:
     held = law_curves.known_part(_preferred(tree), np.zeros(1))[1]
     known = " and ".join(["the straight line w^2 x", *held])
     return (
-        f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole, and by "
-        f"each method minus {known}{f' ({scaled})' * bool(power)}, w = {w:.6g} rad/s, with standard errors"
+        f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole; then by "
+        f"each method without {known}{f' (in {scaled})' * bool(power)}, with standard errors; "
+        f"w = {w:.6g} rad/s"
     )
 
 
@@ -353,15 +354,15 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
             unit = _words(tree, law)[1]
             yield (
                 f"The methods disagree in {word} at {_spans(far, unit)}, by up to {np.max(np.abs(z)):.3g} "
-                "standard errors of both."
+                "combined standard errors."
             )
     if max(largest.values()) <= LARGE_DIFFERENCE:
         texts = " and ".join(f"{size:.2g} ({word})" for word, size in largest.items())
-        yield f"The methods agree: they differ by at most {texts} standard errors of both."
+        yield f"The methods agree: they differ by at most {texts} combined standard errors."
     elif "averaging" in judged.kept_results(tree):
         yield (
-            "Direct uses the motion within each cycle, averaging the change from cycle to cycle: a missing "
-            "force biases them differently."
+            "Direct uses the motion within each cycle, and averaging uses the change from cycle to cycle. A "
+            "missing force biases the two methods differently."
         )
 
 
@@ -385,8 +386,8 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
             sizes = [_residual_text(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
             texts = [f"{text} ({size})" for text, size in zip(texts, sizes, strict=True)]
             of_laws = _residual_text(listed.held_out_rms_of_laws.item(), unit)
-            said = f" (in parentheses the residual on the held-out last third; that of the laws is {of_laws})"
-        yield f"Formulas within the band of {words}, over w^2{said}: {'; or '.join(texts)}."
+            said = f" (in parentheses the residual on the held-out last third; of the curves {of_laws})"
+        yield f"Formulas within the band of {words}, divided by w^2{said}: {'; or '.join(texts)}."
 
 
 def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
@@ -412,8 +413,8 @@ def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
     of_both, of_speed = (100.0 * both[error].item() / size for error in ("standard_error", "error_of_law"))
     yield (
         "The record does not separate friction that changes with the speed from friction that depends on "
-        f"the position: over a cycle of {both.amplitude.item():.2g} {unit}, the damping of both together is "
-        f"known to {of_both:.2g} %, that of the speed alone to {of_speed:.2g} %. The bands are valid if "
+        f"the position: over a cycle of {both.amplitude.item():.2g} {unit}, the damping by both together "
+        f"has an error of {of_both:.2g} %, that by the speed alone {of_speed:.2g} %. The bands are valid if "
         "friction depends on the speed alone."
     )
 
@@ -443,7 +444,7 @@ def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
         texts += [f"{name} ({symbol}) {', '.join(values)}"] if own else []
     owner = ", one for each run" if len(record_groups(tree)) > 1 else ""
     return (
-        f"In addition to the laws, direct fits errors of the sensor, which belong to a record{owner}: "
+        f"Besides the laws, direct fits errors of the sensor{owner}, which are no part of the oscillator: "
         f"{'; '.join(texts)}."
     )
 
@@ -462,7 +463,7 @@ def _range_sentences(tree: xr.DataTree) -> Iterator[str]:
     smallest = ""
     if not is_of_driven(tree):
         least = float(np.min(np.abs(judged.amplitudes(tree))))
-        smallest = f", with amplitudes from {least:.2g} {signal_units(tree)} on"
+        smallest = f", at amplitudes down to {least:.2g} {signal_units(tree)}"
     yield (
         f"The record covers {' and '.join(texts)}{smallest}. Beyond that range ({100.0 * extrapolated:.0f} % "
         "of the curves) the laws are extrapolated by straight lines and named forces."

@@ -172,7 +172,7 @@ def coefficient_table(
         name = row["name"]
         if "formula" in row:
             what = f"{label:{width}} {name_and_unit(name, row['unit'])}"
-            formula = row["formula"]
+            formula = shortened(row["formula"])
         elif label in FREQUENCY_ROWS:
             label, what, formula = name, FREQUENCY_ROWS[label], name
         else:
@@ -187,6 +187,11 @@ def coefficient_table(
         apart = z.get(label, np.nan)
         cells["difference / error"] = f"{apart:+.1f}" if np.isfinite(apart) else ""
     return text_table([*rows.values(), *below], ("force", "formula"))
+
+
+def shortened(formula: str, longest: int = 48) -> str:
+    """Return a formula for a table; the command `forces` shows all of a long one."""
+    return formula if len(formula) <= longest else f"{formula[: longest - 3]}..."
 
 
 def name_and_unit(name: str, unit: str) -> str:

@@ -115,8 +115,8 @@ FACTS = (
 # Amplitudes of the printed table, evenly spaced in their logarithm.
 PRINTED_AMPLITUDES = 8
 EXPLANATION = (
-    "±: half width of the band that contains the whole curve in 95 % of records, for sensor noise and a "
-    "random walk of amplitude and phase."
+    "±: half the width of the simultaneous 95 % band, for sensor noise and a random walk of amplitude and "
+    "phase. The band contains the whole curve in 95 % of records."
 )
 
 
@@ -266,7 +266,10 @@ def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
     attrs = {name: str(value) for name, value in decay.attrs.items()}
     said = []
     if ranked := attrs["predicted_by"]:
-        said.append(f"Part of the frequency shift that is not explained: {ranked}.")
+        said.append(
+            "Part of the frequency shift that elastic forces leave unexplained (in parentheses each --system "
+            f"that has them): {ranked}."
+        )
     if columns := attrs["columns_point_to_system"]:
         said.append(f"The columns {columns} suggest a {attrs['points_to_system']}.")
     if scale := attrs["points_to_scale"]:

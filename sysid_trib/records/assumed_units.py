@@ -73,7 +73,7 @@ def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
     for low, high in ((32874.0, 73051.0), (726834.0, 767011.0)):
         # Seconds of the years 1990 to 2100.
         if 0.0 < usual < 1e-2 and low < stamps.min() and stamps.max() < high:
-            return "d", "time in days: it counts them as a calendar does"
+            return "d", "time in days: its numbers are dates, as of Excel or MATLAB"
     return None, "unit of time not stated: taken as s, though its stamps are whole" * are_whole(stamps)
 
 
@@ -123,7 +123,7 @@ def unit_of(
             raise _contradicted(column, f"{stated.text}, {article} {stated.quantity}", "signal", how.signal)
     if not unit.known:
         known = f"unknown (known are {lab.OFFERED_UNITS})"
-        why = f"unit {unit.text} is {known}: coefficients are in it"
+        why = f"unit {unit.text} is {known}: coefficients are in this unit"
     # Two whole turns to either side are more than an oscillation.
     swing = 0.5 * float(np.ptp(values)) * unit.factor
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):

@@ -271,7 +271,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         return axes[0], "the largest of the axes of one sensor, which swing together as one motion"
     pool = _without_copies(axes, swings)
     if len(pool) == 1:
-        return pool[0], f"of the columns that swing alike, {others}"
+        return pool[0], f"the fundamental oscillation among the {len(swings)} columns"
     largest, second = sorted(pool, key=lambda c: c.amplitude)[:-3:-1]
     one_unit = len({c.unit_text for c in pool}) == 1
     # A column is the signal if its range exceeds that of others in its unit by this factor.

@@ -133,7 +133,7 @@ def free_decays(
         longest = max(pieces, key=lambda piece: piece[0].size)
         decays = [short_decay(longest, value, refusal)]
         refused = re.split(";|, at least", str(refusal).removeprefix(f"{source}: "))[0].rstrip(".")
-        said.append(f"used uncut, because its forces are named, although {refused}")
+        said.append(f"used uncut, because you named the forces; it is no complete free decay ({refused})")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
     datasets = [decay_dataset(inside, decay, "; ".join(said)) for decay in decays]

@@ -72,8 +72,8 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
     if count < FEWEST_EXTREMA:
         raise DecayError(
             f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
-            f"about {swing.oscillation.period:.3g} s), at least five are needed, three full periods in all; "
-            f"record longer or widen the window, or {AS_IT_IS}."
+            f"about {swing.oscillation.period:.3g} s), at least five are needed, in a record of three "
+            f"periods; record longer or widen the window, or {AS_IT_IS}."
         )
     peak = swing.extrema
     scatter = swing.scatter
@@ -91,7 +91,7 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
         wrong = (
-            f"{source}: the oscillation does not decay: from {peak[first]:.3g} on it changes "
+            f"{source}: the oscillation does not decay: its amplitude, {peak[first]:.3g} at first, changes "
             f"by {change:+.2g} % a period"
         )
         raise DecayError(f"{wrong}; is it driven? Name what drives it (--input), or give a free decay.")

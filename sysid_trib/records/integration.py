@@ -78,7 +78,8 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
             value[inside] = fit(grid[inside])
         filled += int(np.count_nonzero(inside))
     uneven = f"uneven steps: interpolated to {1.0 / (grid[1] - grid[0]):.5g} Hz"
-    gaps = f"{filled} missing samples filled from a quarter of a period on either side"
+    samples = f"{filled} missing sample{'s' * (filled > 1)}"
+    gaps = f"{samples} filled by a polynomial through a quarter of a period on either side"
     steps = np.diff(time)
     jitters = not is_uniform(np.cumsum(steps[steps <= PARTED_STEP * usual]))
     said = [text for text, is_so in ((uneven, jitters or not filled), (gaps, filled > 0)) if is_so]

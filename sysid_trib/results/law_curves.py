@@ -21,7 +21,7 @@ VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
 NAME_IN_FORMULAS = {"speed": "v", "displacement": "x"}
 LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
 # Why a result holds no curves although its record determines some.
-NO_BETTER = "Curves do not follow the record better than the named forces: the laws are those of these."
+NO_BETTER = "The named forces follow the record as well as curves do: the laws are sums of the named forces."
 # A restoring force below this part of w^2 x is none.
 NO_RESTORING_FORCE = 1e-9
 # More standard errors of both methods than this are a difference.
@@ -213,7 +213,9 @@ def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
         return known, names
     shapes = shape_values_of(result)
     for force in library_of(result, whole=True):
-        if not force.depends_only_on("x") or constraint.sel(force=force.symbol).item() != "fixed":
+        # A fit of the motion to driven records holds the curves; they belong to the law all the same.
+        is_held = constraint.sel(force=force.symbol).item() == "fixed"
+        if force.curve or not is_held or not force.depends_only_on("x"):
             continue
         coefficient = result.coefficient.sel(force=force.symbol).item()
         if coefficient:
