@@ -17,7 +17,14 @@ import sysid_trib as st
 from sysid_trib.commands import next_step as steps
 from sysid_trib.commands.app import command_after
 from sysid_trib.commands.next_step import NEXT_COMMANDS, keep_next, next_step
-from sysid_trib.commands.options import COMMANDS, DiscoverOptions, ModelOptions, RecordOptions, SearchOptions
+from sysid_trib.commands.options import (
+    COMMANDS,
+    DiscoverOptions,
+    LawsOptions,
+    ModelOptions,
+    RecordOptions,
+    SearchOptions,
+)
 from sysid_trib.printing.identification import identification_blocks
 from sysid_trib.results.judged import follows
 from sysid_trib.validation.identify import usual_methods
@@ -66,6 +73,12 @@ def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
     # What swings is what the user says.
     keep_next(tree, DiscoverOptions(system="ship"))
     assert "laws --system ship" in tree.attrs["next"]
+
+
+def test_passive_laws_stay_passive_and_no_other_command_has_the_option():
+    given = LawsOptions(passive=True)
+    assert "--passive" in command_after("laws", {"test": "b.csv"}, given)
+    assert "--passive" not in command_after("identify", {}, given)
 
 
 def test_the_next_command_takes_over_what_was_given(tmp_path):
