@@ -29,6 +29,8 @@ LAWS = {
     "stribeck": ("1.2e-3*(0.5 + exp(-(v/0.04)**2))*sign(v) + 0.008*v", "-0.15*x**3"),
     "paper": ("3e-4*sign(v) + 0.0097*v + 0.037*v*abs(v)", "-0.4*x*abs(x) + 0.3*x**3"),
     "asymmetric": ("3e-4*sign(v) + 0.01*v + 0.01*abs(v)", "-0.1*x**3"),
+    # With it the residual is hardly smaller, but it is noise.
+    "slightly asymmetric": ("3e-4*sign(v) + 0.01*v + 0.003*abs(v)", "-0.1*x**3"),
 }
 
 
@@ -99,12 +101,13 @@ def test_formulas_of_a_library_of_ones_own():
 
 
 @pytest.mark.slow
-def test_friction_that_differs_between_directions_is_found():
-    tree = identified("asymmetric")
+@pytest.mark.parametrize("name", ["asymmetric", "slightly asymmetric"])
+def test_friction_that_differs_between_directions_is_found(name):
+    tree = identified(name)
     assert "friction_even" in tree["judged"].attrs["even"]
     part = tree["direct"].to_dataset()
     part = part.isel(speed=np.flatnonzero(part.speed_visited.values))
-    wanted = truth("asymmetric", "friction", part.speed.values)
+    wanted = truth(name, "friction", part.speed.values)
     assert np.mean((part.friction_low <= wanted) & (wanted <= part.friction_high)) > 0.95
 
 

@@ -171,7 +171,8 @@ def extended(fit: LawFit) -> LawFit:
     while offered and not whole.is_white:
         tried = [(names, other) for names in offered if (other := _with_forces(whole, names)) is not None]
         names, best = min(tried, key=lambda pair: pair[1].residual_rms, default=((), whole))
-        if not best.residual_rms < EXTENSION_GAIN * whole.residual_rms:
+        # At much noise, a residual that is noise at last is hardly smaller.
+        if not (best.residual_rms < EXTENSION_GAIN * whole.residual_rms or best.is_white):
             break
         whole, offered = best, [other for other in offered if other != names]
     return whole
