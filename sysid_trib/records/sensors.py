@@ -172,13 +172,13 @@ def _columns(table: tables.FileTable, how: reading.Reading) -> tuple[list[Column
     if how.angle is not None:
         names = str(how.angle).split(",")
         if len(names) > 1 and table.match(how.angle) is None:
-            found = [table.find(name.strip()) for name in names]
-            in_order = [column.name for column in found]
+            sensors = [table.find(name.strip()) for name in names]
+            in_order = [column.name for column in sensors]
             if twice := [name for name in in_order if in_order.count(name) > 1]:
                 raise UsageError(
                     f"{table.source}: --angle names column {twice[0]} twice; name each sensor once."
                 )
-            return found, []
+            return sensors, []
         return [table.find(how.angle)], []
     times = [table.find(how.time)] if how.time is not None else table.times
     numeric = [c for c in table.columns if c not in times and c.is_numeric and not c.is_empty]
