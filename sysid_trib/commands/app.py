@@ -48,7 +48,7 @@ def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Pa
 
 RECORDS = "records"
 # Options of the next command on the same records and forces.
-TAKEN_OVER = rows_of(RECORDS, "model", "start", "search") | {"passive": rows_of("laws")["passive"]}
+TAKEN_OVER = {**rows_of(RECORDS, "model", "start", "search"), "passive": rows_of("laws")["passive"]}
 
 
 def command_after(command: str, others: Mapping[str, str | None], given: CommandOptions) -> str:
