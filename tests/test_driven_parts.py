@@ -174,3 +174,10 @@ def test_a_gap_of_a_measured_rate_parts_it(tmp_path) -> None:
     tree = identified_driven(record, FORCES, DIRECT, st.methods.Trajectory(random_force="off"))
     result = tree["trajectory"].to_dataset()
     assert np.abs(scores(result, TRUTH)).max() < 4.0
+
+
+def test_a_flat_signal_is_refused(whole: xr.Dataset) -> None:
+    flat = whole.copy(deep=True)
+    flat["angle"].values[:] = 0.3
+    with pytest.raises(DecayError, match="angle is flat at 0.3 rad; choose another column"):
+        driven_parts(flat)

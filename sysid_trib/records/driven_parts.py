@@ -62,7 +62,8 @@ def driven_parts(
     Raises
     ------
     DecayError
-        The window holds too few samples, or no part between gaps is long enough.
+        The window holds too few samples, the signal is flat or cut off by its sensor, or no part between gaps
+        is long enough.
     UsageError
         An input is not known in a gap.
     """
@@ -73,8 +74,12 @@ def driven_parts(
         raise DecayError(f"The window contains {part.sizes['time']} samples; give a longer one.")
     said: list[str] = []
     measured = _signal_names(part)[0]
-    given = part.time.values.astype(float), part[measured].values.astype(float)
-    refuse_saturated(*given, _shown(part, measured), str(part[measured].attrs.get("units", "")))
+    values = part[measured].values.astype(float)
+    name, unit = _shown(part, measured), str(part[measured].attrs.get("units", ""))
+    if np.nanmax(values) == np.nanmin(values):
+        level = f"{values[0]:.6g} {unit}".strip()
+        raise DecayError(f"The {name} is flat at {level}; choose another column, or leave this run out.")
+    refuse_saturated(part.time.values.astype(float), values, name, unit)
     if not keep_outliers:
         part, said = _without_outliers(part)
     time = part.time.values.astype(float)
