@@ -179,5 +179,5 @@ def test_a_gap_of_a_measured_rate_parts_it(tmp_path) -> None:
 def test_a_flat_signal_is_refused(whole: xr.Dataset) -> None:
     flat = whole.copy(deep=True)
     flat["angle"].values[:] = 0.3
-    with pytest.raises(DecayError, match="angle is flat at 0.3 rad; choose another column"):
+    with pytest.raises(DecayError, match="angle is flat at"):
         driven_parts(flat)
