@@ -92,7 +92,7 @@ def test_runs_of_one_experiment_agree_in_forces_and_in_the_random_force():
     assert (found.attrs["verdict"], found.attrs["density_verdict"]) == ("agree", "agree")
     assert found.random_force_density.dims == ("run",)
     assert "random force" in [*runs_sentences(found)][-1]
-    assert runs_json(found)["random_force"]["verdict"] == "agree"
+    assert runs_json(found)["random_force"]["density_verdict"] == "agree"
     # By errors that do not know the random force they disagree.
     unknowing = st.validation.run_agreement(runs, WHITE.identify(runs, FORCES))
     assert "density_verdict" not in unknowing.attrs

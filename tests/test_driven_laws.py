@@ -14,7 +14,7 @@ from sysid_trib.validation.model_error import fitted_parts
 
 W, NOISE, LOADS = 9.0, 3e-4, (250, 350, 550)
 # Motions that the laws compute at most, a third more than they did.
-MOTIONS_OF_FRAME, MOTIONS_OF_AXIS = 1500, 710
+MOTIONS_OF_FRAME, MOTIONS_OF_AXIS = 2100, 710
 
 
 @pytest.fixture

@@ -174,7 +174,7 @@ def test_a_difference_is_no_model(tmp_path, words):
     name, *options = words.split()
     ending = command(name, result, *options)
     assert ending.status == 2
-    assert "is a comparison of samples, not a model" in ending.err
+    assert "is a comparison of samples, not a model; give a result of identify" in ending.err
 
 
 @pytest.mark.slow
@@ -182,7 +182,9 @@ def test_the_command_plans_from_a_result(tmp_path, tree):
     save(tree, tmp_path / "r.nc")
     ending = command("plan", str(tmp_path / "r.nc"), "--amplitude", "0.1:0.5", "--plot", str(tmp_path))
     assert ending.status == 0, ending.err
-    assert ending.out.startswith("Release at 0.5 rad and record 30 s: lambda ±")
+    assert ending.out.startswith(
+        "Release at 0.5 rad and record 30 s. Standard errors from all records together: lambda "
+    )
     assert (tmp_path / "plan.pdf").exists()
     data = json.loads(command("plan", str(tmp_path / "r.nc"), "--want", "zeta=1", "--json").out)
     assert data["runs"][0]["meets"] is True

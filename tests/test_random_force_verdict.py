@@ -125,7 +125,7 @@ def test_a_cross_check_says_that_a_random_force_explains(checked):
     assert "neither angle" in verdict_sentence(checked)
     sentences = " ".join(sentences_of(identification_blocks(checked)))
     assert "property of the experiment" in sentences
-    assert "to 5 % of its amplitude" in sentences
+    assert "within 5 % of its amplitude" in sentences
     data = identification_json(checked)
     assert data["verdict"] == "explained with a random force"
     assert set(data["random_force"]) >= {"density", "standard_error", "relative"}
@@ -146,7 +146,7 @@ def test_a_cross_check_says_that_a_force_is_missing():
     assert tree["judged"].attrs["verdict"] == "approximate"
     assert "is approximate" in verdict_sentence(tree)
     told = " ".join(sentences_of(identification_blocks(tree)))
-    assert "stands for a force that is missing: it depends on the" in told
+    assert "stands for a missing force: it depends on the" in told
     assert "As a random force, the residual has a density of " in told
     assert "agree within their errors" not in told
 
