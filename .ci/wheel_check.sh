@@ -24,7 +24,7 @@ shipped = {file.stem for file in (Path(sysid_trib.__file__).parent / "libraries"
 expected = {Path(file).stem for file in sys.argv[1:]}
 if shipped != expected:
     sys.exit(f"Wheel check: the wheel ships {sorted(shipped)}, the project has {sorted(expected)}.")
-from sysid_trib.forces.selection import load_system
+from sysid_trib.forces.systems import load_system
 
 # Systems stand beside the libraries and are none.
 for name in sorted(shipped - {"systems"}):
