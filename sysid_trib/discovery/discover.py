@@ -295,14 +295,16 @@ def _unless_laws_predict_better(
     """Return the search without names where smooth laws predict clearly better; their residual; the names.
 
     Laws predict better if their residual is smaller by more than the scatter of that comparison. Names are
-    not compared with laws if their held-out residual is hardly larger than the noise, if the record is
-    driven, or if only one more effect is missing that was not asked for.
+    not compared with laws if they explain the record, if their held-out residual is hardly larger than the
+    noise, if the record is driven, or if only one more effect is missing that was not asked for.
     """
     named = done.predictions[-1]
     named_rms = float(np.nan_to_num(named.rms, nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
-    explains = named_rms <= judged.LARGE * noise or parts.closing_effect(done)
+    # Under a random force, and in coloured noise, the quality of the prediction by a free motion is chance.
+    residual_is_noise = parts.verdict_of(done) == "explained"
+    explains = residual_is_noise or named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
     tell("laws as an alternative model")
