@@ -203,6 +203,7 @@ def test_few_half_periods_give_the_laws_of_the_named_forces(tmp_path):
     assert re.search(
         r"The record does not determine a curve\. [4-7] half periods are too few for a curve", ending.out
     )
+    assert re.search(r"Named forces by \w+: lambda = .* ± ", ending.out)
     assert "Next: sysid-trib identify " in ending.out
 
 

@@ -125,9 +125,15 @@ def verdict_sentence(tree: xr.DataTree) -> str:
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
-    """Give the reason why the record does not determine a curve."""
+    """Give the reason why the record does not determine a curve, and the coefficients of the named forces."""
     if reason := tree["judged"].attrs["reason"]:
         yield f"The record does not determine a curve. {reason}"
+        result = _preferred(tree)
+        forces = [result.sel(force=symbol) for symbol in result.force.values]
+        fitted = [force for force in forces if force.standard_error.item() > 0.0]
+        if fitted:
+            values = ", ".join(f"{force.force.item()} = {layout.coefficient_text(force)}" for force in fitted)
+            yield f"Named forces by {judged.preferred_of(tree)}: {values}."
 
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:
