@@ -106,8 +106,9 @@ def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
                 label = ""
         ax.axhline(0.0, color=INK, linewidth=BAR_WIDTH, zorder=1)
         word = "friction" if law == "friction" else "restoring force"
+        inertia = "inertia" if data.speed.attrs["units"] == "rad/s" else "mass"
         ax.set(xlabel=f"{places.name} ({places.attrs['units']})")
-        ax.set(ylabel=f"{word} / inertia ({style.unit_label(data[law].attrs['units'])})")
+        ax.set(ylabel=f"{word} / {inertia} ({style.unit_label(data[law].attrs['units'])})")
     panels[0].legend(**LEGEND, ncols=3)
     if len(panels) > 1:
         style.letter(panels)
