@@ -63,6 +63,6 @@ def test_what_cannot_be_each_runs_own_is_refused(runs, own, said):
 def test_the_figure_shows_the_law_of_each_run(tree):
     (panel,) = st.plots.own_laws(tree).axes
     assert panel.get_legend_handles_labels()[1] == ["run 1", "run 2"]
-    assert panel.get_ylabel().startswith("friction / inertia (rad/s")
+    assert panel.get_ylabel().startswith("friction / inertia ")
     first, second = (line.get_ydata() for line in panel.lines[:2])
     assert np.nanmedian(second / first) == pytest.approx(LOADS[1] / LOADS[0], rel=0.05)
