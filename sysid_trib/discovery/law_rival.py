@@ -24,13 +24,17 @@ class LawPrediction(NamedTuple):
     Attributes
     ----------
     residuals : sequence of (sample,) array of float, rad
-        Residual of each part, its start and the sensor's zero fitted.
-    rms : float, rad
-        RMS over all parts; infinite if the laws predict no motion.
+        Residual of each part, its start and the sensor's zero fitted; empty if the laws predict no motion.
     """
 
-    residuals: Sequence[Array]
-    rms: float
+    residuals: Sequence[Array] = ()
+
+    @property
+    def rms(self) -> float:
+        """RMS residual of all parts, rad; infinite if the laws predict no motion."""
+        if not self.residuals:
+            return float("inf")
+        return root_mean_square([root_mean_square(residual) for residual in self.residuals])
 
 
 def held_out_by_laws(
@@ -53,7 +57,7 @@ def held_out_by_laws(
     forces = named.select(force.symbol for force in named if force.kind == "force")
     model = LawModel(with_jump(forces, forces), constraints)
     runs = [part.record for part in learnt]
-    best = LawPrediction((), float("inf"))
+    best = LawPrediction()
     for method in (
         Direct(random_force="off", constraints=constraints),
         Averaging(random_force="off", constraints=constraints),
@@ -62,10 +66,10 @@ def held_out_by_laws(
             fit = fitted(runs, method, model)
         except (SysidTribError, np.linalg.LinAlgError):
             continue
-        residuals = [_residual(fit, part) for part in later]
-        rms = root_mean_square([root_mean_square(residual) for residual in residuals])
-        if rms < best.rms:
-            best = LawPrediction(residuals, rms)
+        prediction = LawPrediction([_residual(fit, part) for part in later])
+        # Without a motion the RMS is nan, which is never smaller.
+        if prediction.rms < best.rms:
+            best = prediction
     return best
 
 
