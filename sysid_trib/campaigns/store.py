@@ -103,7 +103,8 @@ class Store:
             checksum = checksum_of(record_at(records, at))
             # A record that no longer exists, or that only the workers see, is taken as unchanged.
             changed[at] = bool(checksum) and checksum != str(known[at])
-        blocks, bad = np.arange(len(status)) // self.block, np.isin(status, (Status.REFUSED, Status.FAILED))
+        blocks = np.arange(len(status)) // self.block
+        bad = np.isin(status, (Status.REFUSED, Status.FAILED))
         todo = np.flatnonzero(np.isin(status, (Status.WAITING, Status.LOST)) | changed)
         of_blocks = [todo[blocks[todo] == at] for at in np.unique(blocks[todo])]
         return of_blocks, int(changed.sum()), int((bad & ~changed).sum())

@@ -91,8 +91,8 @@ class Task:
     candidates : ForceLibrary, str, or what `library` takes, optional
         Candidates of `discover`; by default those of the command.
     judged : bool, optional
-        Whether the two methods of `identify` are cross-checked, which gives a verdict and takes longer than
-        the methods; by default if no methods are given.
+        Cross-check the two methods of `identify`. It gives a verdict and takes longer than the methods. The
+        default is True if no methods are given.
     read : callable
         Gives the free decays of a file: runs of one experiment.
     constraints : mapping of str to float, (float, float) or str

@@ -347,7 +347,7 @@ def fitting_options(models: xr.Dataset, system: str | None) -> dict[str, str | N
     models : Dataset
         Of `fitting_models`.
     system : str or None
-        What moves, if the user has said it.
+        The moving body, if the user has named it.
     """
     best = models.isel(model=0)
     if system is not None or not best.residual_over_motion.item() < FOLLOWING_PART:

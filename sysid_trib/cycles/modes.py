@@ -35,10 +35,16 @@ from sysid_trib.records.sensors import as_sensors
 LAST_FALL = 3.0
 # Powers of the amplitude that the frequency of a mode may have, and further laws that any influence of
 # another mode has to beat: powers, and a spline of the log amplitude of so many intervals.
-OWN_POWERS, OTHER_POWERS, OWN_INTERVALS, OWN_DEGREE = (0, 1, 2, 3), (0.5, 4), 4, 3
+OWN_POWERS = (0, 1, 2, 3)
+OTHER_POWERS = (0.5, 4)
+OWN_INTERVALS = 4
+OWN_DEGREE = 3
 # An influence counts if it lowers chi-square by so much, to such a part, and to so much a point of the
-# history: noise alone leaves less. A law of the own amplitude that is none of these powers leaves more.
-LEAST_LOWERED, LARGEST_PART, LARGEST_A_POINT = 10.0, 0.4, 0.1
+# history. Noise alone leaves a smaller chi-square; a law of the own amplitude without these powers leaves a
+# larger one.
+LEAST_LOWERED = 10.0
+LARGEST_PART = 0.4
+LARGEST_A_POINT = 0.1
 
 
 def modes(sensors: xr.Dataset) -> xr.Dataset:

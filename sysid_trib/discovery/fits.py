@@ -144,8 +144,8 @@ class Fits:
     predict: Callable[[FittedModel], unseen.Prediction] | None = None
     best: FittedModel | None = None
     plain: PlainStart | None = None
-    # Whether a model of these forces is extended, the number of successive models that did not predict better
-    # than the best one, and its RMS; predictions and p-values of noise by the coefficients.
+    # By forces: true if a model of them is extended. Then the number of successive models that did not
+    # predict better than the best one, and its RMS; predictions and p-values of noise by the coefficients.
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     _refused: int = 0
     _least_rms: float = np.inf

@@ -159,7 +159,7 @@ def _strongest_line(residuals: Sequence[Array]) -> float:
 
     A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
     """
-    # Of white rows; `validation.lack_of_fit.spectral_line` leaves out harmonics and has no given level.
+    # The rows are white. `validation.lack_of_fit.spectral_line` excludes harmonics and takes no level.
     powers = [np.abs(np.fft.rfft(residual)) ** 2 / len(residual) for residual in residuals]
     least = min(len(power) * float(np.exp(-np.max(power))) for power in powers)
     return min(1.0, least * len(powers))

@@ -113,7 +113,7 @@ def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float
 def error_of_model(model: FittedModel) -> Array:
     """Return the part of the errors of coefficients and frequency (rad/s) not due to noise, (trial + 1,).
 
-    By how much they move between parts of the record beyond what less data does; shapes are held. As
+    It is their change between parts of the record beyond that due to fewer data; shapes are held. As
     `validation.model_error`, but of the rows along the path of the whole record: a search has no time to fit
     the parts anew.
     """
@@ -177,7 +177,7 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
     symbols = dict.fromkeys(trial.force.symbol for trial in screening.trials)
     at = np.array([_best(screening, symbol) for symbol in symbols], dtype=int)
     reasons = [screening.reasons[i] for i in at]
-    # If every candidate was added none is left.
+    # No candidate is left if the search added all of them.
     testable = np.array([not reason for reason in reasons], dtype=bool)
     cosine = np.abs(screening.correlation[np.ix_(at, at)])
     np.fill_diagonal(cosine, 1.0)
@@ -224,7 +224,7 @@ def verdict_of(done: Search, closing: str = "") -> str:
 
     `closing` : the effect that is missing because no more were asked for, and nothing besides.
     """
-    # Whether the search is closed. The verdict on its models is that of `validation.judge.verdict_word`.
+    # This is the verdict on the search. `validation.judge.verdict_word` gives the verdict on a model.
     # Names that nearly cancel each other, or that do not predict, may imitate an effect that is not in the
     # library. A model whose motion does not follow the record explains nothing. A model that was not compared
     # is unknown.

@@ -49,7 +49,8 @@ def groups_of(
     # the residual is noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
-    names, records = variables.group_names("record", len(seen)), _records(seen, whole, motions)
+    names = variables.group_names("record", len(seen))
+    records = _records(seen, whole, motions)
     groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
     for when, name, at in (("", "before", 0), ("_after", "after", -1)):
         spans, attrs = demodulation.demodulate(motions[at])

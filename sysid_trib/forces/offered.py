@@ -56,7 +56,8 @@ def offered_forces(
     model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
 ) -> tuple[ForceLibrary, list[str]]:
     """Return the candidates that the model does not have, of these inputs, and the symbols of the others."""
-    kept, left_out = list[Force](), list[str]()
+    kept: list[Force] = []
+    left_out: list[str] = []
     for force in candidates:
         same = any(_same(force, other) for other in model) or not set(force.inputs) <= set(inputs)
         if same or any(force.symbol == other.symbol for other in (*model, *kept)):

@@ -108,7 +108,8 @@ def _refined(
     followed: Runs | None = None
     nearest: tuple[float, Solution] | None = None
     last, halvings = None, 0
-    runs, of_curves = begun, any(run.library.in_curves.any() for run in begun)
+    runs = begun
+    of_curves = any(run.library.in_curves.any() for run in begun)
     for done in range(most or (MAX_REFINEMENTS_OF_CURVES if of_curves else MAX_REFINEMENTS)):
         try:
             runs = tuple(simulated(run, constraints) for run in runs) if done else begun
