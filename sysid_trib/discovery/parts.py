@@ -219,12 +219,12 @@ def not_improving(done: Search) -> str:
     return model.effects[-1] if model is not None and asked else ""
 
 
-def verdict_of(done: Search, closing: str = "") -> str:
-    """Return `explained`, `unknown effect` or `nothing missing`.
+def outcome_of(done: Search, closing: str = "") -> str:
+    """Return one of `results.judged.SEARCH_OUTCOMES`.
 
     `closing` : the effect that is missing because no more were asked for, and nothing besides.
     """
-    # This is the verdict on the search. `validation.judge.verdict_word` gives the verdict on a model.
+    # `validation.judge.verdict_word` answers another question: whether a model explains the record.
     # Names that nearly cancel each other, or that do not predict, may imitate an effect that is not in the
     # library. A model whose motion does not follow the record explains nothing. A model that was not compared
     # is unknown.
