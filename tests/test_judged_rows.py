@@ -1,7 +1,9 @@
 """Rows of a campaign's store are what the single command judges, for each task and each kind of record."""
 
 import json
+import re
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -153,6 +155,9 @@ def test_json_of_a_campaign_is_that_of_the_command(task, words, tmp_path, monkey
     assert found["verdicts"] == {said["judged"][next(iter(found["preferred"]))]["verdict"]: 1}
     if task == "discover":
         assert found["search_outcomes"] == {said["search_outcome"]: 1}
+    page = (Path(__file__).parents[1] / "docs" / "json.md").read_text(encoding="utf-8")
+    section = page.partition("\n## campaign\n")[2].partition("\n## ")[0]
+    assert set(found) <= set(re.findall(r"`([a-z_]+)", section))
 
 
 def older(change):
