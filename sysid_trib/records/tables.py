@@ -123,7 +123,7 @@ class FileTable:
         """Message that there are no times, and what to give."""
         over = [column.name for column in self.columns if column.base.startswith("freq")]
         if over:
-            why = f"its columns are over {over[0]}, not over time: it is a response; a record is needed."
+            why = f"its columns are over {over[0]}, not over time. Give a record over time."
             return f"{self.source}: {why}"
         taken = next((f" but {time.name}, which --angle takes" for time in self.times), "")
         return (
