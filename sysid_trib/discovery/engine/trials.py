@@ -76,7 +76,7 @@ class Settings:
 
     @property
     def far(self) -> float:
-        """The same threshold when as many models as are fitted compete."""
+        """Threshold of the evidence if as many models as are fitted compete."""
         return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
 
     @staticmethod
