@@ -392,7 +392,7 @@ def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
     known = next((model for model in ranking if model.held and _fits(model, least)), None)
     if known is not None:
         return known
-    # A model without forces predicts no better than a constant.
+    # A model without forces predicts as a constant does.
     good = [
         model for model in free if model.remains <= min(1.0 / BETTER_BY, BETTER_BY * max(least, model.errors))
     ]
