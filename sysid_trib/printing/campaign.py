@@ -227,9 +227,8 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
 
 def _test_of_all(data: xr.Dataset) -> str:
     """Return the test of all forces together."""
-    count = data.degrees_of_freedom.item()
-    degrees = "degree of freedom" if count == 1 else "degrees of freedom"
-    test = f"chi-square {data.chi_square.item():.3g} for {count:g} {degrees}, p "
+    count = f"{data.degrees_of_freedom.item():g} degrees of freedom"
+    test = f"chi-square {data.chi_square.item():.3g} for {count}, p "
     return test + layout.p_value_text(data.p_value_of_all.item())
 
 

@@ -20,7 +20,7 @@ ROWS, LAST = 10, 3
 TIES_NAMED = 2
 RANKING = (
     "Score |z| of the named and the strongest candidates before each step and at the end, at the shape "
-    "parameters with the largest |z|; -: in the model, or not tested; detectable: coefficient of five "
+    "parameters with the largest |z|; -: in the model, or not tested; detectable: the coefficient of five "
     "standard errors in the final model"
 )
 UNKNOWN = "The residual does not follow the motion: it is external vibration, or noise of another kind."
