@@ -221,7 +221,7 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
         best = abs(omnibus.z).to_series().groupby(_sort_of).max().sort_values(ascending=False)
         scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
         near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
-        meaning = MEANINGS.get(near, "forces of several types would explain it")
+        meaning = MEANINGS.get(near, "forces of several types would explain the residual")
         yield f"According to the omnibus test, {meaning}. Largest |z| of each type of force: {scores}."
 
 
