@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 from sysid_trib.arrays import Array, Index
 
 POINTS_PER_PERIOD = 24
-"""Points a period keeps after smoothing: enough for its crossings, few enough to be quick."""
+"""Number of points per period after smoothing: enough for zero crossings, few enough for speed."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Oscillation:
     Attributes
     ----------
     time, signal : (point,)
-        The averaged signal; a twentyfourth of a period apart where the sampling allows.
+        The averaged signal, with points a twenty-fourth of a period apart if the sampling allows.
     period : s
         Dominant period.
     step : float
@@ -28,7 +28,7 @@ class Oscillation:
     smoothed_noise : float
         White noise of one averaged point.
     samples : int
-        That are averaged in a point.
+        Number of samples averaged in a point.
     """
 
     time: Array
@@ -40,7 +40,7 @@ class Oscillation:
 
     @property
     def floor(self) -> float:
-        """Amplitude below which noise or quantisation could feign a half period."""
+        """Amplitude below which noise or quantisation could imitate a half period."""
         return max(5.0 * self.smoothed_noise, 0.75 * self.step)
 
 
