@@ -12,6 +12,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
+from sysid_trib.records.no_decay import LIKE_BEATS, Cause, NoDecay
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
 from sysid_trib.records.unwrapping import unwrapped
@@ -34,17 +35,28 @@ class ChosenColumns(NamedTuple):
     reason: str
 
 
-# Advice where several modes oscillate together.
+# Advice where no column is a free decay: several modes oscillate together, the motion may be driven, or there
+# are too few samples.
 ONE_MODE = (
     "separate one mode, from all sensors together (--mode 1, or one_mode in Python), or record only one mode."
 )
+MAYBE_DRIVEN = (
+    "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
+    "the drive off, and record the free decay."
+)
+RECORD_LONGER = "record longer."
 
 
 class TriedColumn(NamedTuple):
-    """Swing of a column, or the reason why it has none."""
+    """Swing of a column, or the reason why it has none, if that is known."""
 
-    swing: equilibrium.Swing | None
-    reason: str
+    swing: equilibrium.Swing | None = None
+    reason: NoDecay | None = None
+
+    @property
+    def why(self) -> str:
+        """Text of the reason; empty if nothing is known."""
+        return self.reason.text if self.reason else ""
 
 
 # Columns that could be the signal.
@@ -214,7 +226,7 @@ def _chosen_of_driven(
     if len(pool) == 1:
         return ChosenColumns(_time_of(table, pool[0], times), pool[0], f"of {len(signals)} columns")
     drive = f'; column {acting[0].name} drives it: add --input "{acting[0].name}"' if acting else ""
-    listed = _listed(pool, dict.fromkeys(pool, TriedColumn(None, "")))
+    listed = _listed(pool, dict.fromkeys(pool, TriedColumn()))
     raise UsageError(
         f"{table.source}: {listed} could each be the signal; name one, "
         f'such as --angle "{pool[0].name}" (angle= in Python){drive}.'
@@ -243,8 +255,9 @@ def _swing_of(column: Column, time: Column | None) -> TriedColumn | None:
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
             whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
-            return TriedColumn(*free_decay.swing_within(times[good], whole))
-    return TriedColumn(None, "")
+            swing = free_decay.swing_within(times[good], whole)
+            return TriedColumn(reason=swing) if isinstance(swing, NoDecay) else TriedColumn(swing)
+    return TriedColumn()
 
 
 def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, str]:
@@ -279,18 +292,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         times = f"{largest.amplitude / second.amplitude:.2g}"
         return largest, f"it swings {times} times as far as any other"
     if not any(swings[c].swing for c in pool):
-        pool = named or pool
-        reasons = "; ".join(f"{c.name}: {swings[c].reason}" for c in pool[:LISTED] if swings[c].reason)
-        several_modes = re.search("two modes beat|several modes|rises again", reasons) is not None
-        beat = several_modes and "driven" not in reasons and any(_loses_amplitude(c) for c in pool)
-        driven = (
-            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
-            "the drive off, and record the free decay."
-        )
-        raise RecordError(
-            f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
-            f"{ONE_MODE if beat else driven}"
-        )
+        raise _no_decay_in(named or pool, swings, source)
     swing = swings[largest].swing
     several = modes.modes(swing.time, swing.signal) if swing else []
     if len(several) > 1:
@@ -302,6 +304,21 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
+
+
+def _no_decay_in(pool: list[Column], swings: Swings, source: str) -> RecordError:
+    """Return the error that no column is a free decay, with the reasons, and the advice that follows."""
+    listed = [column for column in pool[:LISTED] if swings[column].reason]
+    causes = {reason.cause for column in listed if (reason := swings[column].reason)}
+    if causes == {Cause.FEW_SAMPLES}:
+        advice = RECORD_LONGER
+    elif causes & LIKE_BEATS and any(_loses_amplitude(column) for column in pool):
+        advice = ONE_MODE
+    else:
+        advice = MAYBE_DRIVEN
+    reasons = "; ".join(f"{column.name}: {swings[column].why}" for column in listed)
+    said = f" ({reasons})" if reasons else ""
+    return RecordError(f"{source}: none of {len(pool)} columns swings as a free decay{said}; {advice}")
 
 
 def _loses_amplitude(column: Column) -> bool:
@@ -316,13 +333,13 @@ def _loses_amplitude(column: Column) -> bool:
 def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
     """Raise an error that asks for the signal if a column that is no clean decay is far larger."""
     for other in moving:
-        swing, reason = swings[other]
+        tried = swings[other]
         alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)
         # A column larger than the oscillating one by this factor is not noise: ask about it.
-        if alike and swing is None and other.amplitude > 50.0 * swinging.amplitude:
+        if alike and tried.swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
                 f"{other.source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far "
-                f"as {swinging.name}, but is no free decay ({reason}): cut that out, or name the column, "
+                f"as {swinging.name}, but is no free decay ({tried.why}): cut that out, or name the column, "
                 f'--angle "{swinging.name}" (angle= in Python).'
             )
 
