@@ -28,11 +28,14 @@ class ChosenColumns(NamedTuple):
     signal : Column
     reason : str
         Why it is this signal; empty where there is no other.
+    copies : tuple of str
+        Names of columns with the same numbers.
     """
 
     time: Column | None
     signal: Column
     reason: str
+    copies: tuple[str, ...] = ()
 
 
 # Advice where no column is a free decay: several modes oscillate together, the motion may be driven, or there
@@ -103,12 +106,14 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
         raise RecordError(table.no_clock)
     runs = _runs(table, signals, times)
     if not runs:
+        distinct = _distinct(signals)
         try:
-            return [_chosen(table, signals, times, how)]
+            chosen = _chosen(table, distinct, times, how)
         except (RecordError, UsageError):
             if not (driven or acting):
                 raise
-        return [_chosen_of_driven(table, signals, times, acting)]
+            chosen = _chosen_of_driven(table, distinct, times, acting)
+        return [chosen._replace(copies=_copies_of(chosen.signal, signals))]
     first = runs[0][1]
     at = first.index(_chosen(table, first, times, how).signal) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
@@ -117,6 +122,29 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
     return [ChosenColumns(time, signal, why) for time, signal in pairs if signal in swings]
+
+
+def _distinct(signals: list[Column]) -> list[Column]:
+    """Return columns, of those with the same numbers the one that is named best."""
+    ranked = sorted(signals, key=lambda c: (c.quantity != "angle", not c.unit_text))
+    kept: list[Column] = []
+    for column in ranked:
+        if not any(_are_copies(column, other) for other in kept):
+            kept.append(column)
+    return [column for column in signals if column in kept]
+
+
+def _copies_of(signal: Column, signals: list[Column]) -> tuple[str, ...]:
+    """Return the names of other columns with the same numbers as a signal."""
+    return tuple(other.name for other in signals if other is not signal and _are_copies(other, signal))
+
+
+def _are_copies(first: Column, other: Column) -> bool:
+    """Return true if two columns of numbers, which move, are the same."""
+    if not (first.is_plain and other.is_plain) or first.cells.size != other.cells.size:
+        return False
+    same = np.array_equal(first.cells.astype(float), other.cells.astype(float), equal_nan=True)
+    return bool(same and first.amplitude > 0.0)
 
 
 def _refuse_levels(columns: list[Column]) -> None:
@@ -140,6 +168,9 @@ def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | 
     """Return the time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
     order = table.columns
     fitting = [time for time in times if time.cells.size == signal.cells.size] or times
+    # `runs[1].t` is that of `runs[1].theta`.
+    group = signal.name.rpartition(".")[0]
+    fitting = [time for time in fitting if group and time.name.rpartition(".")[0] == group] or fitting
     # Common part of the names after the first word.
     rest = {c: re.sub(r"^[^\W\d_]+", "", c.name.rpartition(".")[2]) for c in (signal, *fitting)}
     mates = [time for time in fitting if "[" in time.name and rest[signal].startswith(rest[time])]

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError
-from sysid_trib.records.text import read_text, table_in
+from sysid_trib.records.text import TextTable, read_text, table_in
 
 # Attributes of HDF5 that contain a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
@@ -34,11 +34,14 @@ class Contents(NamedTuple):
         Units of columns, where the file states them apart from the names.
     notes : sequence of str
         Comment lines, and texts and scalars as `name = value`.
+    said : sequence of str
+        Sentences on what was left out.
     """
 
     columns: dict[str, Any]
     units: dict[str, str]
     notes: Sequence[str]
+    said: Sequence[str] = ()
 
 
 def reader_of(path: Path) -> Callable[[Path], Contents]:
@@ -77,7 +80,7 @@ def read_lines(path: Path) -> Contents:
     """Return tables in text, and JSON."""
     content = _json_content(path)
     if content is None:
-        return _from_frame(*read_text(path))
+        return _from_table(read_text(path))
     return Contents(dict(_json_columns(content)), {}, _notes(content))
 
 
@@ -118,6 +121,11 @@ def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{name}.{key}".removeprefix(".") if objects else place, column.to_numpy()
 
 
+def _from_table(table: TextTable) -> Contents:
+    """Return the columns of a table in a text."""
+    return _from_frame(table.frame, table.names, table.notes)._replace(said=table.said)
+
+
 def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[str] = ()) -> Contents:
     """Return columns by their names, or else by number from 0."""
     columns: dict[str, Any] = {}
@@ -127,16 +135,39 @@ def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[st
 
 
 def read_excel(path: Path) -> Contents:
-    """Return the sheet with the most rows of numbers, read as text."""
-    tables = []
-    for sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).values():
+    """Return the sheet with the most rows of numbers, and sheets with the same columns as further runs."""
+    tables: dict[str, TextTable] = {}
+    for name, sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).items():
         cells = sheet.dropna(how="all").dropna(axis=1, how="all").to_numpy()
         texts = [["" if cell != cell else " ".join(str(cell).split()) for cell in row] for row in cells]
         with suppress(RecordError):
-            tables.append(table_in("\n".join(map("\t".join, texts)), path))
+            tables[str(name)] = table_in("\n".join(map("\t".join, texts)), path)
     if not tables:
         raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
-    return _from_frame(*max(tables, key=lambda table: len(table[0])))
+    main = max(tables, key=lambda name: len(tables[name].frame))
+    runs = {name: table for name, table in tables.items() if table.names == tables[main].names is not None}
+    others = [name for name, table in tables.items() if name not in (main, *runs) and _is_long(table)]
+    said = [f"sheet {main} is used, sheet{'s' * (len(others) > 1)} {', '.join(others)} left out"]
+    contents = _from_table(tables[main]) if len(runs) < 2 else _side_by_side(runs)
+    return contents._replace(said=[*contents.said, *said * bool(others)])
+
+
+def _is_long(table: TextTable) -> bool:
+    """Return true if a table could be a record."""
+    return len(table.frame) >= FEWEST_OF_A_RECORD and table.frame.shape[1] > 1
+
+
+def _side_by_side(runs: Mapping[str, TextTable]) -> Contents:
+    """Return the columns of several sheets, each of a run, with the name of the sheet before theirs."""
+    columns: dict[str, Any] = {}
+    notes: list[str] = []
+    said: list[str] = []
+    for number, (sheet, table) in enumerate(runs.items(), 1):
+        contents = _from_table(table)
+        columns |= {f"Run {number}: {name}": cells for name, cells in contents.columns.items()}
+        notes += contents.notes
+        said += [f"sheet {sheet}: {text}" for text in contents.said]
+    return Contents(columns, {}, notes, [f"each sheet a run ({', '.join(runs)})", *said])
 
 
 def read_parquet(path: Path) -> Contents:
@@ -158,7 +189,9 @@ def read_netcdf(path: Path) -> Contents:
     with xr.open_dataset(path, engine=engine, decode_times=False, **named) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
         units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
-    return Contents(columns, units, ())
+        scalars = {name: item.to_numpy().item() for name, item in dataset.variables.items() if item.ndim == 0}
+        notes = _notes({str(name): fact for name, fact in {**dataset.attrs, **scalars}.items()})
+    return Contents(columns, units, notes)
 
 
 def read_matlab(path: Path) -> Contents:

@@ -130,9 +130,9 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
     rises = []
     for side in (0, 1):
         same = peak[side::2]
-        lowest = np.minimum.accumulate(same)
-        larger = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
-        rises += [(side + 2 * int(larger[0]), float(lowest[larger[0]]))] if larger.size else []
+        larger = _first_rise(same, swing)
+        if larger is not None:
+            rises.append((side + 2 * larger, float(same[:larger].min())))
     if not rises:
         return swing
     rise, lowest_before = min(rises)
@@ -143,6 +143,13 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
         return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
     instant = swing.halves.crossing[swing.run.start + rise]
     raise NoDecayError(source, no_decay.rises_again(instant, lowest_before, peak[rise]))
+
+
+def _first_rise(peak: Array, swing: Swing) -> int | None:
+    """Return the first extremum of one sign that is larger than one before it; None if there is none."""
+    lowest = np.minimum.accumulate(peak)
+    larger = np.flatnonzero(peak > 1.1 * lowest + 2.0 * swing.oscillation.floor)
+    return int(larger[0]) if larger.size else None
 
 
 # A half period is wrong if it differs from its neighbours on both sides by this part, while they continue to
@@ -188,6 +195,9 @@ def wrong_swings(swing: Swing) -> Index:
             break
         good[int(np.argmax(far))] = False
     else:
+        return none
+    # The sensor alone is not wrong if the others are no single decay.
+    if any(_first_rise(peak[side::2][good[side::2]], swing) is not None for side in (0, 1)):
         return none
     return np.flatnonzero(~good) + run.start
 

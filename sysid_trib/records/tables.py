@@ -7,7 +7,7 @@ import re
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import cached_property
@@ -154,16 +154,30 @@ def read_table(path: Path) -> FileTable:
     """
     with _opened(path) as file:
         source = readable(path.name if str(path) != STANDARD_INPUT else file.name)
-        cells, units, notes = _contents(file)
-        text.check_width(file, len(cells))
+        cells, units, notes, told = _contents(file)
         arrays = {name: np.asarray(values) for name, values in cells.items()}
+        longest = max((array.shape[0] for array in arrays.values() if array.ndim), default=0)
+        text.check_width(file, len(cells), longest)
         kept = [(name, values) for name, values in arrays.items() if not _is_nested(values)]
         columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
         if not any(column.cells.size for column in columns):
             raise RecordError(f"{file.name}: there are no numbers in it.")
         columns, said = in_order(columns)
         checksum = hashlib.sha256(file.read_bytes()).hexdigest()
+        said = [*told, *said, *_without_numbers(columns)]
         return FileTable(source, columns, tuple(notes), checksum, tuple(said))
+
+
+def _without_numbers(columns: Sequence[Column]) -> list[str]:
+    """Return a sentence on the columns that have a name but no number, if there are some."""
+    # Names that the reader gave, `#3`, are those of columns that the file does not name.
+    names = [column.name for column in columns if column.is_empty and not column.name.startswith("#")]
+    if not names:
+        return []
+    said = (
+        f"column {names[0]} contains" if len(names) == 1 else f"columns {', '.join(names[:LISTED])} contain"
+    )
+    return [f"{said} no number, left out"]
 
 
 def _contents(path: Path) -> formats.Contents:

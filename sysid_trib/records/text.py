@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from io import StringIO
 from itertools import chain, combinations, pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -18,6 +19,7 @@ from sysid_trib.records.units import (
     is_time,
     names_quantity,
     noted_rate,
+    noted_unit,
     plain_unit,
     split_header,
 )
@@ -47,8 +49,29 @@ _DRESSED = re.compile(
 )
 
 
-def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Return a text file's rows of numbers, the names of their columns if stated, and the lines above.
+class TextTable(NamedTuple):
+    """Table of numbers in a text.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        Rows of numbers.
+    names : list of str or None
+        Names of their columns; None where the text states none.
+    notes : list of str
+        Lines above.
+    said : list of str
+        Sentences on rows that were left out.
+    """
+
+    frame: pd.DataFrame
+    names: list[str] | None
+    notes: list[str]
+    said: list[str]
+
+
+def read_text(path: Path) -> TextTable:
+    """Return the table of a text file.
 
     Parameters
     ----------
@@ -62,7 +85,9 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     """
     content = path.read_bytes()
     wide = ""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+    if content.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
+        wide = "utf-32"
+    elif content.startswith((b"\xff\xfe", b"\xfe\xff")):
         wide = "utf-16"
     elif content[:MOST_FACTS].count(b"\0") == MOST_FACTS // 2:
         # Without its mark: every second byte of plain letters is zero.
@@ -79,39 +104,42 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         return table_in(content.decode("latin-1"), path)
 
 
-def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Return rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
+def table_in(text: str, path: Path) -> TextTable:
+    """Return the table in a text (see `read_text`)."""
     lines = _without_labels(_plain_numbers(text).splitlines())
     delimiter, start = _find_block(lines)
     if start is None:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
     # The last cell of the first row may be empty.
     width = max(len(_fields(line, delimiter)) for line in lines[start : start + 2])
-    check_width(path, width)
     header = _header(lines[:start], delimiter, width)
     commas = any("," in line for line in lines[start : start + 50])
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
         delimiter = None
         decimal = ","
-    block = _rows_below(lines, start, delimiter)
+    block, said = _rows_below(lines, start, delimiter)
+    check_width(path, width, len(block))
     frame = _as_frame(block, delimiter, decimal, path, len(header or ()))
     # A delimiter at the end of every line makes an empty last column.
-    if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
+    unnamed = len(header or ()) < frame.shape[1]
+    if frame.shape[1] > 1 and unnamed and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
     # Texts next to the first numbers, such as the settings of an oscilloscope.
     texts = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
     facts = [" ".join(str(cell) for cell in row if cell == cell) for row in texts]
-    return frame, header if named else None, [*lines[:start], *facts]
+    return TextTable(frame, header if named else None, [*lines[:start], *facts], said)
 
 
-def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tuple[int, str]]:
-    """Return the rows of numbers with their numbers in the file, from 1."""
+def _rows_below(
+    lines: list[str], start: int, delimiter: str | None
+) -> tuple[list[tuple[int, str]], list[str]]:
+    """Return the rows of numbers with their numbers in the file, from 1, and a sentence on others."""
     # A logger that is started anew writes its head again, its dates being others.
     head = {line.strip() for line in lines[max(0, start - 2) : start]} | {""}
     keys = {_fields(line, delimiter)[0] for line in lines[:start] if line.strip() and not _is_comment(line)}
-    keys = {key for key in keys if not is_number(key) and not is_missing(key)}
+    keys = {_numberless(key) for key in keys if not is_number(key) and not is_missing(key)}
     block = [
         (number, line)
         for number, line in enumerate(lines[start:], start + 1)
@@ -123,13 +151,33 @@ def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tup
     usual = _fields(block[0][1], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1][1], delimiter), usual):
         block.pop()
-    return block
+    remarks = [(number, line) for number, line in block if _is_remark(line, delimiter, usual)]
+    if not remarks:
+        return block, []
+    number, line = remarks[0]
+    count = f"{len(remarks)} rows" if len(remarks) > 1 else "1 row"
+    said = f"{count} of text left out, such as line {number}: {line.strip()[:40]!r}"
+    return [row for row in block if row not in remarks], [said]
+
+
+def _is_remark(line: str, delimiter: str | None, usual: list[str]) -> bool:
+    """Return true if a line is a text without any number, where the others hold several numbers."""
+    first = next(iter(line.split(delimiter, 1)), "").strip(" \t\"'")
+    if is_number(first) or is_missing(first) or sum(map(is_number, usual)) < 2:
+        return False
+    cells = [cell for cell in _fields(line, delimiter) if cell]
+    return len(cells) < len(usual) and not any(is_number(cell) or is_missing(cell) for cell in cells)
+
+
+def _numberless(text: str) -> str:
+    """Return a text with one sign for every number in it: `Run 2` is a line like `Run 1`."""
+    return re.sub(r"\d+", "0", text)
 
 
 def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
-    """Return true if the first cell of a line is one of these texts."""
+    """Return true if the first cell of a line is one of these texts, whatever the numbers in it."""
     first = next(iter(line.strip().split(delimiter, 1)), "")
-    return not is_number(first) and first.strip(" \t\"'") in keys
+    return not is_number(first) and _numberless(first.strip(" \t\"'")) in keys
 
 
 def _as_frame(
@@ -178,24 +226,36 @@ def _quoted(cells: list[str], delimiter: str) -> list[str]:
     return [f'"{cell}"' if delimiter in cell else cell for cell in cells]
 
 
-def check_width(path: Path, columns: int) -> None:
-    """Refuse a table of far more columns than any record has.
+# The most columns of a table that is looked at; and rows, and columns for each, of a table that lies on its
+# side.
+MOST_COLUMNS = 4096
+LYING_ROWS = 12
+LYING_COLUMNS = 8
+
+
+def check_width(path: Path, columns: int, rows: int) -> None:
+    """Refuse a table of far more columns than any record has, or of columns in place of rows.
 
     Raises
     ------
     RecordError
         With how many there are.
     """
-    # The widest table that is looked at.
-    if columns > 4096:
+    if columns > MOST_COLUMNS:
         raise RecordError(
             f"{path.name}: has {columns:,} columns, where a record has a few: turn the table, or cut it."
+        )
+    if rows <= LYING_ROWS and columns >= LYING_COLUMNS * max(rows, LYING_COLUMNS):
+        raise RecordError(
+            f"{path.name}: has {columns:,} columns and {rows} row{'s' * (rows != 1)}: time must run down the "
+            "rows; turn the table (transpose it), so that each signal is a column."
         )
 
 
 def _plain_numbers(text: str) -> str:
     """Return text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
-    text = text.replace(MINUS, "-")
+    # Spreadsheets keep `="0.12"` from being changed.
+    text = re.sub(r'="([^"\n]*)"', r"\1", text.replace(MINUS, "-"))
     for pattern, needed, unless, sign, plain in _WRITTEN_OTHERWISE:
         if re.search(needed, text) and not (unless and re.search(unless, text)):
             text = _rewritten(text, pattern, sign, plain)
@@ -239,7 +299,7 @@ def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | 
     if not cells or None in cells:
         return None
     labels, numbers, units = zip(*(cell.groups(default="") for cell in cells if cell), strict=True)
-    known = all(plain_unit(unit) in TIME_UNITS or is_known_unit(unit) for unit in units if unit)
+    known = all(plain_unit(unit) in (*TIME_UNITS, "%") or is_known_unit(unit) for unit in units if unit)
     of_their_own = not any(labels) or len({*labels} - {""}) == len(labels)
     return (labels, numbers, units) if known and of_their_own else None
 
@@ -340,7 +400,7 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
 def _states_a_fact(line: str, width: int) -> bool:
     """Return true if a line above one column states a number, `sample_rate: 1000`, and names no column."""
     stated = re.search(r"[:=,;\t]\s*[-+]?[\d.]", line) is not None
-    return width == 1 and (stated or noted_rate([line], 1) is not None)
+    return width == 1 and bool(stated or noted_rate([line], 1) is not None or noted_unit([line]))
 
 
 def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) -> list[str] | None:
