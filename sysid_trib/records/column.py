@@ -221,7 +221,7 @@ class Column:
     @property
     def counts_rows(self) -> bool:
         """True if its header is that of a number of the row, such as `frame`."""
-        return self.base in LAB_WORDS["counter"]
+        return self.base in LAB_WORDS["counter"] or self.stated in LAB_WORDS["counted"]
 
     @cached_property
     def rises(self) -> bool:

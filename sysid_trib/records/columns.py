@@ -100,7 +100,9 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
         signals, acting = _without_drives(signals, times, table)
     if not signals:
         _refuse_levels(numeric)
+        _refuse_texts([column for column in table.columns if column not in times], table.source)
         raise RecordError(f"{table.source}: there is no column for the angle, only the time.")
+    _refuse_long_format(table, times)
     if not (how.sampling_rate or table.rate or times):
         # Without a clock it cannot be seen which column swings.
         raise RecordError(table.no_clock)
@@ -157,6 +159,45 @@ def _refuse_levels(columns: list[Column]) -> None:
             "itself, such as the sound "
             "pressure or the acceleration."
         )
+
+
+def _refuse_texts(columns: list[Column], source: str) -> None:
+    """Raise an error for columns of texts where numbers were expected."""
+    texts = [c for c in columns if not c.is_plain and not c.is_dated and c.cells.size]
+    if not texts:
+        return
+    shown = ", ".join(f"{c.name} (such as {str(c.cells[0])[:20]!r})" for c in texts[:LISTED])
+    raise RecordError(
+        f"{source}: there is no column of numbers for the signal, only texts: {shown}; write the signal as "
+        "decimal numbers."
+    )
+
+
+# Labels of a column that says whose value is in each row, and the part of the rows that share their time.
+FEWEST_LABELS = 2
+MOST_LABELS = 12
+MOST_ROWS = 0.5
+
+
+def _refuse_long_format(table: FileTable, times: list[Column]) -> None:
+    """Raise an error for a table whose rows are values of several sensors in turn, named in a column."""
+    for labels in table.columns:
+        if labels.is_plain or labels.is_dated or labels.cells.dtype.kind not in "OUS" or not times:
+            continue
+        rows = pd.DataFrame({"of": pd.Series(labels.cells).astype(str)})
+        named = rows["of"].unique()
+        if not FEWEST_LABELS <= named.size <= MOST_LABELS or times[0].cells.size != len(rows):
+            continue
+        rows["time"] = times[0].cells
+        # All sensors are read at each time, and each of them once.
+        shared = rows["time"].duplicated(keep=False).mean() > MOST_ROWS
+        in_turn = rows["of"].ne(rows["of"].shift()).mean() > MOST_ROWS
+        if shared and in_turn and not rows.duplicated().any():
+            raise RecordError(
+                f"{table.source}: its rows are values of several sensors in turn (column {labels.name}: "
+                f"{', '.join(named)}); write one column per sensor and one row per time (a pivot table), or "
+                "keep the rows of one sensor."
+            )
 
 
 def own_time(table: FileTable, signal: Column) -> Column | None:

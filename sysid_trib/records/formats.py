@@ -98,9 +98,29 @@ def _json_content(path: Path) -> Any:
     return None
 
 
+# Keys under which a channel of JSON has its name and its unit.
+CHANNEL_NAMES = ("name", "label", "channel", "title", "id")
+CHANNEL_UNITS = ("unit", "units")
+
+
+def _json_channel(value: Any) -> tuple[str, Any] | None:
+    """Return the name, with the unit, and the numbers of a channel; None if a value is none."""
+    if not isinstance(value, dict):
+        return None
+    vectors = [item for item in value.values() if isinstance(item, list) and len(item) > 1]
+    name = next((value[key] for key in CHANNEL_NAMES if isinstance(value.get(key), str)), "")
+    unit = next((value[key] for key in CHANNEL_UNITS if isinstance(value.get(key), str)), "")
+    if len(vectors) != 1 or not name or any(isinstance(item, list | dict) for item in vectors[0]):
+        return None
+    return (f"{name} ({unit})" if unit else name), np.asarray(vectors[0])
+
+
 def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield columns of objects, of rows of objects or cells, or of a plain list, named like `run.theta`."""
-    if isinstance(value, dict):
+    channels = [_json_channel(item) for item in value] if isinstance(value, list) else [None]
+    if channels and None not in channels:
+        yield from filter(None, channels)
+    elif isinstance(value, dict):
         names = value.get("columns")
         rows = value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):

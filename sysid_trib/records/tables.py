@@ -18,9 +18,10 @@ import numpy as np
 
 from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
 from sysid_trib.records import formats, text, units as lab
-from sysid_trib.records.column import Column
+from sysid_trib.records.column import Column, is_number
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.row_order import in_order
+from sysid_trib.records.split_clock import with_joined_clock
 
 STANDARD_INPUT = "-"
 # Bytes; more is no record but a bomb.
@@ -162,16 +163,23 @@ def read_table(path: Path) -> FileTable:
         columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
         if not any(column.cells.size for column in columns):
             raise RecordError(f"{file.name}: there are no numbers in it.")
+        columns, of_clock = with_joined_clock(columns)
         columns, said = in_order(columns)
         checksum = hashlib.sha256(file.read_bytes()).hexdigest()
-        said = [*told, *said, *_without_numbers(columns)]
+        said = [*told, *of_clock, *said, *_without_numbers(columns)]
         return FileTable(source, columns, tuple(notes), checksum, tuple(said))
 
 
 def _without_numbers(columns: Sequence[Column]) -> list[str]:
     """Return a sentence on the columns that have a name but no number, if there are some."""
-    # Names that the reader gave, `#3`, are those of columns that the file does not name.
-    names = [column.name for column in columns if column.is_empty and not column.name.startswith("#")]
+    # Names that the reader gave, `#3`, and numbers, are those of columns that the file does not name.
+    names = [
+        column.name
+        for place, column in enumerate(columns)
+        if column.is_empty
+        and not column.name.startswith("#")
+        and (column.name == str(place) or not is_number(column.name))
+    ]
     if not names:
         return []
     said = (

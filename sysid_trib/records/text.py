@@ -38,6 +38,8 @@ _WRITTEN_OTHERWISE = (
     (r"(?<![\d.,])[+-]?\d{1,3}(?:,\d{3})+(?=\.\d)", "[;\t]", None, ",", ""),
     (r"(?<![\d.,])[+-]?\d{1,3}(?:\.\d{3})+(?=,\d)", "[;\t]", None, r"\.", ""),
     (r"(?:^|(?<=[;\t\"]))[ ]*[+-]?\d{1,3}(?: \d{3})+(?=[.,;\t\"\r\n]|$)", "[;\t]", None, " ", ""),
+    # `+ 0.12` in a cell of its own.
+    (r"(?:^|(?<=[;\t,\"]))[ ]*[+-] +(?=[\d.])", "[;\t,]", None, " ", ""),
     # `"0,12"` between commas, and Fortran's `1.5D-02`.
     (r"\"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\"", "", r"\"[+-]?\d*\.\d+\"", ",", "."),
     (r"\d\.?[dD][+-]\d\d", "", None, "[dD]", "E"),
@@ -129,7 +131,20 @@ def table_in(text: str, path: Path) -> TextTable:
     # Texts next to the first numbers, such as the settings of an oscilloscope.
     texts = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
     facts = [" ".join(str(cell) for cell in row if cell == cell) for row in texts]
-    return TextTable(frame, header if named else None, [*lines[:start], *facts], said)
+    notes = [*lines[:start], *_facts_below_names(lines[:start], delimiter), *facts]
+    return TextTable(frame, header if named else None, notes, said)
+
+
+def _facts_below_names(lines: list[str], delimiter: str | None) -> list[str]:
+    """Return `name = value` for each number above the table that has a name in the line above it."""
+    facts: list[str] = []
+    for names, values in pairwise(_fields(line, delimiter) for line in lines[-HEAD_LINES:]):
+        if len(names) == len(values) > 1:
+            pairs = zip(names, values, strict=True)
+            facts += [
+                f"{name} = {value}" for name, value in pairs if is_number(value) and not is_number(name)
+            ]
+    return facts
 
 
 def _rows_below(
@@ -363,6 +378,9 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
         numeric = [is_number(item) for item in fields]
         # `sample_rate,1000` is a fact.
         if not all(numeric) and noted_rate([lines[start - 1]], 1) is not None:
+            break
+        # A row of names may hold a number where the others hold none, `Sequence,VOLT,0.0,1e-3`.
+        if usual and not any(numeric[at] for at in usual) and any(fields[at] for at in usual):
             break
         if 2 * sum(numeric) < width and not (len(usual) > 1 and all(numeric[at] for at in usual)):
             break
