@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError
+from sysid_trib.records import archives
 from sysid_trib.records.text import TextTable, read_text, table_in
 
 # Attributes of HDF5 that contain a unit.
@@ -60,6 +61,9 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
         raise RecordError(f"{path.name}: the file is empty.")
     if head.startswith(b"\xd0\xcf\x11\xe0"):
         raise RecordError(f"{path.name}: a workbook of the old format (.xls); save it as .xlsx or CSV.")
+    archives.refuse_other_kinds(path, head)
+    if head.startswith(b"PK") and archives.single_file(path) is not None:
+        raise RecordError(f"{path.name}: this is an archive in another one; {archives.UNPACK}.")
     readers = {
         (b"\x89HDF", b"MATLAB 7.3"): read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5,
         (b"MATLAB 5.0",): read_matlab,

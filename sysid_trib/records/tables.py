@@ -8,16 +8,17 @@ import sys
 import tempfile
 import zlib
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
-from sysid_trib.records import formats, text, units as lab
+from sysid_trib.records import archives, formats, text, units as lab
 from sysid_trib.records.column import Column, is_number
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.row_order import in_order
@@ -238,33 +239,59 @@ def check_is_file(path: Path) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Path]:
-    """Yield file itself; of `-` what comes by standard input, of a .gz its content, in a folder of its own.
+    """Yield a file; of `-` what comes by standard input, of a .gz or .zip its content, as a copy.
 
     Raises
     ------
     RecordError
-        The .gz is damaged, or its content vast.
+        It is damaged, its content is vast, it contains several files, or there is no space for the copy.
     """
-    given = str(path) == STANDARD_INPUT
-    if not given:
-        check_is_file(path)
-        with path.open("rb") as file:
-            packed = file.read(2) == b"\x1f\x8b"
-        if not packed:
+    with ExitStack() as stack:
+        packed = _unpacked(path, stack)
+        if packed is None:
             yield path
             return
-    name = "standard input" if given else path.name
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / name.removesuffix(".gz")
+        name, source = packed
         try:
-            with (
-                nullcontext(sys.stdin.buffer) if given else gzip.open(path) as file,
-                copy.open("wb") as target,
-            ):
-                while target.tell() <= LARGEST_CONTENT and (part := file.read(2**20)):
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            copy = Path(folder) / (Path(name).name.strip(".") or "content")
+            with copy.open("wb") as target:
+                for part in _parts(source, name):
                     target.write(part)
-        except (OSError, EOFError, zlib.error) as error:
-            raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
-        if copy.stat().st_size > LARGEST_CONTENT:
-            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
+        except OSError as error:
+            why = error.strerror or error
+            wrong = f"{name}: no copy of it can be written to the temporary folder ({why})"
+            raise RecordError(f"{wrong}; make space there, or set TMPDIR.") from None
         yield copy
+
+
+def _parts(source: IO[bytes], name: str) -> Iterator[bytes]:
+    """Yield the content of a packed file in parts."""
+    size = 0
+    while True:
+        try:
+            part = source.read(2**20)
+        except (OSError, EOFError, ValueError, NotImplementedError, zlib.error, BadZipFile) as error:
+            raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
+        if not part:
+            return
+        size += len(part)
+        if size > LARGEST_CONTENT:
+            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
+        yield part
+
+
+def _unpacked(path: Path, stack: ExitStack) -> tuple[str, IO[bytes]] | None:
+    """Return the name and content of what is not a plain file: standard input, .gz, .zip; else None."""
+    if str(path) == STANDARD_INPUT:
+        return "standard input", sys.stdin.buffer
+    check_is_file(path)
+    with path.open("rb") as file:
+        start = file.read(2)
+    if start == b"\x1f\x8b":
+        return path.name.removesuffix(".gz"), cast(IO[bytes], stack.enter_context(gzip.open(path)))
+    member = archives.single_file(path) if start == b"PK" else None
+    if member is None:
+        return None
+    archive = stack.enter_context(ZipFile(path))
+    return readable(member.filename), stack.enter_context(archive.open(member))

@@ -136,13 +136,13 @@ def table_in(text: str, path: Path) -> TextTable:
 
 
 def _facts_below_names(lines: list[str], delimiter: str | None) -> list[str]:
-    """Return `name = value` for each number above the table that has a name in the line above it."""
+    """Return `name = value` for each number or unit above the table below a name."""
     facts: list[str] = []
     for names, values in pairwise(_fields(line, delimiter) for line in lines[-HEAD_LINES:]):
         if len(names) == len(values) > 1:
-            pairs = zip(names, values, strict=True)
+            pairs = [pair for pair in zip(names, values, strict=True) if not is_number(pair[0])]
             facts += [
-                f"{name} = {value}" for name, value in pairs if is_number(value) and not is_number(name)
+                f"{name} = {value}" for name, value in pairs if is_number(value) or is_known_unit(value)
             ]
     return facts
 
@@ -185,8 +185,8 @@ def _is_remark(line: str, delimiter: str | None, usual: list[str]) -> bool:
 
 
 def _numberless(text: str) -> str:
-    """Return a text with one sign for every number in it: `Run 2` is a line like `Run 1`."""
-    return re.sub(r"\d+", "0", text)
+    """Return a text with one sign for every number next to words: `Run 2` is a line like `Run 1`."""
+    return re.sub(r"\d+", "0", text) if any(map(str.isalpha, text)) else text
 
 
 def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:

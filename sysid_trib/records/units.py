@@ -320,6 +320,10 @@ def noted_time_unit(notes: Sequence[str]) -> str:
 def _noted_units(notes: Sequence[str]) -> Iterator[list[str]]:
     """Yield units that notes state, those of each."""
     for match in filter(None, (re.search(_UNIT, note, re.IGNORECASE) for note in notes)):
+        cells = match["units"].strip().split("\t")
+        # `Unit` may be one of several names.
+        if len(cells) > 1 and not any(map(is_known_unit, cells)):
+            continue
         items = (item.strip(" '\"[](){}") for item in re.split(r"[,;\t]", match["units"]))
         # `rad, as calibrated`
         yield [item if is_known_unit(item) else item.split()[0] for item in items if item]
