@@ -11,7 +11,6 @@ import xarray as xr
 from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import smoothed_backbone
-from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import DecayError, SysidTribError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
@@ -25,6 +24,7 @@ from sysid_trib.results.variables import described, group_names
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
+from sysid_trib.validation.separability import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.validation.verdict import decided, judged_models, tested_runs
 
 

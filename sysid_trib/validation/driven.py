@@ -34,13 +34,13 @@ from sysid_trib.results.variables import described, group_names, noise_of_run, s
 from sysid_trib.simulation.initial_conditions import first_guess, first_zero, true_start
 from sysid_trib.simulation.measured_motion import MEASURED, measured_motion
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.start_search import fit_start_of_several
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
+from sysid_trib.validation.start_search import fit_start_of_several
 
 # A model has not followed the record if its residual is more than this part of it.
 SLIPPED_PART = 0.3

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from sysid_trib import records
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -26,6 +25,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.validation import driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
+from sysid_trib.validation.separability import averages_decide
 
 
 @overload
