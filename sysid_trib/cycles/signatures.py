@@ -1,7 +1,7 @@
 """Signatures of forces: averages <h sin phi> and <h cos phi> over a cycle x = a cos phi, v = -a sin phi.
 
-The first drives the envelope, the second the frequency (Le Bot et al. 2019, Appendix). Together they are the
-describing function of the force (Krylov-Bogoliubov averages).
+The first acts on the envelope, the second on the frequency (Le Bot et al. 2019, Appendix). Together they are
+the describing function of the force (Krylov-Bogoliubov averages).
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,9 +19,9 @@ from sysid_trib.cycles.one_cycle import CANCELLATION, ROUNDING_ERROR, cycle_aver
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
 
-# Amplitudes averaged at once, to bound the memory used.
+# Number of amplitudes averaged at once, which limits the memory.
 CHUNK = 128
-# Series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
+# Number of nodes and tolerance of the series of averages in parts of an octave: (low, high, coefficients).
 CHEBYSHEV_NODES, SERIES_TOLERANCE = 16, 1e-11
 
 
@@ -36,30 +36,30 @@ class OctavePart(NamedTuple):
 def signature(
     force: Force, amplitude: ArrayLike, shapes: ShapeValues | None = None, *, time: ArrayLike = 0.0
 ) -> xr.Dataset:
-    """Return the averages of a force over a cycle, by which it acts on envelope and frequency.
+    """Return the averages of a force over a cycle, which determine its effect on envelope and frequency.
 
     Parameters
     ----------
     force : Force
         A force or sensor of a library.
     amplitude : float or (amplitude,) array of float, rad
-        Not negative.
+        Amplitudes, not negative.
     shapes : mapping of str to float, optional
-        Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+        Shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
     time : float or (amplitude,) array of float, s
-        t of the formula, held during the cycle.
+        `t` of the formula, constant during the cycle.
 
     Returns
     -------
     Dataset
-        `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if it is a row.
-        da/d(w t) = coefficient * sine; relative frequency shift = coefficient * cosine / a. A
-        history-dependent force is averaged over its steady cycle. Inputs are zero.
+        `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if that is an array. da/d(w t)
+        = coefficient * sine; relative frequency shift = coefficient * cosine / a. A history-dependent force
+        is averaged over its steady cycle. Inputs are zero.
 
     Raises
     ------
     UsageError
-        An amplitude that is not a finite angle >= 0.
+        An amplitude is not a finite angle >= 0.
     LibraryError
         The force is not finite on the cycle, or has no steady cycle.
     """
@@ -89,7 +89,7 @@ def averages(
         unit = _unit_averages(force)
         scale = a**force.degree
         return unit[0] * scale, unit[1] * scale
-    # NumPy's numbers: a shape parameter of zero gives a value that is not finite, not an exception.
+    # Use NumPy's numbers: a shape parameter of zero then gives a non-finite value instead of an exception.
     shape_values = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
     # Inputs are at rest.
     shape_values |= {channel.name: np.float64(0.0) for channel in force.channels}
@@ -112,9 +112,9 @@ def signatures_of(library: ForceLibrary) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Over `force`: `sine` and `cosine` at two `amplitude` (rad), one second after the start of a force that
-        holds time; and `power`, what a positive coefficient does to the energy: `yes` if it takes energy out,
-        `no`, `gains power` or `by amplitude`; empty of a sensor's error.
+        Over `force`: `sine` and `cosine` at two `amplitude` (rad), one second after the start for a force
+        that depends on time; and `power`, the effect of a positive coefficient on the energy: `yes` if it
+        removes energy, `no`, `gains power` or `by amplitude`; empty for an error of the sensor.
     """
     amplitudes = np.array([0.1, 1.0])
     pairs = [averages(force, amplitudes, None, 1.0 if force.holds_time else 0.0) for force in library]
@@ -129,7 +129,7 @@ def signatures_of(library: ForceLibrary) -> xr.Dataset:
 
 
 def _loses_power(force: Force) -> str:
-    """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
+    """Return the effect of a positive coefficient on the energy, at typical amplitudes of a pendulum."""
     a = np.array([0.05, 0.3, 1.0])
     # Rounding of the averages.
     rounding = 1e-13
@@ -144,7 +144,7 @@ def _loses_power(force: Force) -> str:
 def tabulated_averages(
     force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """Compute `averages` at many amplitudes above zero (rad); a force that is no power has a kept series."""
+    """Compute `averages` at many amplitudes above zero (rad), from a cached series except for powers."""
     if force.degree is not None or force.holds_time:
         return averages(force, amplitude, shapes, time)
     at, held = np.log2(amplitude), tuple(force.shape_values(shapes).items())
@@ -162,7 +162,7 @@ def tabulated_averages_of(
 ) -> tuple[Array, Array]:
     """Compute `tabulated_averages` of many forces: (sine, cosine), each (amplitude, force), rad.
 
-    Parts of a smooth curve, which differ in their scale alone, share one table.
+    Basis functions of a smooth curve that differ only in their scale share one table.
     """
     both = np.empty((2, len(amplitude), len(forces)))
     scaled: dict[str, list[int]] = {}
@@ -192,7 +192,7 @@ def _is_scaled(force: Force) -> bool:
 
 
 def _of_unit_scale(force: Force) -> Force:
-    """Return a force whose only shape parameter is 1, the same for all parts of a curve."""
+    """Return a force with its only shape parameter equal to 1, common to all basis functions of a curve."""
     ((name, shape),) = force.shape.items()
     return replace(force, symbol="part", name="part of a curve", shape={name: replace(shape, default=1.0)})
 
@@ -209,7 +209,8 @@ def _panels(
 ) -> Iterator[OctavePart]:
     """Yield Chebyshev series in log2 a for parts of an octave, halved until the last terms are negligible.
 
-    `before` is their size in the part that was halved: rounding does not get smaller.
+    `before` is the size of the last terms in the part that was halved; rounding errors do not decrease
+    further.
     """
     nodes = chebyshev.chebpts1(CHEBYSHEV_NODES)
     a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
@@ -218,7 +219,7 @@ def _panels(
     # The rounding error of a formula such as sin(x) - x is negligible compared with the spring's a.
     size = max(np.abs(series).max(initial=1e-300), CANCELLATION / SERIES_TOLERANCE * 2.0**high)
     last = np.abs(series[-3:]).max() / size
-    # Smallest part of an octave: a signature with a kink, as at the onset of slip, is halved no further.
+    # Smallest part of an octave: a signature with a kink, as at the onset of slip, is not halved further.
     if last < SERIES_TOLERANCE or high - low < 0.01 or 0.5 * before < last < ROUNDING_ERROR:
         yield OctavePart(low, high, series)
     else:
@@ -229,6 +230,6 @@ def _panels(
 
 @lru_cache(maxsize=1024)
 def _unit_averages(force: Force) -> tuple[float, float]:
-    """Return averages at a = 1, from which those of a homogeneous force follow by scaling."""
+    """Return averages at a = 1; those of a homogeneous force at other amplitudes follow by scaling."""
     sine, cosine = cycle_averages(force, np.ones(1), np.zeros(1), {})
     return float(sine[0]), float(cosine[0])

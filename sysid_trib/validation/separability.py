@@ -1,7 +1,7 @@
 """Forces that cannot be separated: by averaging, or by any method.
 
-Forces whose signatures depend on each other no averaging can separate, and those that depend on each other in
-any motion nothing can.
+Averaging cannot separate forces whose signatures are linearly dependent. No method can separate forces that are
+linearly dependent in every motion.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from sysid_trib.simulation.internal_states import states_along
 
 AMPLITUDES = 96
 COMPARED_POINTS = 2000
-# Instants at which forces holding t are compared (s): an amplitude may be met at any time.
+# Range of times at which forces that depend on `t` are compared (s): any amplitude may occur at any time.
 LATEST_TIME = 20.0
 
 
@@ -26,17 +26,17 @@ def indistinguishable(
     Parameters
     ----------
     library : ForceLibrary
-        The forces; sensors act on no envelope equation and are left out.
+        The forces; terms of the sensor have no effect on the envelope equations and are left out.
     amplitude_low, amplitude_high : float, rad
         The range of amplitudes in which they are compared.
     shapes : mapping of str to float, optional
-        Shape parameters; defaults where left out.
+        Shape parameters; default values for missing ones.
 
     Returns
     -------
     list of tuple of str
         Groups of two or more symbols: first sets of forces with proportional signatures, then larger
-        combinations of which one is a sum of the others. Forces without any signature are in none
+        combinations in which one force is a sum of the others. Forces with zero signature are in no group
         (`without_signature`).
 
     Raises
@@ -49,7 +49,7 @@ def indistinguishable(
 
 
 def without_signature(library: ForceLibrary, amplitude: float, shapes: ShapeValues | None) -> tuple[str, ...]:
-    """Return the forces that averaging neglects up to an amplitude (rad), such as even ones."""
+    """Return the forces that averaging neglects up to an amplitude (rad), such as even forces."""
     forces, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
     return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
 
@@ -60,14 +60,14 @@ def averages_decide(
     """Return true if averages over cycles up to an amplitude (rad) separate the forces and the frequency."""
     _, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
     if frequency_free and library.role("x") is None:
-        # For averages a fitted frequency is one more force, of formula x.
+        # In averaged equations, a fitted frequency has the effect of a force with the formula x.
         of_x = np.concatenate([np.zeros(AMPLITUDES), np.linspace(0.02 * amplitude, amplitude, AMPLITUDES)])
         table = np.column_stack([table, of_x])
     return bool(table.any(axis=0).all()) and not dependent_columns(table)
 
 
 def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValues | None = None) -> bool:
-    """Return true if two forces act alike in motions of up to an amplitude (rad), or on average."""
+    """Return true if two forces act alike, in motions of up to an amplitude (rad) or on average."""
     pair = ForceLibrary("", (first, second))
     if any(force.kind == "sensor" for force in pair):
         return False
@@ -88,7 +88,7 @@ def exactly_dependent(
     amplitude : float, rad
         Largest angle at which they are compared.
     shapes : mapping of str to float, optional
-        Shape parameters; defaults where left out.
+        Shape parameters; default values for missing ones.
 
     Returns
     -------
@@ -97,8 +97,8 @@ def exactly_dependent(
 
     Notes
     -----
-    Functions of x, v and t are compared at random points; if there are history-dependent forces, all are
-    compared along one irregular motion.
+    Functions of x, v and t are compared at random points. If there are history-dependent forces, all forces
+    are compared along one irregular motion.
     """
     forces = [force for force in library if force.kind == "force"]
     random = np.random.default_rng(20190417)
@@ -107,7 +107,7 @@ def exactly_dependent(
     if not all(force.memoryless for force in forces):
         t = np.linspace(0.0, LATEST_TIME, COMPARED_POINTS)
         tau = 5.0 * t
-        # Two frequencies without a common measure: the motion comes near every point, and by many paths.
+        # Two incommensurate frequencies: the motion comes near every point, along many paths.
         x = 0.5 * amplitude * (np.cos(tau) + np.cos(np.sqrt(2.0) * tau + 1.0))
         v = -0.5 * amplitude * (np.sin(tau) + np.sqrt(2.0) * np.sin(np.sqrt(2.0) * tau + 1.0))
     columns = []
@@ -125,7 +125,8 @@ def _signature_table(
     if not 0.0 <= low < high < np.inf:
         raise UsageError(f"Amplitudes from {low:g} to {high:g} rad are no range; give 0 <= low < high.")
     amplitude = np.linspace(low, high, AMPLITUDES)
-    # An instant unrelated to the amplitude: t*v and v must not be tied because one record ties t to a.
+    # Use instants independent of the amplitude: t*v and v must not be dependent because one record relates t
+    # to a.
     time = LATEST_TIME * np.random.default_rng(20190417).uniform(size=AMPLITUDES)
     forces = [force for force in library if force.kind == "force"]
     columns = [np.concatenate(averages(force, amplitude, shapes, time)) for force in forces]
