@@ -1,7 +1,7 @@
 """Forces that cannot be separated: by averaging, or by any method.
 
-Averaging cannot separate forces whose signatures are linearly dependent. No method can separate forces that are
-linearly dependent in every motion.
+Averaging cannot separate forces whose signatures are linearly dependent. No method can separate forces that
+are linearly dependent in every motion.
 """
 
 import numpy as np
