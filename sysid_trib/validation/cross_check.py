@@ -21,6 +21,7 @@ from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.models import library_of
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
+from sysid_trib.validation import common_reference
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
@@ -140,13 +141,15 @@ def identified_and_checked(
 def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     """Compare two identifications force by force and as a whole (see `cross_check`)."""
     results = [followed.result for followed in pair]
-    kept = references.comparable(*results)
+    kept = common_reference.comparable(*results)
     # The second's noise is that of the record, or the first's if the second has no motion.
     # One that does not swing at small amplitudes has no period there.
     swings = [followed for followed in pair[::-1] if followed.result.asymptotic_frequency.item() > 0.0]
     moving = [followed for followed in swings if None not in followed.motions]
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
-    difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
+    difference = np.subtract(
+        *(common_reference.comparison_values(result, kept, frequency) for result in results)
+    )
     # Two methods on one record. Samples share no noise (`questions.difference`), the table of `compare`
     # takes the errors as independent (`holdout.contrast`), and of driven records no influence is known
     # (`driven._difference`).
@@ -165,7 +168,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     values: dict[str, Any] = {"difference": difference, "standard_error": error, "z": z}
     values |= {"chi_square": chi_square, "degrees_of_freedom": len(difference)}
     values["p_value"] = float(scipy.stats.chi2.sf(chi_square, len(difference)))
-    coords = {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]}
+    coords = {"quantity": [*kept, common_reference.ASYMPTOTIC_FREQUENCY]}
     return xr.Dataset(described("agreement", values), coords, {"errors": errors})
 
 

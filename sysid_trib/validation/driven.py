@@ -27,7 +27,7 @@ from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_si
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.judged import best
 from sysid_trib.results.models import INPUT_UNITS, library_of, shape_values_of
-from sysid_trib.results.references import comparison_values, stated_covariance
+from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
@@ -37,6 +37,7 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability
+from sysid_trib.validation.common_reference import comparison_values
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
