@@ -20,6 +20,8 @@ from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.driven import residual_over_motion
 
+# Fraction of zero steps of an input that is held between changes.
+MOSTLY_HELD = 0.5
 # Formulas of the forces of an oscillator, from the fewest on.
 OSCILLATORS = (
     ("2*v",),
@@ -153,3 +155,8 @@ def with_between(run: xr.Dataset, between: str) -> xr.Dataset:
     """Return a run whose inputs are so between their samples."""
     changed = {name: run[name].assign_attrs(between=between) for name in inputs.inputs_of(run)}
     return run.assign(changed)
+
+
+def is_held(values: np.ndarray) -> bool:
+    """Return true if an input is constant from sample to sample most of the time, like a square wave."""
+    return bool(np.mean(np.diff(values) == 0.0) > MOSTLY_HELD)
