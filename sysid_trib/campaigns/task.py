@@ -22,7 +22,6 @@ from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.offered import further_forces
 from sysid_trib.methods import Averaging, Direct, scope
-from sysid_trib.methods.labels import by_unique_label
 from sysid_trib.methods.options import constrained, with_random_force, with_stated
 from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.records.free_decay import free_decays
@@ -39,6 +38,7 @@ from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare
 from sysid_trib.validation.identify import identified_and_judged, identify, usual_methods
+from sysid_trib.validation.method_labels import by_unique_label
 
 Name: TypeAlias = Literal["identify", "compare", "discover", "laws"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
