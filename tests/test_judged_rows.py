@@ -15,7 +15,7 @@ from sysid_trib.campaigns.task import Task
 from sysid_trib.discovery import judged_models
 from sysid_trib.errors import RecordError
 from sysid_trib.records.inputs import KnownInput
-from sysid_trib.results.store import JUDGED_VARIABLES, STORE_FORMAT
+from sysid_trib.results.store import JUDGED_NAMES, STORE_FORMAT
 from sysid_trib.simulation.simulate import trajectory
 
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
@@ -54,7 +54,7 @@ def assert_is_row(row, table, labels=None):
     """Compare the judged variables of a row with those of a result: the same numbers, to the bit."""
     models = table.model.values.tolist()
     labels = labels or models
-    for name in JUDGED_VARIABLES:
+    for name in JUDGED_NAMES:
         kept = row[name].sel(model=labels).values
         np.testing.assert_array_equal(kept, table[name].values, err_msg=name)
     others = row.drop_sel(model=labels)

@@ -25,7 +25,7 @@ from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import SIDES, identifications_of
 from sysid_trib.results.store import (
     EFFECT_P_VALUE,
-    JUDGED_VARIABLES,
+    JUDGED_NAMES,
     TIED,
     Status,
     done_records,
@@ -205,7 +205,7 @@ def campaign_json(
 
 def _judged_json(store: xr.Dataset) -> dict[str, Any]:
     """Return the judged variables of each model, by record, of the first records that have a result."""
-    table = done_records(store)[list(JUDGED_VARIABLES)].isel(record=slice(MOST_IN_JSON)).load()
+    table = done_records(store)[list(JUDGED_NAMES)].isel(record=slice(MOST_IN_JSON)).load()
     # A record lacks the models that do not apply to it: these have no verdict.
     return {
         name: {
