@@ -11,7 +11,7 @@ import xarray as xr
 from command_line import linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns.task import Task
+from sysid_trib.campaigns.task import Task, empty_row
 from sysid_trib.discovery import judged_models
 from sysid_trib.errors import RecordError
 from sysid_trib.records.inputs import KnownInput
@@ -222,3 +222,16 @@ def test_a_model_to_which_nothing_is_added_is_judged_once(monkeypatch):
     before, after = (tree["judged"].to_dataset().sel(model=name, drop=True) for name in ("before", "after"))
     xr.testing.assert_equal(before.drop_vars("held_out_rms"), after.drop_vars("held_out_rms"))
     assert tree["judged"].attrs["preferred"] == "after"
+
+
+def test_the_variables_of_a_row_depend_on_its_task_alone():
+    def names(task):
+        return set(empty_row(task))
+
+    checked, methods = Task("identify", LIBRARY), Task("identify", LIBRARY, METHODS)
+    assert names(checked) - names(methods) == {"agreement_p_value"}
+    # The order in which tasks are asked changes nothing.
+    assert names(checked) - names(methods) == {"agreement_p_value"}
+    assert names(TASKS["discover"][0]) - names(methods) == {
+        *("search_outcome", "converged", "named", "tied", "effect_p_value")
+    }

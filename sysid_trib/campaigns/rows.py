@@ -27,8 +27,9 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Parts of a record's time: enough to show its decay, its stop and foreign samples.
 OUTLINE_PARTS = 60
-OF_SEARCH = {TIED, EFFECT_P_VALUE, SEARCH_OUTCOME, "named", "converged"}
-OF_CROSS_CHECK = {"agreement_p_value"}
+# Variables of `discover` alone, and of a cross-check alone.
+OF_SEARCH = frozenset({TIED, EFFECT_P_VALUE, SEARCH_OUTCOME, "named", "converged"})
+OF_CROSS_CHECK = frozenset({"agreement_p_value"})
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
