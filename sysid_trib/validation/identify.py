@@ -1,6 +1,6 @@
 """`identify`: a decay identified by one method, or by two methods that are compared."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from sysid_trib import records
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -24,8 +23,10 @@ from sysid_trib.results.judged import last_of
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.measured_motion import MEASURED
-from sysid_trib.validation import driven, random_effects, refits, verdict
+from sysid_trib.validation import common_reference, driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
+from sysid_trib.validation.residuals import residuals, with_motions
+from sysid_trib.validation.separability import averages_decide
 
 
 @overload
@@ -195,6 +196,39 @@ def _held_against_each_other(
 
 
 @signal_scale.in_units_of_the_motion
+def identified_and_judged(
+    decay: Decays, library: ForceLibrary, methods: Mapping[str, Method], *, made_by: str
+) -> xr.DataTree:
+    """Identify the forces of a decay by methods that are judged but not compared with each other.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        One decay, or several runs.
+    library : ForceLibrary
+        The forces offered.
+    methods : mapping of str to method
+        By the names that their identifications get.
+    made_by : str
+        What asks for it.
+
+    Returns
+    -------
+    DataTree
+        The `identifications`, and `judged`, whose preferred model is that of the last method.
+    """
+    followed = dict(zip(methods, verdict.decided(decay, library, list(methods.values())), strict=True))
+    last = [*followed][-1]
+    with_models = with_motions(followed)
+    if driven.is_driven(with_models):
+        tested = driven.tested_driven(followed)
+    else:
+        tested = residuals(followed, followed[last].result)
+    table = verdict.judged_models(followed, with_models, tested, preferred=last, made_by=made_by)
+    return xr.DataTree.from_dict({**{name: of.result for name, of in followed.items()}, "judged": table})
+
+
+@signal_scale.in_units_of_the_motion
 def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Dataset:
     """Test whether the runs of one experiment have the same forces.
 
@@ -225,12 +259,12 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     from the model's force: its coefficient then changes with amplitude.
     """
     method, library = method_of(together), models.library_of(together, whole=True)
-    kept, frequency = references.comparable(together), together.reference_frequency.item()
+    kept, frequency = common_reference.comparable(together), together.reference_frequency.item()
     # `discovery.parts.homogeneity` is the score test for the same question: it fits no run alone, and so
     # suits every model of a search, but gives no values of the runs.
     results, reasons = zip(*(refits.refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0
-    names = [*kept, *[references.ASYMPTOTIC_FREQUENCY] * free]
+    names = [*kept, *[common_reference.ASYMPTOTIC_FREQUENCY] * free]
     count = len(names)
     values, covariances = refits.at_reference(results, kept, frequency)
     if not random_force_of(together):
