@@ -1,4 +1,4 @@
-"""Store of a campaign as it is read: the status of its records, and names of its variables."""
+"""Reading the store of a campaign: the status of its records, and names of its variables."""
 
 from enum import IntEnum
 
@@ -7,12 +7,12 @@ import xarray as xr
 
 TIED = "tied"
 EFFECT_P_VALUE = "effect_p_value"
-# Verdict of `compare` before the name of a method.
+# Text of `compare` before the name of a method.
 PREDICTS_BEST = "predicts best: "
 
 
 class Status(IntEnum):
-    """Status of a record of a campaign; its name in small letters is that in texts."""
+    """Status of a record of a campaign; its name in lower case is used in texts."""
 
     WAITING = 0
     DONE = 1
@@ -30,8 +30,8 @@ def counts_of(store: xr.Dataset) -> dict[str, int]:
 def reported_method(store: xr.Dataset) -> str:
     """Return the label of the identification that a campaign compares between records.
 
-    Among the methods that identify most forces, this is the one that most often predicts best, or else the
-    last. Of laws it is the preferred one.
+    Among the methods that identify most forces, this is the one with the best prediction in most records, or
+    else the last. For laws it is the preferred one.
     """
     done = np.flatnonzero(store.status.values == Status.DONE)
     labels = store.model.values.astype(str)
