@@ -13,11 +13,11 @@ from sysid_trib.discovery import single_columns as single
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.discovery.engine.run_products import RunProducts
+from sysid_trib.discovery.engine.shape_parameters import has_frequency_parameter
 from sysid_trib.discovery.engine.trials import TrialEffect, frequencies_of, trials_of
 from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.shape_parameters import has_frequency_parameter
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 NOT_FINITE = "it is not finite on this motion"

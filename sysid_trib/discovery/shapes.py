@@ -10,9 +10,13 @@ from sysid_trib.arrays import Array
 from sysid_trib.discovery import single_columns as single
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.likelihood import likelihood
+from sysid_trib.discovery.engine.shape_parameters import (
+    has_frequency_parameter,
+    is_frequency_parameter,
+    is_phase,
+)
 from sysid_trib.discovery.engine.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.shape_parameters import has_frequency_parameter, is_frequency_parameter, is_phase
 
 
 def refined(

@@ -12,7 +12,6 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
-from sysid_trib.cycles.signatures import inseparable
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
 from sysid_trib.discovery.judged_models import judged_models
@@ -23,6 +22,7 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results import effects, variables
 from sysid_trib.validation.residuals import with_noise_and_models
+from sysid_trib.validation.separability import inseparable
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))

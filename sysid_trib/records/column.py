@@ -222,7 +222,7 @@ class Column:
     @property
     def counts_rows(self) -> bool:
         """True if its header is that of a row number, such as `frame`."""
-        return self.base in LAB_WORDS["counter"]
+        return self.base in LAB_WORDS["counter"] or self.stated in LAB_WORDS["counted"]
 
     @cached_property
     def rises(self) -> bool:
@@ -260,21 +260,38 @@ def is_number(value: object) -> bool:
 
 
 def _of_the_day(texts: list[str]) -> Array | None:
-    """Return seconds of times, `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`, or None."""
+    """Return seconds of times, `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`, or None.
+
+    Behind a third colon are thousandths; of two digits in every row hundredths, or frames.
+    """
     matches = [_CLOCK_TIME.fullmatch(text) for text in texts]
     if not all(matches):
         return None
-    seconds = np.array([_seconds(match) for match in matches if match])
+    parts = _parts_of_a_second([match[4] for match in matches if match and match[4]])
+    seconds = np.array([_seconds(match, parts) for match in matches if match])
     # A new day starts where the clock jumps back by more than half a day.
     return seconds + DAY * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * DAY)
 
 
-def _seconds(match: "re.Match[str]") -> float:
-    hours, minutes, seconds, thousandths, half = match.groups()
+# Frames a second of video.
+FRAMES = (24, 25, 30, 50, 60)
+
+
+def _parts_of_a_second(texts: list[str]) -> int:
+    """Return how many of the parts behind a third colon make a second."""
+    if {len(text) for text in texts} != {2}:
+        return 1000
+    count = 1 + max(map(int, texts))
+    # Every frame is there.
+    return count if count in FRAMES and len({*texts}) == count else 100
+
+
+def _seconds(match: "re.Match[str]", parts: int) -> float:
+    hours, minutes, seconds, last, half = match.groups()
     hour = int(hours or 0)
     if half:
         hour = hour % 12 + (12 if half.lower().startswith("p") else 0)
-    return 3600.0 * hour + 60.0 * int(minutes) + float(seconds) + 1e-3 * int(thousandths or 0)
+    return 3600.0 * hour + 60.0 * int(minutes) + float(seconds) + int(last or 0) / parts
 
 
 def _of_dates(texts: list[str]) -> Array | None:

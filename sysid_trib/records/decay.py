@@ -212,8 +212,9 @@ def _sentence(swing: Swing, units: str, said: str) -> str:
     time = swing.time[swing.free]
     cut = " and ".join(text for text in (swing.before, swing.after) if text)
     kept = f"kept {time[0]:.6g} s to {time[-1]:.6g} s ({time.size} samples)"
-    error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
-    middle = f"centred on {swing.equilibrium:.6g}{error} {units}"
+    known = np.isfinite(swing.standard_error)
+    size = f"{swing.equilibrium:.6g} ± {swing.standard_error:.2g}" if known else f"{swing.equilibrium:.6g}"
+    middle = f"equilibrium {size} {units}{'' if known else ' as given'}, subtracted"
     done = "".join(f"; {text}" for text in (said, swing.mended) if text)
     return f"Free decay: {kept}; cut {cut or 'nothing'}{done}; {middle}."
 

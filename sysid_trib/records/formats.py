@@ -11,7 +11,8 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError
-from sysid_trib.records.text import read_text, table_in
+from sysid_trib.records import archives
+from sysid_trib.records.text import TextTable, read_text, table_in
 
 # HDF5 attributes that contain a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
@@ -34,11 +35,14 @@ class Contents(NamedTuple):
         Units of columns, if the file states them separately from the names.
     notes : sequence of str
         Comment lines, and texts and scalars as `name = value`.
+    said : sequence of str
+        Sentences on what was left out.
     """
 
     columns: dict[str, Any]
     units: dict[str, str]
     notes: Sequence[str]
+    said: Sequence[str] = ()
 
 
 def reader_of(path: Path) -> Callable[[Path], Contents]:
@@ -57,6 +61,9 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
         raise RecordError(f"{path.name}: the file is empty.")
     if head.startswith(b"\xd0\xcf\x11\xe0"):
         raise RecordError(f"{path.name}: a workbook of the old format (.xls); save it as .xlsx or CSV.")
+    archives.refuse_other_kinds(path, head)
+    if head.startswith(b"PK") and archives.single_file(path) is not None:
+        raise RecordError(f"{path.name}: this is an archive in another one; {archives.UNPACK}.")
     readers = {
         (b"\x89HDF", b"MATLAB 7.3"): read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5,
         (b"MATLAB 5.0",): read_matlab,
@@ -77,7 +84,7 @@ def read_lines(path: Path) -> Contents:
     """Return the tables of a text or JSON file."""
     content = _json_content(path)
     if content is None:
-        return _from_frame(*read_text(path))
+        return _from_table(read_text(path))
     return Contents(dict(_json_columns(content)), {}, _notes(content))
 
 
@@ -95,9 +102,29 @@ def _json_content(path: Path) -> Any:
     return None
 
 
+# Keys under which a channel of JSON has its name and its unit.
+CHANNEL_NAMES = ("name", "label", "channel", "title", "id")
+CHANNEL_UNITS = ("unit", "units")
+
+
+def _json_channel(value: Any) -> tuple[str, Any] | None:
+    """Return the name, with the unit, and the numbers of a channel; None if a value is none."""
+    if not isinstance(value, dict):
+        return None
+    vectors = [item for item in value.values() if isinstance(item, list) and len(item) > 1]
+    name = next((value[key] for key in CHANNEL_NAMES if isinstance(value.get(key), str)), "")
+    unit = next((value[key] for key in CHANNEL_UNITS if isinstance(value.get(key), str)), "")
+    if len(vectors) != 1 or not name or any(isinstance(item, list | dict) for item in vectors[0]):
+        return None
+    return (f"{name} ({unit})" if unit else name), np.asarray(vectors[0])
+
+
 def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield columns of objects, of rows of objects or cells, or of a plain list, named like `run.theta`."""
-    if isinstance(value, dict):
+    channels = [_json_channel(item) for item in value] if isinstance(value, list) else [None]
+    if channels and None not in channels:
+        yield from filter(None, channels)
+    elif isinstance(value, dict):
         names = value.get("columns")
         rows = value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
@@ -118,6 +145,11 @@ def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{name}.{key}".removeprefix(".") if objects else place, column.to_numpy()
 
 
+def _from_table(table: TextTable) -> Contents:
+    """Return the columns of a table in a text."""
+    return _from_frame(table.frame, table.names, table.notes)._replace(said=table.said)
+
+
 def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[str] = ()) -> Contents:
     """Return columns by their names, or else by number from 0."""
     columns: dict[str, Any] = {}
@@ -127,16 +159,39 @@ def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[st
 
 
 def read_excel(path: Path) -> Contents:
-    """Return the sheet with the most rows of numbers, read as text."""
-    tables = []
-    for sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).values():
+    """Return the sheet with the most rows of numbers, and sheets with the same columns as further runs."""
+    tables: dict[str, TextTable] = {}
+    for name, sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).items():
         cells = sheet.dropna(how="all").dropna(axis=1, how="all").to_numpy()
         texts = [["" if cell != cell else " ".join(str(cell).split()) for cell in row] for row in cells]
         with suppress(RecordError):
-            tables.append(table_in("\n".join(map("\t".join, texts)), path))
+            tables[str(name)] = table_in("\n".join(map("\t".join, texts)), path)
     if not tables:
         raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
-    return _from_frame(*max(tables, key=lambda table: len(table[0])))
+    main = max(tables, key=lambda name: len(tables[name].frame))
+    runs = {name: table for name, table in tables.items() if table.names == tables[main].names is not None}
+    others = [name for name, table in tables.items() if name not in (main, *runs) and _is_long(table)]
+    said = [f"sheet {main} is used, sheet{'s' * (len(others) > 1)} {', '.join(others)} left out"]
+    contents = _from_table(tables[main]) if len(runs) < 2 else _side_by_side(runs)
+    return contents._replace(said=[*contents.said, *said * bool(others)])
+
+
+def _is_long(table: TextTable) -> bool:
+    """Return true if a table could be a record."""
+    return len(table.frame) >= FEWEST_OF_A_RECORD and table.frame.shape[1] > 1
+
+
+def _side_by_side(runs: Mapping[str, TextTable]) -> Contents:
+    """Return the columns of several sheets, each of a run, with the name of the sheet before theirs."""
+    columns: dict[str, Any] = {}
+    notes: list[str] = []
+    said: list[str] = []
+    for number, (sheet, table) in enumerate(runs.items(), 1):
+        contents = _from_table(table)
+        columns |= {f"Run {number}: {name}": cells for name, cells in contents.columns.items()}
+        notes += contents.notes
+        said += [f"sheet {sheet}: {text}" for text in contents.said]
+    return Contents(columns, {}, notes, [f"each sheet a run ({', '.join(runs)})", *said])
 
 
 def read_parquet(path: Path) -> Contents:
@@ -158,7 +213,9 @@ def read_netcdf(path: Path) -> Contents:
     with xr.open_dataset(path, engine=engine, decode_times=False, **named) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
         units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
-    return Contents(columns, units, ())
+        scalars = {name: item.to_numpy().item() for name, item in dataset.variables.items() if item.ndim == 0}
+        notes = _notes({str(name): fact for name, fact in {**dataset.attrs, **scalars}.items()})
+    return Contents(columns, units, notes)
 
 
 def read_matlab(path: Path) -> Contents:

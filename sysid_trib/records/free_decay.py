@@ -1,6 +1,5 @@
 """The free decays within a record: from the release to the stop, about their equilibrium."""
 
-import re
 from contextlib import suppress
 from dataclasses import replace
 
@@ -9,17 +8,20 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes
+from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes, no_decay
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.in_memory import one_record
 from sysid_trib.records.integration import Piece, uniform_pieces
+from sysid_trib.records.no_decay import NoDecay, NoDecayError
 from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import checked_signal
 from sysid_trib.records.unwrapping import new_frames, pulses
 
 # In any unit; the squares of smaller numbers underflow.
 SMALLEST_SWING = 1e-150
+# A record of a decay has at least this number of samples.
+FEWEST_OF_A_DECAY = 20
 # The rest of a record is searched for another decay if it has this fraction of the first amplitude, the same
 # period, and several periods.
 SMALLEST_FURTHER = 0.2
@@ -128,12 +130,12 @@ def free_decays(
     refused = ""
     try:
         decays = _decays_of(pieces, value, source)
-    except DecayError as refusal:
+    except NoDecayError as refusal:
         if not as_it_is:
             raise
         longest = max(pieces, key=lambda piece: piece[0].size)
         decays = [short_decay(longest, value, refusal)]
-        refused = re.split(";|, at least", str(refusal).removeprefix(f"{source}: "))[0].rstrip(".")
+        refused = refusal.reason.what
         said.append(f"used uncut, because you named the forces; it is no complete free decay ({refused})")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
@@ -180,14 +182,14 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
     longest = max(pieces, key=lambda piece: piece[0].size)
     waiting = [longest, *(piece for piece in pieces if piece is not longest)]
     decays: list[Swing] = []
-    refusals: list[DecayError] = []
+    refusals: list[NoDecayError] = []
     while waiting and len(decays) < 60:
         piece = waiting.pop(0)
         if piece is not longest and not _may_hold_another(*piece[:2], decays):
             continue
         try:
             swing = _swing(*piece, value, source)
-        except DecayError as refusal:
+        except NoDecayError as refusal:
             refusals.append(refusal)
             continue
         decay, reason = _free(swing, source)
@@ -209,27 +211,18 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
     return sorted(decays, key=lambda decay: decay.time[decay.free.start])
 
 
-# Refusals whose cause may be several modes.
-_OF_MODES = re.compile(r"rises again|half period|does not decay|grows")
-
-
-def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
+def _naming_modes(refusal: NoDecayError, piece: Piece, source: str) -> NoDecayError:
     """Add the frequencies of simultaneous modes to an error, if there are several."""
-    said = str(refusal).removeprefix(f"{source}: ")
-    several = modes.modes(*piece[:2]) if _OF_MODES.search(said) else []
+    several = modes.modes(*piece[:2]) if refusal.reason.cause in no_decay.MAYBE_OF_MODES else []
     if len(several) < 2:
         return refusal
-    reason = re.split(r";|, at least", said)[0].rstrip(".")
-    return DecayError(
-        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); separate "
-        "one of them (--mode 1, or one_mode in Python), or record only one."
-    )
+    return NoDecayError(source, no_decay.several_modes(modes.listed(several), refusal.reason))
 
 
 def _may_hold_another(time: Array, signal: Array, decays: list[Swing]) -> bool:
     """Return true if a piece is long enough, and moves far enough, for a decay like the first one."""
-    if time.size < 20 or not decays:
-        return time.size >= 20
+    if time.size < FEWEST_OF_A_DECAY or not decays:
+        return time.size >= FEWEST_OF_A_DECAY
     period = decays[0].oscillation.period
     far = np.ptp(signal) >= SMALLEST_FURTHER * np.ptp(decays[0].signal)
     return bool(far and time[-1] - time[0] >= 4.0 * period)
@@ -243,13 +236,10 @@ def _alike(swing: Swing, first: Swing) -> bool:
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
     """Return the swing of a piece after its clipped part; raise the reason if it has none."""
     if pulses(signal):
-        wrong = (
-            f"{source}: the signal rests at one level and leaves it in pulses, like that of a light barrier"
-        )
-        raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
+        raise NoDecayError(source, no_decay.pulses())
     swing = find_swing(time, signal, value)
     if swing is None:
-        raise DecayError(f"{source}: no oscillation is visible above the noise; check column and window.")
+        raise NoDecayError(source, no_decay.no_oscillation())
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)
@@ -257,11 +247,11 @@ def _swing(time: Array, signal: Array, mended: str, value: float | None, source:
     return replace(swing, mended=mended)
 
 
-def _free(swing: Swing, source: str) -> tuple[Swing | None, DecayError | None]:
+def _free(swing: Swing, source: str) -> tuple[Swing | None, NoDecayError | None]:
     """Return the free part of a swing, or the reason why it has none."""
     try:
         return free_part(checks.after_the_largest(checks.after_the_drive(swing), source)), None
-    except DecayError as refusal:
+    except NoDecayError as refusal:
         return None, refusal
 
 
@@ -295,8 +285,8 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     return [Piece(swing.time[part], swing.signal[part], text) for part, text in pairs]
 
 
-def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
-    """Return the swing of a signal if it is a free decay, else None and the reason; in any unit and time.
+def swing_within(time: Array, signal: Array) -> Swing | NoDecay:
+    """Return the swing of a signal if it is a free decay, else the reason; in any unit and time.
 
     Parameters
     ----------
@@ -304,13 +294,15 @@ def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
         Increasing times.
     signal : (sample,) array of float
     """
-    if signal.size < 20 or np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
-        return None, "it does not move"
+    if signal.size < FEWEST_OF_A_DECAY:
+        return no_decay.few_samples(signal.size, FEWEST_OF_A_DECAY)
+    if np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
+        return no_decay.still()
     try:
         swings = _decays_of(_pieces(time, signal)[0], None, "")
-    except DecayError as error:
-        return None, str(error).removeprefix(": ").partition(";")[0].rstrip(".")
-    return max(swings, key=lambda swing: float(swing.peaks.sum())), ""
+    except NoDecayError as error:
+        return error.reason
+    return max(swings, key=lambda swing: float(swing.peaks.sum()))
 
 
 def _given(equilibrium: float | str) -> float:
@@ -327,7 +319,7 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
         raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
     time = record["time"].to_numpy()
     inside = record.sel(time=slice(start, stop))
-    if (count := inside.sizes["time"]) < 20:
+    if (count := inside.sizes["time"]) < FEWEST_OF_A_DECAY:
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
         where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."
         if window == (None, None):

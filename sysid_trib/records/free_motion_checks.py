@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from sysid_trib.arrays import Array, Index
-from sysid_trib.errors import DecayError
+from sysid_trib.records import no_decay
 from sysid_trib.records.equilibrium import Swing
+from sysid_trib.records.no_decay import NoDecayError
 
 # Three full periods: five whole half periods and a fraction of one at either end.
 FEWEST_EXTREMA = 5
@@ -47,10 +48,6 @@ def after_the_drive(swing: Swing) -> Swing:
     return replace(swing, run=slice(run.start + end - 1, run.stop))
 
 
-# Advice for a record that is not a decay.
-AS_IT_IS = "name the forces that act (--forces) to use it uncut"
-
-
 def is_held(swing: Swing, decay: Swing) -> bool:
     """Return true if a drive holds the amplitude of a swing throughout, unlike a decay of the same record."""
     peak = swing.extrema
@@ -67,14 +64,10 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
     # Each half-sine has two unknowns.
     if per_half_period < 2.5:
-        raise DecayError(f"{source}: only {per_half_period:.2g} samples in a half period; sample faster.")
+        raise NoDecayError(source, no_decay.coarse_sampling(per_half_period))
     count = run.stop - run.start
     if count < FEWEST_EXTREMA:
-        raise DecayError(
-            f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
-            f"about {swing.oscillation.period:.3g} s), at least five are needed, in a record of three "
-            f"periods; record longer or widen the window, or {AS_IT_IS}."
-        )
+        raise NoDecayError(source, no_decay.few_half_periods(count, swing.oscillation.period))
     peak = swing.extrema
     scatter = swing.scatter
     largest = int(np.argmax(peak))
@@ -86,15 +79,10 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         _refuse_rise_and_fall(peak, scatter, source)
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
-        wrong = f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed"
-        raise DecayError(f"{wrong}, or {AS_IT_IS}.")
+        raise NoDecayError(source, no_decay.grows(growth))
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
-        wrong = (
-            f"{source}: the oscillation does not decay: its amplitude, {peak[first]:.3g} at first, changes "
-            f"by {change:+.2g} % a period"
-        )
-        raise DecayError(f"{wrong}; is it driven? Name what drives it (--input), or give a free decay.")
+        raise NoDecayError(source, no_decay.does_not_decay(peak[first], change))
     swing = _without_rises(peak[first:], replace(swing, run=slice(run.start + first, run.stop)), source)
     _refuse_beats(swing, source)
     return swing
@@ -107,10 +95,7 @@ def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
     after = peak[trough:].max()
     least = TROUGH * peak.max()
     if min(before, after) - peak[trough] > least + 2.0 * scatter and peak[0] > least:
-        raise DecayError(
-            f"{source}: the amplitude falls from {before:.3g} to {peak[trough]:.3g} and rises again to "
-            f"{after:.3g}: two modes beat; record one alone, or choose the window of one decay."
-        )
+        raise NoDecayError(source, no_decay.falls_and_rises(before, peak[trough], after))
 
 
 def _refuse_beats(swing: Swing, source: str) -> None:
@@ -134,11 +119,7 @@ def _refuse_beats(swing: Swing, source: str) -> None:
     gradual = top >= FEWEST_RISING - 1 and np.mean(np.diff(rise[: top + 1]) > 0.0) > 0.8
     if swings_on and not hollow and gradual and rise[top] > 0.5 * fall[0]:
         instant = swing.halves.crossing[run.stop]
-        raise DecayError(
-            f"{source}: the amplitude falls from {fall[0]:.3g} to {fall[-1]:.3g} at {instant:.4g} s and "
-            f"rises again to {rise[top]:.3g} as gradually: two modes beat; record one alone, or choose "
-            "the window of one decay."
-        )
+        raise NoDecayError(source, no_decay.beats(fall[0], fall[-1], instant, rise[top]))
 
 
 def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
@@ -149,9 +130,9 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
     rises = []
     for side in (0, 1):
         same = peak[side::2]
-        lowest = np.minimum.accumulate(same)
-        larger = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
-        rises += [(side + 2 * int(larger[0]), float(lowest[larger[0]]))] if larger.size else []
+        larger = _first_rise(same, swing)
+        if larger is not None:
+            rises.append((side + 2 * larger, float(same[:larger].min())))
     if not rises:
         return swing
     rise, lowest_before = min(rises)
@@ -161,11 +142,14 @@ def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
     if level <= 0.25 * peak[0] and stop >= FEWEST_EXTREMA:
         return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
     instant = swing.halves.crossing[swing.run.start + rise]
-    raise DecayError(
-        f"{source}: the amplitude rises again at {instant:.4g} s, from {lowest_before:.3g} to "
-        f"{peak[rise]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
-        "window before, or start it after."
-    )
+    raise NoDecayError(source, no_decay.rises_again(instant, lowest_before, peak[rise]))
+
+
+def _first_rise(peak: Array, swing: Swing) -> int | None:
+    """Return the first extremum of one sign that is larger than one before it; None if there is none."""
+    lowest = np.minimum.accumulate(peak)
+    larger = np.flatnonzero(peak > 1.1 * lowest + 2.0 * swing.oscillation.floor)
+    return int(larger[0]) if larger.size else None
 
 
 # A half period is wrong if its amplitude differs by this fraction from its neighbours on both sides, while
@@ -212,6 +196,9 @@ def wrong_swings(swing: Swing) -> Index:
         good[int(np.argmax(far))] = False
     else:
         return none
+    # The sensor alone is not wrong if the others are no single decay.
+    if any(_first_rise(peak[side::2][good[side::2]], swing) is not None for side in (0, 1)):
+        return none
     return np.flatnonzero(~good) + run.start
 
 
@@ -239,7 +226,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
 
     Raises
     ------
-    DecayError
+    NoDecayError
         Too few half periods remain.
     """
     time = swing.time
@@ -253,8 +240,7 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     if last < 0:
         return 0, ""
     if swing.run.stop - last - 1 < FEWEST_EXTREMA:
-        wrong = f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end"
-        raise DecayError(f"{wrong}; record with a wider range.")
+        raise NoDecayError(source, no_decay.clipped(limits))
     first = int(np.searchsorted(time, swing.halves.crossing[last + 1]))
     cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"
     return first, cut

@@ -26,6 +26,7 @@ from sysid_trib.records.constants import with_constants
 from sysid_trib.records.integration import as_position
 from sysid_trib.records.own_quantity import with_own_quantity
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
+from sysid_trib.records.tables import LISTED
 from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, STANDARD_GRAVITY
 from sysid_trib.records.unwrapping import unwrapped
 
@@ -162,7 +163,8 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
     time, rows, breaks, seen, _ = times.clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [columns.reason, *table.said, *times.said, absent]
+    copies = f"the same numbers are in {', '.join(columns.copies[:LISTED])}" if columns.copies else ""
+    said = [columns.reason, copies, *table.said, *times.said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]

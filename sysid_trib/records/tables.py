@@ -7,20 +7,22 @@ import re
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
-from sysid_trib.records import formats, text, units as lab
-from sysid_trib.records.column import Column
+from sysid_trib.records import archives, formats, text, units as lab
+from sysid_trib.records.column import Column, is_number
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.row_order import in_order
+from sysid_trib.records.split_clock import with_joined_clock
 
 STANDARD_INPUT = "-"
 # Bytes; larger content is not a record but a decompression bomb.
@@ -123,7 +125,7 @@ class FileTable:
         """Message that there are no times, and what to give."""
         over = [column.name for column in self.columns if column.base.startswith("freq")]
         if over:
-            why = f"its columns are over {over[0]}, not over time: it is a response; a record is needed."
+            why = f"its columns are over {over[0]}, not over time. Give a record over time."
             return f"{self.source}: {why}"
         taken = next((f" but {time.name}, which --angle takes" for time in self.times), "")
         return (
@@ -154,16 +156,37 @@ def read_table(path: Path) -> FileTable:
     """
     with _opened(path) as file:
         source = readable(path.name if str(path) != STANDARD_INPUT else file.name)
-        cells, units, notes = _contents(file)
-        text.check_width(file, len(cells))
+        cells, units, notes, told = _contents(file)
         arrays = {name: np.asarray(values) for name, values in cells.items()}
+        longest = max((array.shape[0] for array in arrays.values() if array.ndim), default=0)
+        text.check_width(file, len(cells), longest)
         kept = [(name, values) for name, values in arrays.items() if not _is_nested(values)]
         columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
         if not any(column.cells.size for column in columns):
             raise RecordError(f"{file.name}: there are no numbers in it.")
+        columns, of_clock = with_joined_clock(columns)
         columns, said = in_order(columns)
         checksum = hashlib.sha256(file.read_bytes()).hexdigest()
+        said = [*told, *of_clock, *said, *_without_numbers(columns)]
         return FileTable(source, columns, tuple(notes), checksum, tuple(said))
+
+
+def _without_numbers(columns: Sequence[Column]) -> list[str]:
+    """Return a sentence on the columns that have a name but no number, if there are some."""
+    # Names that the reader gave, `#3`, and numbers, are those of columns that the file does not name.
+    names = [
+        column.name
+        for place, column in enumerate(columns)
+        if column.is_empty
+        and not column.name.startswith("#")
+        and (column.name == str(place) or not is_number(column.name))
+    ]
+    if not names:
+        return []
+    said = (
+        f"column {names[0]} contains" if len(names) == 1 else f"columns {', '.join(names[:LISTED])} contain"
+    )
+    return [f"{said} no number, left out"]
 
 
 def _contents(path: Path) -> formats.Contents:
@@ -216,33 +239,59 @@ def check_is_file(path: Path) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Path]:
-    """Yield the file; for `-` the standard input, for a .gz its content, each in a temporary folder.
+    """Yield the file; for `-` the standard input, for a .gz or .zip its content, each as a temporary copy.
 
     Raises
     ------
     RecordError
-        The .gz is damaged, or its content too large.
+        The file is damaged, its content is too large or holds several files, or the disk is full.
     """
-    given = str(path) == STANDARD_INPUT
-    if not given:
-        check_is_file(path)
-        with path.open("rb") as file:
-            packed = file.read(2) == b"\x1f\x8b"
-        if not packed:
+    with ExitStack() as stack:
+        packed = _unpacked(path, stack)
+        if packed is None:
             yield path
             return
-    name = "standard input" if given else path.name
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / name.removesuffix(".gz")
+        name, source = packed
         try:
-            with (
-                nullcontext(sys.stdin.buffer) if given else gzip.open(path) as file,
-                copy.open("wb") as target,
-            ):
-                while target.tell() <= LARGEST_CONTENT and (part := file.read(2**20)):
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            copy = Path(folder) / (Path(name).name.strip(".") or "content")
+            with copy.open("wb") as target:
+                for part in _parts(source, name):
                     target.write(part)
-        except (OSError, EOFError, zlib.error) as error:
-            raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
-        if copy.stat().st_size > LARGEST_CONTENT:
-            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
+        except OSError as error:
+            why = error.strerror or error
+            wrong = f"{name}: no copy of it can be written to the temporary folder ({why})"
+            raise RecordError(f"{wrong}; make space there, or set TMPDIR.") from None
         yield copy
+
+
+def _parts(source: IO[bytes], name: str) -> Iterator[bytes]:
+    """Yield the content of a packed file in parts."""
+    size = 0
+    while True:
+        try:
+            part = source.read(2**20)
+        except (OSError, EOFError, ValueError, NotImplementedError, zlib.error, BadZipFile) as error:
+            raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
+        if not part:
+            return
+        size += len(part)
+        if size > LARGEST_CONTENT:
+            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
+        yield part
+
+
+def _unpacked(path: Path, stack: ExitStack) -> tuple[str, IO[bytes]] | None:
+    """Return the name and content of what is not a plain file: standard input, .gz, .zip; else None."""
+    if str(path) == STANDARD_INPUT:
+        return "standard input", sys.stdin.buffer
+    check_is_file(path)
+    with path.open("rb") as file:
+        start = file.read(2)
+    if start == b"\x1f\x8b":
+        return path.name.removesuffix(".gz"), cast(IO[bytes], stack.enter_context(gzip.open(path)))
+    member = archives.single_file(path) if start == b"PK" else None
+    if member is None:
+        return None
+    archive = stack.enter_context(ZipFile(path))
+    return readable(member.filename), stack.enter_context(archive.open(member))

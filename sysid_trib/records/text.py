@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from io import StringIO
 from itertools import chain, combinations, pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -18,6 +19,7 @@ from sysid_trib.records.units import (
     is_time,
     names_quantity,
     noted_rate,
+    noted_unit,
     plain_unit,
     split_header,
 )
@@ -36,6 +38,8 @@ _WRITTEN_OTHERWISE = (
     (r"(?<![\d.,])[+-]?\d{1,3}(?:,\d{3})+(?=\.\d)", "[;\t]", None, ",", ""),
     (r"(?<![\d.,])[+-]?\d{1,3}(?:\.\d{3})+(?=,\d)", "[;\t]", None, r"\.", ""),
     (r"(?:^|(?<=[;\t\"]))[ ]*[+-]?\d{1,3}(?: \d{3})+(?=[.,;\t\"\r\n]|$)", "[;\t]", None, " ", ""),
+    # `+ 0.12` in a cell of its own.
+    (r"(?:^|(?<=[;\t,\"]))[ ]*[+-] +(?=[\d.])", "[;\t,]", None, " ", ""),
     # `"0,12"` between commas, and Fortran's `1.5D-02`.
     (r"\"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\"", "", r"\"[+-]?\d*\.\d+\"", ",", "."),
     (r"\d\.?[dD][+-]\d\d", "", None, "[dD]", "E"),
@@ -47,8 +51,29 @@ _DRESSED = re.compile(
 )
 
 
-def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Return a text file's rows of numbers, the names of their columns if stated, and the lines above.
+class TextTable(NamedTuple):
+    """Table of numbers in a text.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        Rows of numbers.
+    names : list of str or None
+        Names of their columns; None where the text states none.
+    notes : list of str
+        Lines above.
+    said : list of str
+        Sentences on rows that were left out.
+    """
+
+    frame: pd.DataFrame
+    names: list[str] | None
+    notes: list[str]
+    said: list[str]
+
+
+def read_text(path: Path) -> TextTable:
+    """Return the table of a text file.
 
     Parameters
     ----------
@@ -62,7 +87,9 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     """
     content = path.read_bytes()
     wide = ""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+    if content.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
+        wide = "utf-32"
+    elif content.startswith((b"\xff\xfe", b"\xfe\xff")):
         wide = "utf-16"
     elif content[:MOST_FACTS].count(b"\0") == MOST_FACTS // 2:
         # Without a byte order mark: every second byte of plain letters is zero.
@@ -79,39 +106,55 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         return table_in(content.decode("latin-1"), path)
 
 
-def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Return rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
+def table_in(text: str, path: Path) -> TextTable:
+    """Return the table in a text (see `read_text`)."""
     lines = _without_labels(_plain_numbers(text).splitlines())
     delimiter, start = _find_block(lines)
     if start is None:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
     # The last cell of the first row may be empty.
     width = max(len(_fields(line, delimiter)) for line in lines[start : start + 2])
-    check_width(path, width)
     header = _header(lines[:start], delimiter, width)
     commas = any("," in line for line in lines[start : start + 50])
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
         delimiter = None
         decimal = ","
-    block = _rows_below(lines, start, delimiter)
+    block, said = _rows_below(lines, start, delimiter)
+    check_width(path, width, len(block))
     frame = _as_frame(block, delimiter, decimal, path, len(header or ()))
     # A delimiter at the end of every line makes an empty last column.
-    if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
+    unnamed = len(header or ()) < frame.shape[1]
+    if frame.shape[1] > 1 and unnamed and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
     # Texts next to the first numbers, such as the settings of an oscilloscope.
     texts = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
     facts = [" ".join(str(cell) for cell in row if cell == cell) for row in texts]
-    return frame, header if named else None, [*lines[:start], *facts]
+    notes = [*lines[:start], *_facts_below_names(lines[:start], delimiter), *facts]
+    return TextTable(frame, header if named else None, notes, said)
 
 
-def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tuple[int, str]]:
-    """Return the rows of numbers with their line numbers in the file, from 1."""
+def _facts_below_names(lines: list[str], delimiter: str | None) -> list[str]:
+    """Return `name = value` for each number or unit above the table that stands below a name."""
+    facts: list[str] = []
+    for names, values in pairwise(_fields(line, delimiter) for line in lines[-HEAD_LINES:]):
+        if len(names) == len(values) > 1:
+            pairs = [pair for pair in zip(names, values, strict=True) if not is_number(pair[0])]
+            facts += [
+                f"{name} = {value}" for name, value in pairs if is_number(value) or is_known_unit(value)
+            ]
+    return facts
+
+
+def _rows_below(
+    lines: list[str], start: int, delimiter: str | None
+) -> tuple[list[tuple[int, str]], list[str]]:
+    """Return the rows of numbers with their line numbers from 1, and a sentence on other rows."""
     # A restarted logger writes its head again, with other dates.
     head = {line.strip() for line in lines[max(0, start - 2) : start]} | {""}
     keys = {_fields(line, delimiter)[0] for line in lines[:start] if line.strip() and not _is_comment(line)}
-    keys = {key for key in keys if not is_number(key) and not is_missing(key)}
+    keys = {_numberless(key) for key in keys if not is_number(key) and not is_missing(key)}
     block = [
         (number, line)
         for number, line in enumerate(lines[start:], start + 1)
@@ -123,13 +166,33 @@ def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tup
     usual = _fields(block[0][1], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1][1], delimiter), usual):
         block.pop()
-    return block
+    remarks = [(number, line) for number, line in block if _is_remark(line, delimiter, usual)]
+    if not remarks:
+        return block, []
+    number, line = remarks[0]
+    count = f"{len(remarks)} rows" if len(remarks) > 1 else "1 row"
+    said = f"{count} of text left out, such as line {number}: {line.strip()[:40]!r}"
+    return [row for row in block if row not in remarks], [said]
+
+
+def _is_remark(line: str, delimiter: str | None, usual: list[str]) -> bool:
+    """Return true if a line is a text without any number, where the others hold several numbers."""
+    first = next(iter(line.split(delimiter, 1)), "").strip(" \t\"'")
+    if is_number(first) or is_missing(first) or sum(map(is_number, usual)) < 2:
+        return False
+    cells = [cell for cell in _fields(line, delimiter) if cell]
+    return len(cells) < len(usual) and not any(is_number(cell) or is_missing(cell) for cell in cells)
+
+
+def _numberless(text: str) -> str:
+    """Return a text with one sign for every number next to words: `Run 2` is a line like `Run 1`."""
+    return re.sub(r"\d+", "0", text) if any(map(str.isalpha, text)) else text
 
 
 def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
-    """Return true if the first cell of a line is one of these texts."""
+    """Return true if the first cell of a line is one of these texts, whatever the numbers in it."""
     first = next(iter(line.strip().split(delimiter, 1)), "")
-    return not is_number(first) and first.strip(" \t\"'") in keys
+    return not is_number(first) and _numberless(first.strip(" \t\"'")) in keys
 
 
 def _as_frame(
@@ -178,24 +241,36 @@ def _quoted(cells: list[str], delimiter: str) -> list[str]:
     return [f'"{cell}"' if delimiter in cell else cell for cell in cells]
 
 
-def check_width(path: Path, columns: int) -> None:
-    """Raise an error for a table with far more columns than any record has.
+# Largest number of columns of a table. A table with at most LYING_ROWS rows, and LYING_COLUMNS times as many
+# columns, lies on its side.
+MOST_COLUMNS = 4096
+LYING_ROWS = 12
+LYING_COLUMNS = 8
+
+
+def check_width(path: Path, columns: int, rows: int) -> None:
+    """Raise an error for a table with far more columns than any record has, or one on its side.
 
     Raises
     ------
     RecordError
         There are too many columns; the message states their number.
     """
-    # Largest number of columns of a table.
-    if columns > 4096:
+    if columns > MOST_COLUMNS:
         raise RecordError(
             f"{path.name}: has {columns:,} columns, where a record has a few: turn the table, or cut it."
+        )
+    if rows <= LYING_ROWS and columns >= LYING_COLUMNS * max(rows, LYING_COLUMNS):
+        raise RecordError(
+            f"{path.name}: has {columns:,} columns and {rows} row{'s' * (rows != 1)}: time must run down the "
+            "rows; turn the table (transpose it), so that each signal is a column."
         )
 
 
 def _plain_numbers(text: str) -> str:
     """Return text with plain numbers in place of grouped, quoted, or Fortran numbers."""
-    text = text.replace(MINUS, "-")
+    # Spreadsheets keep `="0.12"` from being changed.
+    text = re.sub(r'="([^"\n]*)"', r"\1", text.replace(MINUS, "-"))
     for pattern, needed, unless, sign, plain in _WRITTEN_OTHERWISE:
         if re.search(needed, text) and not (unless and re.search(unless, text)):
             text = _rewritten(text, pattern, sign, plain)
@@ -239,7 +314,7 @@ def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | 
     if not cells or None in cells:
         return None
     labels, numbers, units = zip(*(cell.groups(default="") for cell in cells if cell), strict=True)
-    known = all(plain_unit(unit) in TIME_UNITS or is_known_unit(unit) for unit in units if unit)
+    known = all(plain_unit(unit) in (*TIME_UNITS, "%") or is_known_unit(unit) for unit in units if unit)
     of_their_own = not any(labels) or len({*labels} - {""}) == len(labels)
     return (labels, numbers, units) if known and of_their_own else None
 
@@ -304,6 +379,9 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
         # `sample_rate,1000` is a setting.
         if not all(numeric) and noted_rate([lines[start - 1]], 1) is not None:
             break
+        # A row of names may hold a number where the others hold none, `Sequence,VOLT,0.0,1e-3`.
+        if usual and not any(numeric[at] for at in usual) and any(fields[at] for at in usual):
+            break
         if 2 * sum(numeric) < width and not (len(usual) > 1 and all(numeric[at] for at in usual)):
             break
         start -= 1
@@ -340,7 +418,7 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
 def _states_a_fact(line: str, width: int) -> bool:
     """Return true if a line above a single column states a number, `sample_rate: 1000`, not a name."""
     stated = re.search(r"[:=,;\t]\s*[-+]?[\d.]", line) is not None
-    return width == 1 and (stated or noted_rate([line], 1) is not None)
+    return width == 1 and bool(stated or noted_rate([line], 1) is not None or noted_unit([line]))
 
 
 def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) -> list[str] | None:

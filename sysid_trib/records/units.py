@@ -3,7 +3,7 @@
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -74,6 +74,8 @@ def signal_unit(text: str) -> SignalUnit | None:
     if plain == "rpm":
         return SignalUnit(plain, "rate", "rad", 2.0 * np.pi / 60.0)
     plain = "deg/s" if plain == "dps" else plain
+    if scaled := _SCALED_UNIT.fullmatch(plain):
+        return _scaled_unit(scaled, text)
     match = re.fullmatch(r"(.+?)/s(\^?2)?", plain)
     base, quantity = (match[1], "acceleration" if match[2] else "rate") if match else (plain, "")
     per = {"rate": "/s", "acceleration": "/s^2", "": ""}[quantity]
@@ -84,6 +86,22 @@ def signal_unit(text: str) -> SignalUnit | None:
         name = POSITION_UNITS[base]
         return SignalUnit(f"{name}{per}", quantity or "displacement", name, 1.0)
     return SignalUnit(text, "displacement", text.strip(), 1.0, known=False)
+
+
+# `0.01 deg`, `1/100 °`, `10^-3 rad`, `x1e-6 m`: a unit with a factor.
+_SCALED_UNIT = re.compile(
+    r"[x*×]?\s*(?:(?P<number>\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?:/(?P<divisor>\d+))?|10\^(?P<power>-?\d+))"
+    r"\s*[x*×·]?\s*(?P<unit>[^\d\s.,/].*)"
+)
+
+
+def _scaled_unit(match: "re.Match[str]", text: str) -> SignalUnit | None:
+    """Return a unit with a factor; that of a displacement stays as it is."""
+    unit = signal_unit(match["unit"])
+    number = float(match["number"] or 10.0 ** int(match["power"])) / float(match["divisor"] or 1.0)
+    if unit is None or not unit.known or not 0.0 < number < np.inf:
+        return SignalUnit(text, "displacement", text.strip(), 1.0, known=False)
+    return replace(unit, text=text.strip(), factor=number * unit.factor)
 
 
 def is_known_unit(text: str) -> bool:
@@ -105,7 +123,9 @@ def plain_unit(text: str) -> str:
     plain = re.sub(r"^(.+?)[\s_*·.]+s(?:ec)?\s*\^-([12])$", r"\1/s^\2", plain)
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)s\^-([12])$", r"\1/s^\2", plain)
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)[\s_]s$", r"\1/s", plain)
-    return plain.strip().removesuffix("^1")
+    plain = plain.strip().removesuffix("^1")
+    # `sec.`, `Deg.`: an abbreviation.
+    return plain[:-1] if plain.endswith(".") and len(plain) > 1 else plain
 
 
 # After a name without brackets these letters are an index: `theta_d`, `h d`.
@@ -114,6 +134,8 @@ _KNOWN = (TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g",
 _NAMING_UNITS = {unit for unit in ANGLE_UNITS.keys() | POSITION_UNITS.keys() if len(unit) > 1} - {
     *("in", "turn", "turns", "raw", "adc", "count", "counts", "arb")
 }
+# A column may be called by its unit alone; `min` may be a minimum.
+_NAMING_UNITS |= {unit for unit, factor in TIME_UNITS.items() if factor < 1.0}
 
 
 def split_header(name: str) -> tuple[str, str]:
@@ -176,7 +198,7 @@ def is_time(base: str, unit: str) -> bool:
     """Return true if a header is that of a time column."""
     base = _without_accents(base)
     named = {re.sub(r"\s*\d+$", "", base), base} & set(LAB_WORDS["time"])
-    return bool(named) or (unit in TIME_UNITS and base.startswith("time"))
+    return bool(named) or (unit in TIME_UNITS and (base.startswith("time") or plain_unit(base) == unit))
 
 
 def _without_accents(text: str) -> str:
@@ -298,6 +320,10 @@ def noted_time_unit(notes: Sequence[str]) -> str:
 def _noted_units(notes: Sequence[str]) -> Iterator[list[str]]:
     """Yield the units that each note states."""
     for match in filter(None, (re.search(_UNIT, note, re.IGNORECASE) for note in notes)):
+        cells = match["units"].strip().split("\t")
+        # `Unit` may be one of several names.
+        if len(cells) > 1 and not any(map(is_known_unit, cells)):
+            continue
         items = (item.strip(" '\"[](){}") for item in re.split(r"[,;\t]", match["units"]))
         # `rad, as calibrated`
         yield [item if is_known_unit(item) else item.split()[0] for item in items if item]

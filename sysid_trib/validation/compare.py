@@ -13,7 +13,6 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, Constrain
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import as_method, every_kind
-from sysid_trib.methods.labels import by_unique_label
 from sysid_trib.methods.options import constrained, with_stated
 from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records import inputs, smoothing
@@ -25,6 +24,7 @@ from sysid_trib.validation import cross_check, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import MethodResult, in_all_runs
+from sysid_trib.validation.method_labels import by_unique_label
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
 # Variables of each method that the group `judged` contains, and the table of methods therefore omits.

@@ -11,7 +11,6 @@ import xarray as xr
 from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import smoothed_backbone
-from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import DecayError, SysidTribError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
@@ -22,9 +21,11 @@ from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.models import library_of
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
+from sysid_trib.validation import common_reference
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
+from sysid_trib.validation.separability import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.validation.verdict import decided, judged_models, tested_runs
 
 
@@ -140,13 +141,15 @@ def identified_and_checked(
 def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     """Compare two identifications force by force and as a whole (see `cross_check`)."""
     results = [followed.result for followed in pair]
-    kept = references.comparable(*results)
+    kept = common_reference.comparable(*results)
     # Use the second's noise for the record, or the first's if the second has no motion.
     # A model that does not oscillate at small amplitudes has no period there.
     swings = [followed for followed in pair[::-1] if followed.result.asymptotic_frequency.item() > 0.0]
     moving = [followed for followed in swings if None not in followed.motions]
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
-    difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
+    difference = np.subtract(
+        *(common_reference.comparison_values(result, kept, frequency) for result in results)
+    )
     # Two methods on one record. Different samples have no common noise (`questions.difference`); the table of
     # `compare` takes the errors as independent (`holdout.contrast`); and for driven records no influence is
     # known (`driven._difference`).
@@ -165,7 +168,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     values: dict[str, Any] = {"difference": difference, "standard_error": error, "z": z}
     values |= {"chi_square": chi_square, "degrees_of_freedom": len(difference)}
     values["p_value"] = float(scipy.stats.chi2.sf(chi_square, len(difference)))
-    coords = {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]}
+    coords = {"quantity": [*kept, common_reference.ASYMPTOTIC_FREQUENCY]}
     return xr.Dataset(described("agreement", values), coords, {"errors": errors})
 
 

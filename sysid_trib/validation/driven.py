@@ -27,20 +27,21 @@ from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_si
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.judged import best
 from sysid_trib.results.models import INPUT_UNITS, library_of, shape_values_of
-from sysid_trib.results.references import comparison_values, stated_covariance
+from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
 from sysid_trib.simulation.initial_conditions import first_guess, first_zero, true_start
 from sysid_trib.simulation.measured_motion import MEASURED, measured_motion
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.start_search import fit_start_of_several
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability
+from sysid_trib.validation.common_reference import comparison_values
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
+from sysid_trib.validation.start_search import fit_start_of_several
 
 # If the residual of a model exceeds this fraction of the record, it does not follow the record.
 SLIPPED_PART = 0.3

@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.cycles.signatures import averages, exactly_dependent, indistinguishable
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.scope import MOTION, Method, MethodScope, scope_of
+from sysid_trib.validation.separability import exactly_dependent, indistinguishable
 
 
 def force_scope(

@@ -11,11 +11,11 @@ import xarray as xr
 from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.smoothing import least_squares_spline
-from sysid_trib.results import judged, references, schema, variables
+from sysid_trib.results import judged, schema, variables
 from sysid_trib.results.models import in_model, library_of
 from sysid_trib.simulation import internal_states
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation import judge, refits
+from sysid_trib.validation import common_reference, judge, refits
 from sysid_trib.validation.residuals import FollowedRuns, fitted_motion, motion_residual
 
 # Fraction of a decay's duration from which a model is identified if the rest is to be predicted.
@@ -269,8 +269,8 @@ def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tup
     for row, result in enumerate(results):
         if result is not None:
             symbols = result.force.values.tolist()
-            own = [in_model(result, symbol) for symbol in symbols] & ~references.held(result)
-            factors = np.where(own, references.reference_factors(result, symbols, reference), 1.0)
+            own = [in_model(result, symbol) for symbol in symbols] & ~common_reference.held(result)
+            factors = np.where(own, common_reference.reference_factors(result, symbols, reference), 1.0)
             at = forces.indexes["force"].get_indexer(symbols)
             values[row, at] = result.coefficient.values * factors
             errors[row, at] = result.standard_error.values * factors

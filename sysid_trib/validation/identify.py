@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from sysid_trib import records
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -24,8 +23,9 @@ from sysid_trib.results.judged import last_of
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.measured_motion import MEASURED
-from sysid_trib.validation import driven, random_effects, refits, verdict
+from sysid_trib.validation import common_reference, driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
+from sysid_trib.validation.separability import averages_decide
 
 
 @overload
@@ -225,12 +225,12 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     from the model's force: its coefficient then changes with amplitude.
     """
     method, library = method_of(together), models.library_of(together, whole=True)
-    kept, frequency = references.comparable(together), together.reference_frequency.item()
+    kept, frequency = common_reference.comparable(together), together.reference_frequency.item()
     # `discovery.parts.homogeneity` is the score test for the same question: it fits no run alone, and so
     # suits every model of a search, but gives no values of the runs.
     results, reasons = zip(*(refits.refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0
-    names = [*kept, *[references.ASYMPTOTIC_FREQUENCY] * free]
+    names = [*kept, *[common_reference.ASYMPTOTIC_FREQUENCY] * free]
     count = len(names)
     values, covariances = refits.at_reference(results, kept, frequency)
     if not random_force_of(together):

@@ -28,13 +28,14 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_along
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
-from sysid_trib.results import models, references, schema
+from sysid_trib.results import models, schema
 from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_zero
 from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.trajectory import trajectory
+from sysid_trib.validation import common_reference
 from sysid_trib.validation.residuals import FollowedRuns
 
 # Condition number beyond which a record does not separate parameters.
@@ -150,7 +151,7 @@ def covariances_of_difference(
     Returns
     -------
     Covariances or None
-        Covariance of `references.comparison_values`; None if the influence of a method is unknown.
+        Covariance of `common_reference.comparison_values`; None if the influence of a method is unknown.
     """
     try:
         noises = [_noise(truth, run) for run in truth.runs]
@@ -255,7 +256,7 @@ def _influence(
     if not isinstance(method, Averaging | Direct | Trajectory):
         return None
     parameters = _parameters(result, method)
-    slopes = references.comparison_slopes(result, kept, frequency) @ parameters.values
+    slopes = common_reference.comparison_slopes(result, kept, frequency) @ parameters.values
     if not isinstance(method, Averaging):
         if isinstance(method, Direct) and not _is_refined(method, result):
             return None

@@ -15,8 +15,9 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.options import constrained, with_random_force
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
-from sysid_trib.results import models, references, signal_scale, variables
+from sysid_trib.results import models, signal_scale, variables
 from sysid_trib.results.models import forces_in_model
+from sysid_trib.validation import common_reference
 
 # Noises with which the motion may be fitted.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
@@ -77,8 +78,8 @@ def at_reference(
         if result is not None:
             kept = [symbol for symbol in symbols if symbol in forces_in_model(result)]
             at = [*map(symbols.index, kept), len(symbols)]
-            values[row, at] = references.comparison_values(result, kept, reference)
-            covariances[row][np.ix_(at, at)] = references.comparison_covariance(result, kept, reference)
+            values[row, at] = common_reference.comparison_values(result, kept, reference)
+            covariances[row][np.ix_(at, at)] = common_reference.comparison_covariance(result, kept, reference)
     return values, covariances
 
 
@@ -126,7 +127,7 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     values, covariances = at_reference(results, symbols, reference)
     values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
-    estimate, held = result.coefficient.values, references.held(result)
+    estimate, held = result.coefficient.values, common_reference.held(result)
     # Held values are the same in every fit and at any reference frequency.
     values = np.where(held & np.isfinite(values), estimate, values)
     errors = np.where(held & np.isfinite(errors), 0.0, errors)

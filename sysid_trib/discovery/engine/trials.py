@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import UsageError
-from sysid_trib.forces.force import Force
-from sysid_trib.forces.notation import reference_powers
-from sysid_trib.forces.shape_parameters import (
+from sysid_trib.discovery.engine.shape_parameters import (
     TURN,
     is_frequency,
     is_frequency_parameter,
     is_phase,
     is_resonance,
 )
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force
+from sysid_trib.forces.notation import reference_powers
 from sysid_trib.simulation.internal_states import is_stepped
 
 
