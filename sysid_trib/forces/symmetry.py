@@ -169,8 +169,8 @@ def as_factor(unit: str) -> str:
     return f"({unit})" if set("*/· ") & set(unit) else unit
 
 
+def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     """Return the unit of the coefficient for inputs with units of their own, by name: `1/V`.
-    """Return the unit of the coefficient with inputs in units of their own, by their names: `1/V`.
 
     For an input without a unit its name is used: `1/u`.
     """
