@@ -75,7 +75,7 @@ def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
 def _random_force(ax: Axes, data: xr.Dataset) -> None:
     """Draw the smoothed random force over time, with its band."""
     force, error = data.random_force.values, BAND_WIDTH * data.random_force_standard_error.values
-    # First samples of the spans of equal force, which draw them all, and the last sample.
+    # First samples of the intervals of constant force, which define the whole curve, and the last sample.
     first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
     time, force, error = data.time.values[first], force[first], error[first]
     look: dict[str, Any] = {"step": "post", "color": BAND_COLOR, "linewidth": 0}
@@ -92,7 +92,7 @@ def _in_time(ax: Axes, data: xr.Dataset) -> None:
     width = factor * BAND_WIDTH * data.innovation_standard_deviation.values
     band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
     curve(ax, time, innovation, {"color": BLUE, "marker": ".", "markersize": 1.5, "linestyle": ""})
-    # The first samples fix the start: their band is wider than all that follows.
+    # The first samples determine the start: their band is wider than all later ones.
     largest = 1.1 * max(np.abs(innovation).max(), float(np.median(width)))
     ax.set(xlabel="time (s)", ylabel=f"innovation ({unit})")
     ax.set(xlim=(time[0], time[-1]), ylim=(-largest, largest))
@@ -193,7 +193,7 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _against_release(ax: Axes, data: xr.Dataset) -> None:
-    """Draw the shown quantity of each run, a line per duration, and a ring about the best run."""
+    """Draw the shown quantity of each run, one line per duration, and a ring around the best run."""
     durations = np.unique(data.duration.values)
     for at, length in enumerate(durations):
         rows = data.isel(run=np.flatnonzero(data.duration.values == length)).sortby("amplitude")

@@ -1,4 +1,4 @@
-"""The figure that a tribologist publishes: the coefficient of friction against sliding speed."""
+"""Figure for publications in tribology: the coefficient of friction against sliding speed."""
 
 from typing import Any
 
