@@ -37,10 +37,10 @@ COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
 INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
-FITTED = "its start and the sensor's zero fitted"
+FITTED = "with fitted start and sensor's zero"
 WEIGHED = (
-    "Share of each force of the decay and of the frequency shift against amplitude (to first order). Each "
-    "coefficient over its value with its 95 % interval: one that reaches zero may be zero."
+    "Share of each force in the decay and in the frequency shift against amplitude (to first order). Each "
+    "coefficient over its value with its 95 % interval: if it contains zero, the coefficient may be zero."
 )
 EFFECTIVE_TITLE = "The model does not explain the record."
 
@@ -58,13 +58,13 @@ EFFECTIVE_TITLE = "The model does not explain the record."
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """A result at a glance: the record and its models, their residuals, and the forces.
 
-    Where there is a backbone, frequency and damping ratio against amplitude, of the record without any model,
-    with 95 % bands (dots are single periods), and of the models. The record and the motion of each model, its
-    start and the sensor's zero fitted, and below it the residual of each; the band is twice the noise to
-    either side. Share of each force of the decay and of the frequency shift against amplitude (to first
-    order). Each coefficient over its value with its 95 % interval: one that reaches zero may be zero. Last,
-    the force that the model lacks, by the record's own motion (spline), in cells of angle and rate: what
-    stands out there no force of the model explains.
+    Frequency and damping ratio against amplitude, if there is a backbone: of the record without any model,
+    with 95 % bands (dots are single periods), and of the models. The record and the motion of each model,
+    with fitted start and sensor's zero, and below them the residual of each model; the band is plus and minus
+    twice the noise. Share of each force in the decay and in the frequency shift against amplitude (to first
+    order). Each coefficient divided by its value, with its 95 % interval: if the interval contains zero, the
+    coefficient may be zero. Finally, the force that the model lacks, computed from the record (spline), in
+    cells of angle and rate: no force of the model explains significant values there.
 
     Parameters
     ----------

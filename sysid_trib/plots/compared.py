@@ -80,10 +80,10 @@ PANEL_HEIGHT, METHOD_HEIGHT = 0.7, 0.14
 def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Each quantity by method with its standard error; the band is that of the method of best prediction.
 
-    An arrow stands for a value beyond the edge. Open marks: variants of the method above. Green: trajectory,
-    blue: direct, orange: averaging, dark: decrements and others. A method that does not apply has no row.
-    Last, the RMS of record minus simulated model over the noise, of the part identified from (open) and of
-    what was held out (full); 1 is the noise alone.
+    An arrow is a value outside of the axis. Open marks are variants of the method above. Green: trajectory,
+    blue: direct, orange: averaging, dark: decrements and others. A method that does not apply has no row. The
+    last panel shows the RMS of record minus simulated model over the noise, for the part used for
+    identification (open) and the held-out part (full); 1 is the noise alone.
 
     Parameters
     ----------

@@ -18,9 +18,10 @@ LAWS_HEIGHT = 2.4
 
 @shows("difference", block=LAWS_TITLE, groups=(LAW_DIFFERENCE,))
 def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Difference of the laws of two samples, first minus second, with a band that holds everywhere.
+    """Difference of the laws of two samples, first minus second, with a simultaneous band.
 
-    The band is of 95 % at all places together. Dark: where it excludes zero. Forces are over the inertia.
+    The band contains the whole difference with a probability of 95 %. Dark: where the band excludes zero.
+    Forces are divided by the inertia.
 
     Parameters
     ----------

@@ -18,9 +18,9 @@ FACE_NOT_VISITED = "0.9"
 
 @shows("laws", block="Position and speed together", groups=("interaction",))
 def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
-    """Force over the inertia that products of displacement and speed add to both laws.
+    """Force, divided by the inertia, that products of displacement and speed add to both laws.
 
-    Hatched: less than two standard errors from zero. Grey: the record does not swing there.
+    Hatched: less than two standard errors from zero. Grey: not visited by the motion of the record.
 
     Parameters
     ----------

@@ -36,10 +36,10 @@ FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 
 def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     """Friction against speed, and the restoring force minus its known part against displacement.
 
-    Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
-    by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
-    visited by the record; the dashed lines there are continuations. Thin dotted lines: the simplest formulas
-    that stay within the band of the preferred method.
+    Both are divided by the inertia. The known part is the straight line w^2 x and forces with fixed
+    coefficients. The lines are the laws by each method; a band contains the whole law in the visited range
+    with a probability of 95 %. Grey: not visited by the record; the dashed lines there are extrapolations.
+    Thin dotted lines: the simplest formulas that stay within the band of the preferred method.
 
     Parameters
     ----------
@@ -80,9 +80,9 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
 
 @shows("laws", block="Friction of each run", groups=("own_laws",))
 def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
-    """Laws of each run that has its own, with the simultaneous 95 % band of each in its visited range.
+    """Laws of each run that has its own laws, with their simultaneous 95 % bands in the visited ranges.
 
-    Laws are over the inertia.
+    Laws are divided by the inertia.
 
     Parameters
     ----------

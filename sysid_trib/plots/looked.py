@@ -113,7 +113,7 @@ MOST_POINTS_DRAWN = 20_000
 
 @shows("look", of_record=look_at)
 def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """The record with its decays marked, amplitude over time, and the spectral density of each decay.
+    """The record with its decays marked, the amplitude over time, and the spectral density of each decay.
 
     Parameters
     ----------

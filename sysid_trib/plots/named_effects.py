@@ -38,12 +38,12 @@ CHARACTERS = 16
 
 @shows("discover", block="Residual of the start model")
 def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """The record and the motion of each model, its start and the sensor's zero fitted.
+    """The record and the motion of each model, with fitted start and sensor's zero.
 
-    Below, the residuals of the models before and after, each to its own scale; the band is twice the noise to
-    either side. Mean force f that the model lacks over angle and rate, in θ″ + w²θ = -w²f, before and after,
-    of all runs; blank where samples are few. Dots mark cells beyond three standard errors of the noise. Last,
-    the RMS of the residual over the noise, of the start model and after each effect.
+    Below, the residuals of the start and final model, each on its own scale; the band is plus and minus twice
+    the noise. Mean force f that each of them lacks over angle and rate, in θ″ + w²θ = -w²f, for all runs;
+    blank where samples are few. Dots mark cells beyond three standard errors of the noise. The last panel
+    shows the RMS of the residual over the noise, for the start model and after each effect.
 
     Parameters
     ----------
@@ -181,10 +181,10 @@ FEWEST_CANDIDATES = 6
 
 @shows("discover", block="Models and candidates")
 def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """Candidates by score, before each step at which an effect was chosen and, unless all were, at the end.
+    """Candidates by score, before each step that named an effect and, unless all are named, at the end.
 
-    Orange diamond: the effect that is named; blue squares: effects that compete with it; open: others. The
-    dashed line is the threshold, corrected for the number of candidates.
+    Orange diamond: the named effect; blue squares: effects that compete with it; open: others. The dashed
+    line is the threshold, corrected for the number of candidates.
 
     Parameters
     ----------

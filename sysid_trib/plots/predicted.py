@@ -33,8 +33,8 @@ SIMULATED: dict[str, Any] = style.OPEN_MARKS | {"color": INK, "marker": "o", "li
 def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: float = FULL_WIDTH) -> Figure:
     """Errors of one-step predictions, and their autocorrelation with the band of white noise.
 
-    Below, the smoothed random force over time, and the record minus its predictions from some instants on,
-    with 95 % bands.
+    Below, the smoothed random force over time, and the record minus its predictions, which start at several
+    instants, with 95 % bands.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
 
 @shows("response")
 def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Amplitude with its 95 % band, and phase, against frequency; marks are motions that were simulated.
+    """Amplitude with its 95 % band, and phase, against frequency; marks are simulated motions.
 
     Parameters
     ----------
@@ -151,10 +151,11 @@ PLAN_HEIGHT = 2.4
 
 @shows("plan")
 def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Expected entropy of the models and errors after each run, against release; where two models differ.
+    """Expected entropy of the models, and errors, after each run, against its release.
 
-    A line shows a wanted error. Without one and with a single model, the figure shows the largest ratio of
-    an error to its smallest value.
+    A horizontal line shows the required error. Without one, and with a single model, the figure shows the
+    largest ratio of an error to its smallest value. With several models, the last panel shows the log
+    likelihood ratio of two of them over time.
 
     Parameters
     ----------
@@ -163,13 +164,13 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    drawn = {"entropy left (nat)": data.entropy} if "parting" in data else {}
+    drawn = {"remaining entropy (nat)": data.entropy} if "parting" in data else {}
     wanted = data.wanted.to_series().dropna().to_dict()
     limits = {f"error of {style.in_latex(symbol)}": error for symbol, error in wanted.items()}
     errors = [data.standard_error.sel(force=symbol) for symbol in wanted]
     drawn |= dict(zip(limits, errors, strict=True))
     if not drawn:
-        drawn["largest error / least"] = (data.standard_error / data.standard_error.min("run")).max("force")
+        drawn["largest error / smallest"] = (data.standard_error / data.standard_error.min("run")).max("force")
     figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, PLAN_HEIGHT)
     for panel, (name, values) in zip(panels, drawn.items(), strict=False):
         _against_release(panel, data.assign(shown=values))

@@ -29,9 +29,9 @@ MOST_ERRORS = 8.0
 
 @shows("cross_check", "driven", block="Profiles", groups=("profile",))
 def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
-    """Deviance of each parameter against its value; dashed, by its standard error.
+    """Deviance of each parameter against its value; the dashed parabola is that of its standard error.
 
-    The fit of the motion has the parameter held, and all others fitted anew. Orange: the 95 % point of
+    In each fit of the motion this parameter is fixed and all others are fitted. Orange: the 95 % point of
     chi-square, and the ends of the interval.
 
     Parameters
@@ -79,9 +79,9 @@ def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
 
 @shows("cross_check", "driven", block="Sensitivity", groups=("sensitivity",))
 def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Each coefficient by every fit with its error; the band is the stated value with twice its error.
+    """Each coefficient by every fit with its error; the band is the stated value ± twice its error.
 
-    The same forces, fitted to other windows, starts and samples, with other noise and by other methods.
+    The same forces are fitted with other windows, starts, samples and noise, and by other methods.
 
     Parameters
     ----------
@@ -115,9 +115,9 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Damping and frequency of both samples against amplitude, and the difference of each coefficient.
 
-    The curves are of the records without a model, with 95 % bands (dots are single periods). Below, each
-    difference in its standard errors, with the interval of the level that all forces share: one that reaches
-    zero may be none. Dark: coefficients that differ.
+    The curves are those of the records without a model, with 95 % bands (dots are single periods). Below,
+    each difference is in units of its standard error, with an interval whose level is corrected for the
+    number of forces: if it contains zero, the difference is not significant. Dark: coefficients that differ.
 
     Parameters
     ----------
