@@ -39,13 +39,13 @@ from sysid_trib.validation import compare, cross_check, verdict
 
 Name: TypeAlias = Literal["identify", "compare", "discover", "laws"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
-# Files, names that the task reads, or decays in memory.
+# Files, names that the task can read, or decays in memory.
 CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
 
 TASKS = get_args(Name)
-# Format of a store; another format belongs to another version.
+# Format number of a store; other versions may have other formats.
 STORE_FORMAT = 4
-# Groups of a discovery that are identifications: the start model and the final one.
+# Groups of a discovery with identifications: the start model and the final one.
 MODELS = ("before", "after")
 # For laws: both methods, and the preferred one.
 PREFERRED = "preferred"
@@ -53,19 +53,19 @@ LAW_LABELS = ("averaging", "direct", PREFERRED)
 
 
 def names_of(records: CampaignRecords) -> list[str]:
-    """Return the names that records have in a store."""
+    """Return the names of records in a store."""
     return [readable(_name_of(item, at)) for at, item in enumerate(records)]
 
 
 def _name_of(record: Any, at: int) -> str:
-    """Return the name of the record at a place."""
+    """Return the name of a record by its position."""
     if isinstance(record, str | os.PathLike):
         return str(record)
     return str(getattr(record, "attrs", {}).get("source", f"record {at}"))
 
 
 def record_at(records: CampaignRecords, at: int) -> str | xr.Dataset:
-    """Return a record as `rows_of` takes it."""
+    """Return a record in the form for `rows_of`."""
     item = records[at]
     return os.fspath(item) if isinstance(item, str | os.PathLike) else one_record(item, "campaign")
 
@@ -83,28 +83,28 @@ class Task:
     ----------
     name : {"identify", "compare", "discover", "laws"}
     library : ForceLibrary, str, or what `library` takes, optional
-        The forces offered, by default those of `contact_forces`; of `discover` those of the start model, by
-        default viscous friction; of `laws` those that may be named and of which formulas are made.
+        The offered forces, by default those of `contact_forces`; for `discover` those of the start model, by
+        default viscous friction; for `laws` those that may be named and used in formulas.
     methods : mapping of str to method, optional
-        By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
-        `compare` every method.
+        Methods by label. By default, `identify` uses averaging and direct with an estimated random force, and
+        `compare` uses every method.
     candidates : ForceLibrary, str, or what `library` takes, optional
         Candidates of `discover`; by default those of the command.
     judged : bool, optional
         Cross-check the two methods of `identify`. It gives a verdict and takes longer than the methods. The
         default is True if no methods are given.
     read : callable
-        Gives the free decays of a file: runs of one experiment.
+        Function that returns the free decays of a file: runs of one experiment.
     constraints : mapping of str to float, (float, float) or str
         Fixed values, bounds and ties, as in `identify`.
     contactless : (float, float), rad/s, optional
     options : mapping
-        As the functions take them: further arguments of `cross_check`, `discover` or `laws`.
+        Further arguments of `cross_check`, `discover` or `laws`.
     speeds : sequence of float
-        For `laws`: speeds at which the friction of each record is kept, in the signal's unit per second; with
-        a mass in m/s. A speed that a record does not reach has no number.
+        For `laws`: speeds at which the friction of each record is stored, in the signal's unit per second, or
+        in m/s with a mass. A speed that a record does not reach has the value nan.
     measured : mapping of str to (float, float)
-        For `laws`: inertia or mass, load, radius with their errors, as in `laws_in_si`.
+        For `laws`: inertia or mass, load and radius with their errors, as in `laws_in_si`.
 
     Raises
     ------
@@ -163,7 +163,7 @@ class Task:
     def quantities(self) -> dict[str, tuple[str, float]]:
         """Names of the force axis, each with its unit and the degree of a force in the rate.
 
-        Of laws it is the friction at each speed, over the inertia or in SI units, and its coefficient.
+        For laws, it is the friction at each speed, over the inertia or in SI units, and its coefficient.
         """
         if self.name != "laws":
             labels = force_labels(list(self.forces))
@@ -199,7 +199,7 @@ class Task:
         methods = dict(self.methods)
         averaging, taken = methods.get("averaging"), [decay.attrs.get("taken_as_it_is") for decay in decays]
         if self.judged and isinstance(averaging, Averaging) and any(taken):
-            # There is no envelope to be averaged: the fit of the motion, as `identify` has.
+            # There is no envelope for averaging: the motion is fitted, as in `identify`.
             names = ("reference_frequency", "shapes", "random_force")
             trajectory = Trajectory(**{name: getattr(averaging, name) for name in names})
             methods = {"trajectory": trajectory} | {k: m for k, m in methods.items() if m is not averaging}
@@ -221,7 +221,7 @@ def empty_row(task: Task) -> stored.Row:
 
 
 def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
-    """Compute the rows of some records in turn; a record that fails has its reason instead of numbers.
+    """Compute the rows of some records in turn; a failed record has the reason instead of numbers.
 
     Parameters
     ----------
@@ -242,7 +242,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
     except SysidTribError as error:
         row |= {"status": Status.REFUSED, "message": str(error)}
     except Exception as error:
-        # One bad record does not end a campaign; its error is kept with it.
+        # An invalid record does not end a campaign; its error is stored with it.
         row |= {"status": Status.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
@@ -261,7 +261,7 @@ def _outline(decay: xr.Dataset) -> np.ndarray:
 
 def checksum_of(record: Any) -> str:
     """Return the SHA-256 of a record's file; empty if the file cannot be read."""
-    # A pipe would be waited for.
+    # Opening a pipe would block.
     if not isinstance(record, str) or not os.path.isfile(record):
         return ""
     try:
@@ -272,18 +272,18 @@ def checksum_of(record: Any) -> str:
 
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
-    """Put the numbers of a result into the places of the store."""
+    """Write the numbers of a result to the arrays of a row."""
     row = {name: of for name, of in empty_row(task).items() if "model" in stored.VARIABLES[name][0]}
     axes = task.axes
     for at, label in enumerate(task.labels):
-        # Numbers that are withheld from a record's text are not kept either.
+        # Numbers that are not shown in the text of a record are not stored either.
         if label == PREFERRED:
             label = judged.preferred_of(tree)
         given = label in tree.children and "covariance" in tree[label]
         if given and not (task.judged and label in judged.failures(tree)):
             result = tree[label].to_dataset()
             for name in (name for name, empty in row.items() if name in result and empty.size):
-                # Forces and shape parameters that the result lacks stay nan.
+                # Forces and shape parameters that are not in the result stay nan.
                 of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
                 row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
             if task.name == "laws":
@@ -295,7 +295,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     if task.name == "compare":
         row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
     if task.name == "discover":
-        # For a discovery, after its verdict.
+        # For a discovery, appended to its verdict.
         early = "" if tree["converged"] else " (its search ended before it had converged)"
         row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
     return row
@@ -318,7 +318,7 @@ def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     """Return the effects that a discovery named, each with its p-value and its competing effects."""
     steps = effects.steps_taken(tree)
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
-    # Competing effects that a store has by name, the most probable of each effect.
+    # Competing effects that are stored by name: the most probable of each effect.
     tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]
     return {
         "named": ", ".join(p_values),
@@ -335,10 +335,10 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
     options = sorted((name, repr(value)) for name, value in task.options.items())
     if task.name == "laws":
         asked += [list(task.speeds), sorted(task.measured.items())]
-    # Files say themselves when they change.
+    # Changes of files are recognised separately.
     held = [item for item in records if isinstance(item, xr.Dataset)]
     in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
-    # The function without its address in memory.
+    # Text of the function without its address in memory.
     inner = getattr(task.read, "func", task.read)
     given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
     read = f"{inner.__module__}.{inner.__qualname__} {given!r}"
