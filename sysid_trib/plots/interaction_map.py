@@ -1,4 +1,4 @@
-"""Map of the force that depends on displacement and speed together, beyond both laws."""
+"""Map of the force that depends on displacement and speed together, in addition to both laws."""
 
 import numpy as np
 import xarray as xr
@@ -9,18 +9,18 @@ from sysid_trib.plots.style import BAR_WIDTH, INK
 
 # Width of a column of a journal (88 mm), and the height, inch.
 MAP_WIDTH, MAP_HEIGHT = 3.46, 2.7
-# Steps of the map to either side of zero.
+# Steps of the map on each side of zero.
 MAP_STEPS = 6
-# Standard errors beyond which the map differs from zero.
+# Number of standard errors beyond which the map differs from zero.
 DIFFERS = 2.0
 FACE_NOT_VISITED = "0.9"
 
 
 @shows("laws", block="Position and speed together", groups=("interaction",))
 def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
-    """Force over the inertia that products of displacement and speed add to both laws.
+    """Force, divided by the inertia, that products of displacement and speed add to both laws.
 
-    Hatched: less than two standard errors from zero. Grey: the record does not swing there.
+    Hatched: less than two standard errors from zero. Grey: not visited by the motion of the record.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
     ax.contour(x, speed, force, levels=[0.0], colors=INK, linewidths=BAR_WIDTH)
     unclear = np.abs(force) < DIFFERS * data.standard_error.values.T
     if unclear.any():
-        # One level over the unknown places: it is drawn as hatches only.
+        # The uncertain cells are filled with one level, drawn as hatches only.
         ax.contourf(x, speed, unclear.astype(float), levels=[0.5, 1.5], colors="none", hatches=["////"])
     bar = figure.colorbar(shades, ax=ax, ticks=[-largest, 0.0, largest], format="%.2g")
     bar.set_label(f"force / inertia ({data.force.attrs['units'].replace('^2', '²')})")
