@@ -90,8 +90,8 @@ def signal_unit(text: str) -> SignalUnit | None:
 
 # `0.01 deg`, `1/100 °`, `10^-3 rad`, `x1e-6 m`: a unit with a factor.
 _SCALED_UNIT = re.compile(
-    r"[x*×]?\s*(?:(?P<number>\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?:/(?P<divisor>\d+))?|10\^(?P<power>-?\d+))"
-    r"\s*[x*×·]?\s*(?P<unit>[^\d\s.,/].*)"
+    r"[x*×]?\s*(?:10\^(?P<power>-?\d+)|(?P<number>\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?:/(?P<divisor>\d+))?)"
+    r"\s*[x*×·]?\s*(?P<unit>[^\d\s.,/^].*)"
 )
 
 
