@@ -27,12 +27,12 @@ from helpers import FIVE, NOISE, W, decay, rms, rms_range, share_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import discover
+from sysid_trib.discovery.engine.shape_parameters import has_frequency_parameter
 from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.omnibus_test import independent_tests
 from sysid_trib.discovery.parts import verdict_of
 from sysid_trib.discovery.screen import screen
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.shape_parameters import has_frequency_parameter
 from sysid_trib.printing.discovery_tables import formula_text
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layout import value_with_error

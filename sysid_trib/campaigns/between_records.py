@@ -9,8 +9,8 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable
 from sysid_trib.results.variables import described
+from sysid_trib.validation.common_reference import ASYMPTOTIC_FREQUENCY, comparable
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
 from sysid_trib.validation.refits import at_reference
 

@@ -9,8 +9,8 @@ import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import check_is_file
-from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY
 from sysid_trib.results.store import Status
+from sysid_trib.validation.common_reference import ASYMPTOTIC_FREQUENCY
 
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
 RECORD = "record"

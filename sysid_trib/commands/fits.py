@@ -22,7 +22,6 @@ from sysid_trib.commands.options import (
 )
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
-from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
@@ -187,6 +186,9 @@ def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
 
 def discover(tell: Tell, given: DiscoverOptions) -> Callable[[], None]:
     """Search the effects that a model lacks."""
+    # The other commands of this module do without a search and what it imports.
+    from sysid_trib.discovery.discover import discover as searched
+
     driving = driving_of(given)
     is_example = not given.records and given.forces is None
     asked = given.but(forces=EXAMPLE_FORCES) if is_example else given

@@ -13,13 +13,13 @@ from sysid_trib.commands.options import ModeOptions, PlanOptions, RecordOptions,
 from sysid_trib.commands.record_inputs import read_decays, sensors_of
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.cycles.backbone import backbone
-from sysid_trib.cycles.modes import modes
 from sysid_trib.errors import RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.printing import driven, layout
 from sysid_trib.printing.modes import mode_response_blocks
 from sysid_trib.questions.modal_response import response_of_mode, usual_frequencies
 from sysid_trib.questions.next_run import plan as best_run
 from sysid_trib.questions.steady_response import forced_response
+from sysid_trib.records.mode_list import modes
 from sysid_trib.results.files import load
 from sysid_trib.results.kinds import kind_of
 from sysid_trib.validation.identify import identify

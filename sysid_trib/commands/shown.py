@@ -29,7 +29,6 @@ from sysid_trib.commands.record_inputs import (
 from sysid_trib.commands.terminal import check_output, deliver, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
 from sysid_trib.cycles.look import look as facts
-from sysid_trib.cycles.modes import modes as modes_of
 from sysid_trib.cycles.signatures import signatures_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
@@ -38,6 +37,7 @@ from sysid_trib.forces.selection import with_shipped
 from sysid_trib.printing import code, exported, looked, parameters
 from sysid_trib.printing.modes import modes_blocks, modes_json
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.mode_list import modes as modes_of
 from sysid_trib.records.modes import modes as mode_frequencies
 from sysid_trib.records.sensors import ClippedError
 from sysid_trib.results.files import load, save, write_file

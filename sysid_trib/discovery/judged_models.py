@@ -1,4 +1,4 @@
-"""The start model and the final one of a search, judged as `identify` judges its models."""
+"""The start model and the final model of a search, judged as `identify` judges its models."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ def judged_models(
     motions: Mapping[str, Sequence[FreeMotion]],
     whole: Sequence[xr.Dataset],
 ) -> xr.Dataset:
-    """Judge the models of a search; the search does not read it.
+    """Judge the models of a search; this judgement does not influence the search.
 
     Parameters
     ----------
@@ -37,9 +37,9 @@ def judged_models(
 
     Notes
     -----
-    The same forces get one verdict, whichever command asks: Direct identifies each model again from the
-    whole runs, with the noise that `identify` decides for. Its shape parameters are held. Driven records, and
-    models that Direct cannot identify, are judged by the fit of the search.
+    The same forces get the same verdict from every command: Direct identifies each model again from the whole
+    runs, with the noise that `identify` selects and with held shape parameters. Driven records, and models
+    that Direct cannot identify, are judged with the fit of the search.
     """
     names = group_names("record", len(next(iter(motions.values()))))
     seen = [groups[name] for name in names]
@@ -68,7 +68,7 @@ def judged_models(
 
 
 def _identified_again(of_search: FollowedRuns, whole: Sequence[xr.Dataset]) -> FollowedRuns:
-    """Return a model identified from the whole runs; where Direct cannot, as the search fitted it."""
+    """Return a model identified from the whole runs, or as the search fitted it if Direct fails."""
     result = of_search.result
     method = replace(method_of(result), random_force="auto")
     try:

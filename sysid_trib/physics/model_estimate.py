@@ -8,9 +8,9 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask, jacobian
-from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.questions.averaged_motion import predict_envelope
 from sysid_trib.results import models, variables
 from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.simulation.model import Model, rescaling_factors

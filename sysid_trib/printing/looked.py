@@ -14,6 +14,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing import Block, layout
 from sysid_trib.records.roles import input_names
+from sysid_trib.results.backbone_rows import round_rows
 
 # Reference of the table of a library, and characters of its words: it has 100 columns.
 NORMALISED = (
@@ -112,8 +113,6 @@ FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
     *("drift", "noise", "sensor_step", "samples_per_period"),
 )
-# Amplitudes of the printed table, evenly spaced in their logarithm.
-PRINTED_AMPLITUDES = 8
 EXPLANATION = (
     "±: half the width of the simultaneous 95 % band, for sensor noise and a random walk of amplitude and "
     "phase. The band contains the whole curve in 95 % of records."
@@ -226,8 +225,8 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     """Describe a decay: the facts, their limits, and the forces that they indicate."""
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
-    step = f"sensor step {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
-    step = step if np.isfinite(value["sensor_step"]) else "no sensor step visible"
+    step = f"smallest step between values {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
+    step = step if np.isfinite(value["sensor_step"]) else "no smallest step between values"
     first, last = value["first_damping_ratio"], value["last_damping_ratio"]
     fall = value["first_amplitude"] / value["last_amplitude"]
     limits = {
@@ -267,8 +266,8 @@ def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
     said = []
     if ranked := attrs["predicted_by"]:
         said.append(
-            "Part of the frequency shift that elastic forces leave unexplained (in parentheses each --system "
-            f"that has them): {ranked}."
+            "Part of the frequency shift that stays unexplained with these elastic forces (--system options "
+            f"that have them): {ranked}."
         )
     if columns := attrs["columns_point_to_system"]:
         said.append(f"The columns {columns} suggest a {attrs['points_to_system']}.")
@@ -288,8 +287,8 @@ def _law(law: str, power: float) -> str:
     if law == "v*abs(v)":
         return "the damping ratio is larger at large amplitudes, as with quadratic drag"
     return (
-        f"the damping ratio varies as the amplitude to the power {power:.2g}: nearest to viscous friction "
-        "(0; dry friction -1, quadratic drag 1)"
+        f"the damping ratio is proportional to the amplitude to the power {power:.2g}; viscous friction "
+        "gives the power 0, dry friction -1, quadratic drag 1"
     )
 
 
@@ -335,18 +334,20 @@ def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
 
 
 def _table(data: xr.Dataset) -> Table:
-    """Return the frequency and damping ratio at a few amplitudes, with half their bands."""
-    unit, amplitude = data.amplitude.attrs["units"], data.amplitude.values
-    wanted = np.geomspace(amplitude[-1], amplitude[0], PRINTED_AMPLITUDES)
-    places = dict.fromkeys(int(np.argmin(np.abs(np.log(amplitude / a)))) for a in wanted)
-    heads = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
+    """Return the frequency and damping ratio at round amplitudes, with half their bands.
+
+    The frequency of a mode is in Hz, as in the list of modes.
+    """
+    unit = data.amplitude.attrs["units"]
+    in_hertz = "mode_frequency" in data.attrs
+    head, turn = ("frequency (Hz)", 2.0 * np.pi) if in_hertz else ("frequency (rad/s)", 1.0)
     rows = []
-    for at in places:
-        rows.append({f"amplitude ({unit})": f"{amplitude[at]:.3g}"})
-        if "measured_amplitude" in data:
-            head = f"{data.attrs['signal']} ({data.measured_amplitude.attrs['units']})"
-            rows[-1][head] = f"{data.measured_amplitude.values[at]:.3g}"
-        for name, head in heads.items():
-            value, high = (data[key].values[at] for key in (name, f"{name}_high"))
-            rows[-1][head] = layout.value_with_error(value, high - value)
+    for row in round_rows(data):
+        cells = {f"amplitude ({unit})": f"{row.amplitude:.3g}"}
+        if row.measured_amplitude is not None:
+            measured = f"{data.attrs['signal']} ({data.measured_amplitude.attrs['units']})"
+            cells[measured] = f"{row.measured_amplitude:.3g}"
+        cells[head] = layout.value_with_error(row.frequency / turn, row.frequency_band / turn)
+        cells["damping ratio"] = layout.value_with_error(row.damping_ratio, row.damping_ratio_band)
+        rows.append(cells)
     return layout.text_table(rows)

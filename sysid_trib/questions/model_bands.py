@@ -6,10 +6,10 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.motion_fit.least_squares import Fit, covariance_root
+from sysid_trib.questions.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.questions.profiles import free_likelihood
 from sysid_trib.records.runs import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion

@@ -7,12 +7,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.cycles import averaged_motion as steady
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.motion_fit.bands import parameters_of
+from sysid_trib.questions import averaged_motion as steady
 from sysid_trib.records.inputs import PER_KIND, KnownInput
 from sysid_trib.records.roles import INPUT
 from sysid_trib.results import models, schema, signal_scale, variables
@@ -80,7 +80,7 @@ def forced_response(
 
     Notes
     -----
-    Describing functions (`cycles.averaged_motion`): the first harmonic alone. Bands are of parameters
+    Describing functions (`averaged_motion`): the first harmonic alone. Bands are of parameters
     drawn with their covariance, which allows for errors of the model as the result states them; beyond the
     amplitudes of the record they hold if the forces have the same form there.
     """

@@ -1,4 +1,4 @@
-"""Readers of many formats: vectors by their names, with units and notes; the content decides the format."""
+"""Readers of many formats: vectors by their names, with units and notes; the content shows the format."""
 
 import json
 import warnings
@@ -14,13 +14,13 @@ from sysid_trib.errors import RecordError
 from sysid_trib.records import archives
 from sysid_trib.records.text import TextTable, read_text, table_in
 
-# Attributes of HDF5 that contain a unit.
+# HDF5 attributes that contain a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
-# Vectors of fewer numbers are no signal.
+# Vectors with fewer numbers are not a signal.
 FEWEST_OF_A_RECORD = 20
-# Objects of MATLAB without a signal.
+# MATLAB objects without a signal.
 WITHOUT_NUMBERS = ("string", "categorical", "datetime", "duration", "function_handle", "containers.Map")
-# Texts of a list that are taken as a note.
+# Most texts of a list that are read as a note.
 MOST_TEXTS = 100
 
 
@@ -30,9 +30,9 @@ class Contents(NamedTuple):
     Attributes
     ----------
     columns : dict of str to array_like
-        By name, in the order of the file.
+        Columns by name, in the order of the file.
     units : dict of str to str
-        Units of columns, where the file states them apart from the names.
+        Units of columns, if the file states them separately from the names.
     notes : sequence of str
         Comment lines, and texts and scalars as `name = value`.
     said : sequence of str
@@ -46,16 +46,16 @@ class Contents(NamedTuple):
 
 
 def reader_of(path: Path) -> Callable[[Path], Contents]:
-    """Return the reader of a file, by its first bytes.
+    """Return the reader of a file, chosen by its first bytes.
 
     Raises
     ------
     RecordError
-        It is empty, or a workbook of the old format.
+        The file is empty, or a workbook of the old format.
     """
     with path.open("rb") as file:
         head = file.read(1024)
-    # HDF5 may begin after a block of 512 bytes.
+    # HDF5 data may start after a block of 512 bytes.
     head = head[512:] if head[512:516] == b"\x89HDF" else head
     if not head.strip():
         raise RecordError(f"{path.name}: the file is empty.")
@@ -69,7 +69,7 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
         (b"MATLAB 5.0",): read_matlab,
         (b"\x93NUMPY",): read_numpy,
         (b"CDF",): read_netcdf,
-        # Bytes of an archive in which the name of its first member is.
+        # Bytes of an archive that contain the name of its first member.
         (b"PK",): read_numpy if b".npy" in head[:128] else read_excel,
         (b"PAR1",): read_parquet,
         (b"TDSm",): read_tdms,
@@ -81,7 +81,7 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
 
 
 def read_lines(path: Path) -> Contents:
-    """Return tables in text, and JSON."""
+    """Return the tables of a text or JSON file."""
     content = _json_content(path)
     if content is None:
         return _from_table(read_text(path))
@@ -197,7 +197,7 @@ def _side_by_side(runs: Mapping[str, TextTable]) -> Contents:
 def read_parquet(path: Path) -> Contents:
     """Return the columns of a Parquet file."""
     frame = pd.read_parquet(path)
-    # Times may be its index.
+    # The times may be the index of the table.
     frame = frame.reset_index(drop=isinstance(frame.index, pd.RangeIndex))
     return _from_frame(frame, list(map(str, frame.columns)))
 
@@ -224,7 +224,7 @@ def read_matlab(path: Path) -> Contents:
     from scipy.io.matlab import MatReadWarning
 
     with warnings.catch_warnings():
-        # The reader knows no names of objects.
+        # The reader does not know the names of objects.
         warnings.simplefilter("ignore", MatReadWarning)
         loaded = loadmat(path, simplify_cells=True)
     content = {k: v for k, v in loaded.items() if not k.startswith("__")}
@@ -234,12 +234,12 @@ def read_matlab(path: Path) -> Contents:
 
 
 def _is_object(value: Any) -> bool:
-    """Return true if a value is an object of MATLAB, of which its files say no more than the class."""
+    """Return true if a value is a MATLAB object, of which the file states only the class."""
     return isinstance(value, np.ndarray) and value.dtype.names == ("s0", "s1", "s2", "arr")
 
 
 def _classes_in(value: Any) -> Iterator[str]:
-    """Yield the classes of the objects in a file of MATLAB."""
+    """Yield the classes of the objects in a MATLAB file."""
     if _is_object(value):
         yield str(_plain(value["s2"].ravel()[0]))
     elif isinstance(value, dict):
@@ -251,16 +251,16 @@ def _classes_in(value: Any) -> Iterator[str]:
 
 
 def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any]) -> None:
-    """Raise an error for a file of MATLAB whose numbers are in objects, which only MATLAB can read.
+    """Raise an error for a MATLAB file whose numbers are in objects, which only MATLAB can read.
 
     Raises
     ------
     RecordError
-        With how to save what they hold.
+        The numbers are in objects; the message states how to save them.
     """
     kinds = [kind for kind in kinds if kind not in WITHOUT_NUMBERS]
     vectors = [values for values in columns.values() if np.size(values) >= FEWEST_OF_A_RECORD]
-    # The times alone, as Simulink's `tout`, are no record.
+    # Times alone, such as Simulink's `tout`, are not a record.
     if not kinds or len(vectors) > 1 or any(np.any(np.diff(values) < 0) for values in vectors):
         return
     held = ", ".join(dict.fromkeys(kinds))
@@ -279,7 +279,7 @@ def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any])
 
 
 def read_numpy(path: Path) -> Contents:
-    """Return vectors in the array of a .npy, or in the arrays of an .npz; what they pickled is not read."""
+    """Return vectors in the array of a .npy, or in the arrays of an .npz; pickled objects are not read."""
     loaded = np.load(path, allow_pickle=False)
     arrays = {"data": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
     scalars = {name: array.item() for name, array in arrays.items() if array.size == 1}
@@ -319,7 +319,7 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def read_hdf5(path: Path) -> Contents:
-    """Return the vectors in the datasets of an HDF5 file, MATLAB's 7.3 among them."""
+    """Return the vectors in the datasets of an HDF5 file, including MATLAB's 7.3."""
     import h5py
 
     units: dict[str, str] = {}
@@ -358,7 +358,7 @@ def _plain(value: Any) -> Any:
 
 
 def _named_columns(values: Any, attrs: Any) -> Any:
-    """Return the columns of a table by the names that an attribute of it lists; else the table."""
+    """Return the columns of a table by the names in one of its attributes; else the table."""
     for names in attrs.values():
         if np.ndim(values) == 2 and np.ndim(names) == 1 and np.asarray(names).dtype.kind in "OSU":
             for table in (values, values.T):

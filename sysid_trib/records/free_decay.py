@@ -18,12 +18,12 @@ from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import checked_signal
 from sysid_trib.records.unwrapping import new_frames, pulses
 
-# In any unit; the squares of still smaller numbers underflow.
+# In any unit; the squares of smaller numbers underflow.
 SMALLEST_SWING = 1e-150
-# Fewer samples are no record of a decay.
+# A record of a decay has at least this number of samples.
 FEWEST_OF_A_DECAY = 20
-# The rest of a record is searched for another decay if it has this part of the first amplitude, the same
-# period, and some periods.
+# The rest of a record is searched for another decay if it has this fraction of the first amplitude, the same
+# period, and several periods.
 SMALLEST_FURTHER = 0.2
 
 
@@ -41,29 +41,30 @@ def free_decay(
     Parameters
     ----------
     record : Dataset, DataArray, pandas Series or DataFrame, dict, (t, angle), or (sample, 2) array
-        With ``angle(time)``; times in s, or dates.
+        Record with ``angle(time)``; times in s, or dates.
     window : s
-        Times between which to look; None for the record's end.
+        Times between which decays are searched; None for an end of the record.
     equilibrium : in the unit of the angle, or "auto"
         ``auto``: the robust mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema. It is not the rest
         position, which dry friction may put anywhere in the stick band.
     keep_outliers : bool
-        Whether single samples that leap out of the swing and back are kept.
+        Whether single samples that jump out of the swing and back are kept.
 
     Returns
     -------
     Dataset
-        The record from the release to the stop, ``angle`` centred, times unchanged where they are even within
-        2 %; scalars ``equilibrium`` and ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it
-        stopped for good; attrs ``free_decay``: a sentence on what was cut or mended. A record that is free
-        from its first sample on loses none.
+        The record from the release to the stop, with centred ``angle`` and times unchanged if they are
+        uniform within 2 %. Scalars: ``equilibrium`` and ``equilibrium_standard_error`` (nan if given), and
+        ``stop_time`` for a final stop. Attribute ``free_decay``: a sentence on the samples cut or mended. No
+        sample is cut from a record that is free from its first sample on.
 
     Raises
     ------
     UsageError
-        The window is no interval.
+        The window is not an interval.
     DecayError
-        Less than three periods, or flat, only noise, not decaying, growing, clipped, pulses.
+        The record has fewer than three periods, or it is flat, only noise, not decaying, growing, clipped, or
+        pulsed.
     """
     decays = free_decays(record, window=window, equilibrium=equilibrium, keep_outliers=keep_outliers)
     longest = max(decays, key=lambda decay: float(np.abs(np.diff(decay.angle.values)).sum()))
@@ -81,37 +82,37 @@ def free_decays(
     keep_outliers: bool = False,
     as_it_is: bool = False,
 ) -> list[xr.Dataset]:
-    """Return every free decay of a record, in order: parted by gaps, by hands, or by a new release.
+    """Return every free decay of a record, in order: divided by gaps, by hands, or by a new release.
 
     Parameters
     ----------
     record : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
-        With ``angle(time)`` (see `as_record`).
+        Record with ``angle(time)`` (see `as_record`).
     window : (float, float), s
-        Times between which to look; None for the record's end.
+        Times between which decays are searched; None for an end of the record.
     equilibrium : float, or "auto"
-        As in `free_decay`.
+        Equilibrium, as in `free_decay`.
     keep_outliers : bool
-        Whether single samples that leap out of the swing and back are kept.
+        Whether single samples that jump out of the swing and back are kept.
     as_it_is : bool
-        Whether a motion that is too short, too damped or growing to prove itself a free decay is taken whole,
-        about the constant of the damped sine that fits it best; for forces that are known.
+        Whether a motion that is too short, too damped or growing for a proven free decay is used as a whole,
+        about the constant of the best damped sine. This is for known forces.
 
     Returns
     -------
     list of Dataset
-        Each as `free_decay` returns it.
+        Each decay in the form of `free_decay`.
 
     Raises
     ------
     UsageError, DecayError
-        As `free_decay`.
+        As in `free_decay`.
     """
     record = one_record(record, "free_decay")
     checked_signal(record, *filter(None, [getattr(record, "attrs", {}).get("measured")]))
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
-    # A measured rate or acceleration shows the swing best: its noise is white.
+    # A measured rate or acceleration shows the swing best, because its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
     time = inside["time"].to_numpy().astype(float)
     angle = measured.to_numpy().astype(float)
@@ -145,7 +146,7 @@ def free_decays(
 def _pieces(
     time: Array, angle: Array, keep_outliers: bool = False, breaks: Array | tuple[()] = ()
 ) -> tuple[list[Piece], list[str]]:
-    """Return pieces on a uniform clock of the samples that are kept, and sentences on the others."""
+    """Return pieces of the kept samples on a uniform clock, and sentences on the other samples."""
     kept, said = _kept_samples(time, angle, keep_outliers)
     time = time[kept]
     angle = angle[kept]
@@ -155,7 +156,7 @@ def _pieces(
 
 
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
-    """Return the indices of the samples that are kept, and sentences on the others."""
+    """Return the indices of the kept samples, and sentences on the others."""
     kept = np.arange(time.size)
     said = []
     frames = new_frames(angle)
@@ -177,7 +178,7 @@ def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index
 
 
 def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Swing]:
-    """Return the decays of all pieces; where there is none, the reason why the longest is none."""
+    """Return the decays of all pieces; without a decay, raise the reason for the longest piece."""
     longest = max(pieces, key=lambda piece: piece[0].size)
     waiting = [longest, *(piece for piece in pieces if piece is not longest)]
     decays: list[Swing] = []
@@ -202,7 +203,7 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         if decays and (not _alike(decay, decays[0]) or checks.is_held(decay, decays[0])):
             continue
         decays.append(decay)
-        # Search after it and before it.
+        # Search after the decay and before it.
         ends = slice(decay.free.stop, None), slice(decay.free.start)
         waiting = [*(Piece(decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
@@ -233,7 +234,7 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
-    """Return the swing of a piece after its clipped part, or the reason why it has none."""
+    """Return the swing of a piece after its clipped part; raise the reason if it has none."""
     if pulses(signal):
         raise NoDecayError(source, no_decay.pulses())
     swing = find_swing(time, signal, value)
@@ -257,7 +258,7 @@ def _free(swing: Swing, source: str) -> tuple[Swing | None, NoDecayError | None]
 def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     """Return the parts of a piece between half periods that its sensor shows wrongly.
 
-    Nothing where there are none, or where they keep no decay from being found from its start on.
+    The result is empty if there are none, or if a decay can be found from its start on despite them.
     """
     if decay is not None and decay.run.start == swing.run.start:
         return []
@@ -276,7 +277,7 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     )
     bounds = np.flatnonzero(np.diff(left_out)) + 1
     parts = [part for part in np.split(np.arange(swing.time.size), bounds) if not left_out[part[0]]]
-    # The reason is that of the part that most resembles a decay.
+    # Use the reason of the part that most resembles a decay.
     longest = max(range(len(parts)), key=lambda at: parts[at].size)
     mended = [swing.mended] * len(parts)
     mended[longest] = "; ".join(text for text in (swing.mended, said) if text)
@@ -290,7 +291,7 @@ def swing_within(time: Array, signal: Array) -> Swing | NoDecay:
     Parameters
     ----------
     time : (sample,) array of float
-        Rising.
+        Increasing times.
     signal : (sample,) array of float
     """
     if signal.size < FEWEST_OF_A_DECAY:

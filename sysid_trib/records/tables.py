@@ -1,4 +1,4 @@
-"""A file as a table: columns with their names, units and numbers, and what else it says."""
+"""A file as a table: columns with their names, units and numbers, and further statements of the file."""
 
 import gzip
 import hashlib
@@ -25,9 +25,9 @@ from sysid_trib.records.row_order import in_order
 from sysid_trib.records.split_clock import with_joined_clock
 
 STANDARD_INPUT = "-"
-# Bytes; more is no record but a bomb.
+# Bytes; larger content is not a record but a decompression bomb.
 LARGEST_CONTENT = 2**30
-# Columns that a refusal lists.
+# Largest number of columns that an error lists.
 LISTED = 12
 
 
@@ -38,15 +38,15 @@ class FileTable:
     Attributes
     ----------
     source : str
-        Its name, for messages.
+        Name of the file, for messages.
     columns : tuple of Column
-        In the order of the file.
+        Columns in the order of the file.
     notes : tuple of str
         Notes of the file: comment lines, texts and scalars as `name = value`.
     checksum : str
-        SHA-256 of its content.
+        SHA-256 of the content.
     said : tuple of str
-        Changes of its rows.
+        Sentences on changes of its rows.
     """
 
     source: str
@@ -57,13 +57,13 @@ class FileTable:
 
     @cached_property
     def rate(self) -> float | None:
-        """Sampling rate (Hz) that its notes state, or that its rows have over a duration they state."""
+        """Sampling rate (Hz) that its notes state, or that follows from a stated duration."""
         rows = max(column.cells.size for column in self.columns)
         return lab.noted_rate(self.notes, rows) or lab.bare_rate(self.notes, rows)
 
     @cached_property
     def times(self) -> list[Column]:
-        """Columns of time: by their headers, else the first one that rises throughout."""
+        """Columns of time: by their headers, else the first one that increases throughout."""
         filled = [column for column in self.columns if not column.is_empty]
         named = [column for column in filled if column.is_time]
         if named or len(filled) == 1:
@@ -78,7 +78,7 @@ class FileTable:
         return self._of_the_name(rising[0]) if rising else []
 
     def _of_the_name(self, first: Column) -> list[Column]:
-        """Return a column of times, and those of its name further on: each run side by side has its own."""
+        """Return a time column, and later columns of its name: each run side by side has its own."""
         bare = _without_number(first.base)
         if not bare:
             return [first]
@@ -86,7 +86,7 @@ class FileTable:
         return [first, *(c for c in after if c.rises and _without_number(c.base) == bare)]
 
     def match(self, wanted: str | int | None) -> Column | None:
-        """Return the column of that name, or else of that number from 0; None if there is no single one."""
+        """Return the column with this name, or else this number from 0; None if there is no single one."""
         name = str(wanted)
         for matches in (
             [column for column in self.columns if column.name == wanted],
@@ -100,12 +100,12 @@ class FileTable:
         return None
 
     def find(self, wanted: str | int) -> Column:
-        """Return the column of that name, or else of that number from 0.
+        """Return the column with this name, or else with this number from 0.
 
         Raises
         ------
         UsageError
-            There is none; all are listed.
+            There is no such column; the message lists all.
         """
         column = self.match(wanted)
         if column is None:
@@ -116,7 +116,7 @@ class FileTable:
 
     @property
     def listed(self) -> str:
-        """Its columns with their numbers, the time's among them."""
+        """Columns with numbers, including those of time."""
         names = [f"{number}: {column.name}" for number, column in enumerate(self.columns)]
         return ", ".join([*names[:LISTED], *["..."] * (len(names) > LISTED)])
 
@@ -125,7 +125,7 @@ class FileTable:
         """Message that there are no times, and what to give."""
         over = [column.name for column in self.columns if column.base.startswith("freq")]
         if over:
-            why = f"its columns are over {over[0]}, not over time: it is a response; a record is needed."
+            why = f"its columns are over {over[0]}, not over time. Give a record over time."
             return f"{self.source}: {why}"
         taken = next((f" but {time.name}, which --angle takes" for time in self.times), "")
         return (
@@ -135,7 +135,7 @@ class FileTable:
 
 
 def _without_number(base: str) -> str:
-    """Strip the number or letter by which a name differs from its like, `timed 2` or `stamp b`."""
+    """Remove the number or letter by which a name differs from similar names: `timed 2`, `stamp b`."""
     return re.sub(r"[ _.#]?\d+$|[ _][a-d]$", "", base)
 
 
@@ -152,7 +152,7 @@ def read_table(path: Path) -> FileTable:
     UsageError
         There is no such file.
     RecordError
-        The file is empty, binary, truncated, vast or holds no table; the message names it.
+        The file is empty, binary, truncated, too large, or contains no table; the message names it.
     """
     with _opened(path) as file:
         source = readable(path.name if str(path) != STANDARD_INPUT else file.name)
@@ -202,14 +202,14 @@ def _contents(path: Path) -> formats.Contents:
         raise RecordError(
             f"{path.name}: to read this format {package} is needed: pip install pyarrow npTDMS."
         ) from error
-    # Readers of foreign formats meet a damaged file with any exception at all.
+    # Readers of foreign formats may raise any exception for a damaged file.
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
 
 
 def _is_nested(values: Any) -> bool:
-    """Return true if the cells of a column are lists, as netCDF and Parquet can have them."""
+    """Return true if the cells of a column are lists, which netCDF and Parquet allow."""
     return values.dtype.kind == "O" and any(isinstance(cell, np.ndarray | list | dict) for cell in values)
 
 
@@ -239,12 +239,12 @@ def check_is_file(path: Path) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Path]:
-    """Yield a file; of `-` what comes by standard input, of a .gz or .zip its content, as a copy.
+    """Yield the file; for `-` the standard input, for a .gz or .zip its content, each as a temporary copy.
 
     Raises
     ------
     RecordError
-        It is damaged, its content is vast, it contains several files, or there is no space for the copy.
+        The file is damaged, its content is too large or holds several files, or the disk is full.
     """
     with ExitStack() as stack:
         packed = _unpacked(path, stack)

@@ -1,4 +1,4 @@
-"""Tables of numbers in text, whatever its delimiter, decimal sign, labels, units, head and comments."""
+"""Tables of numbers in text, with any delimiter, decimal sign, labels, units, head and comments."""
 
 import csv
 import re
@@ -25,13 +25,13 @@ from sysid_trib.records.units import (
 )
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
-# Rows in which facts may be next to the numbers.
+# Largest number of rows in which settings may be next to the numbers.
 MOST_FACTS = 40
 DELIMITERS = (";", "\t", "|", ",", None)
-# Numbers in other notations: their pattern, a pattern that the text must or must not contain, and their signs
-# with the replacements.
+# Numbers in other notations: their pattern, a pattern that the text must contain, one that it must not
+# contain, and the replaced signs.
 _WRITTEN_OTHERWISE = (
-    # Figures parted by narrow blanks or apostrophes; `"5,123"` alone may be a decimal comma.
+    # Digits grouped by narrow blanks or apostrophes; `"5,123"` alone may contain a decimal comma.
     (r"(?<=\d)[\u00a0\u2009\u202f'’](?=\d{3}(?!\d))", "", None, r"\D", ""),
     (r"\"[+-]?\d{1,3}(?:,\d{3})+(?:\.\d+)?\"", r"\"[+-]?\d{1,3}(?:,\d{3})+\.\d+\"", None, ",", ""),
     # `5,123.45`, `5.123,45` and `1 234,5` between semicolons or tabs; between commas they are two numbers.
@@ -83,7 +83,7 @@ def read_text(path: Path) -> TextTable:
     Raises
     ------
     RecordError
-        Binary content, or no numbers.
+        The content is binary, or has no numbers.
     """
     content = path.read_bytes()
     wide = ""
@@ -92,7 +92,7 @@ def read_text(path: Path) -> TextTable:
     elif content.startswith((b"\xff\xfe", b"\xfe\xff")):
         wide = "utf-16"
     elif content[:MOST_FACTS].count(b"\0") == MOST_FACTS // 2:
-        # Without its mark: every second byte of plain letters is zero.
+        # Without a byte order mark: every second byte of plain letters is zero.
         wide = "utf-16-le" if content[1:2] == b"\0" else "utf-16-be"
     markup = re.match(rb"[\xef\xbb\xbf\s]*<[?!]?(\w+)", content)
     if markup is not None:
@@ -136,7 +136,7 @@ def table_in(text: str, path: Path) -> TextTable:
 
 
 def _facts_below_names(lines: list[str], delimiter: str | None) -> list[str]:
-    """Return `name = value` for each number or unit above the table below a name."""
+    """Return `name = value` for each number or unit above the table that stands below a name."""
     facts: list[str] = []
     for names, values in pairwise(_fields(line, delimiter) for line in lines[-HEAD_LINES:]):
         if len(names) == len(values) > 1:
@@ -150,8 +150,8 @@ def _facts_below_names(lines: list[str], delimiter: str | None) -> list[str]:
 def _rows_below(
     lines: list[str], start: int, delimiter: str | None
 ) -> tuple[list[tuple[int, str]], list[str]]:
-    """Return the rows of numbers with their numbers in the file, from 1, and a sentence on others."""
-    # A logger that is started anew writes its head again, its dates being others.
+    """Return the rows of numbers with their line numbers from 1, and a sentence on other rows."""
+    # A restarted logger writes its head again, with other dates.
     head = {line.strip() for line in lines[max(0, start - 2) : start]} | {""}
     keys = {_fields(line, delimiter)[0] for line in lines[:start] if line.strip() and not _is_comment(line)}
     keys = {_numberless(key) for key in keys if not is_number(key) and not is_missing(key)}
@@ -162,7 +162,7 @@ def _rows_below(
     ]
     if keys:
         block = block[:1] + [row for row in block[1:] if not _begins_with(row[1], keys, delimiter)]
-    # Texts that a logger writes below the numbers are no data.
+    # Texts below the numbers are not data.
     usual = _fields(block[0][1], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1][1], delimiter), usual):
         block.pop()
@@ -203,7 +203,7 @@ def _as_frame(
     Raises
     ------
     RecordError
-        A row holds more than the others, with its line in the file.
+        A row has more cells than the others; the message states its line in the file.
     """
 
     def table(lines: Sequence[str]) -> pd.DataFrame:
@@ -216,7 +216,7 @@ def _as_frame(
     try:
         return table([line for _, line in block])
     except pd.errors.ParserError:
-        # Some rows have more cells than the first one: empty ones at their ends are none.
+        # Some rows have more cells than the first one: ignore empty cells at their ends.
         cells = [(number, _filled(line, delimiter)) for number, line in block]
         width = max(names, Counter(len(row) for _, row in cells).most_common(1)[0][0])
         for number, row in cells:
@@ -242,12 +242,12 @@ def _quoted(cells: list[str], delimiter: str) -> list[str]:
 
 
 def check_width(path: Path, columns: int, rows: int) -> None:
-    """Refuse a table of far more columns than any record has, or of columns in place of rows.
+    """Raise an error for a table with far more columns than any record has, or one on its side.
 
     Raises
     ------
     RecordError
-        With how many there are.
+        There are too many columns; the message states their number.
     """
     # The widest table that is looked at.
     if columns > 4096:
@@ -263,7 +263,7 @@ def check_width(path: Path, columns: int, rows: int) -> None:
 
 
 def _plain_numbers(text: str) -> str:
-    """Return text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
+    """Return text with plain numbers in place of grouped, quoted, or Fortran numbers."""
     # Spreadsheets keep `="0.12"` from being changed.
     text = re.sub(r'="([^"\n]*)"', r"\1", text.replace(MINUS, "-"))
     for pattern, needed, unless, sign, plain in _WRITTEN_OTHERWISE:
@@ -277,8 +277,8 @@ def _rewritten(text: str, pattern: str, sign: str, plain: str) -> str:
 
 
 def _without_labels(lines: list[str]) -> list[str]:
-    """Return lines with bare numbers if each row has the same labels or units, which the head then has."""
-    # By a line in the middle: a logger may write a greeting and a farewell.
+    """Return lines with bare numbers if each row has the same labels or units, which go to the head."""
+    # Use a line in the middle: a logger may write a greeting and a farewell.
     middle = lines[len(lines) // 2] if lines else ""
     for delimiter in DELIMITERS:
         labels, _, units = _dressed(middle, delimiter) or ((), (), ())
@@ -303,7 +303,7 @@ def _without_labels(lines: list[str]) -> list[str]:
 def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | None:
     """Return labels, numbers and units of the cells of a line; None if a cell is anything else.
 
-    Either each cell has a label of its own, or none has one.
+    Either each cell has its own label, or none has one.
     """
     cells = [_DRESSED.fullmatch(cell) for cell in line.strip(" \t,{}[]").split(delimiter)]
     if not cells or None in cells:
@@ -319,14 +319,14 @@ def _is_comment(line: str) -> bool:
 
 
 def _is_summary(row: list[str], usual: list[str]) -> bool:
-    """Return true if a row holds a text where the others hold a number."""
+    """Return true if a row contains a text where the others contain a number."""
     numbers = [is_number(item) for item in usual]
     texts = [not is_missing(item) and not is_number(item) for item in row]
     return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
 
 
 def _fields(line: str, delimiter: str | None) -> list[str]:
-    # An empty first cell is one.
+    # Keep an empty first cell.
     line = line.strip(" \r\n") if delimiter == "\t" else line.strip()
     parts = line.split(delimiter)
     if '"' in line and delimiter is not None:
@@ -336,7 +336,7 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
 
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
-    """Return the delimiter and the first line of the numbers: all cells numbers, or else some of them."""
+    """Return the delimiter and the first line of the numbers: all cells are numbers, or else some."""
     for whole in (True, False):
         rows = ((at, line) for at, line in enumerate(lines) if line.strip() and not _is_comment(line))
         for (start, line), (_, below) in pairwise(chain(rows, [(0, "")])):
@@ -347,11 +347,11 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 # Cells may be empty, except the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
-                # `data:` below a fact.
+                # A line such as `data:` below a setting.
                 goes_on = goes_on and not below.rstrip().endswith(":")
-                # A lone number above the header is no row.
+                # A single number above the header is not a row.
                 single = len(fields) == 1 and any(sign in below for sign in ",;\t")
-                # Facts above a head are no rows.
+                # Settings above a head are not rows.
                 partly = any(map(is_number, fields)) and (
                     not below or any(map(is_number, _fields(below, delimiter)))
                 )
@@ -361,7 +361,7 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
 
 
 def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
-    """Go back over rows that are numbers by half, or where others are: bad data or facts, not a header."""
+    """Go back over rows of which half are numbers, or that have numbers elsewhere: these are no header."""
     usual = [at for at, item in enumerate(_fields(lines[start], delimiter)) if is_number(item)]
     while start > 0 and not _is_comment(lines[start - 1]):
         fields = _fields(lines[start - 1], delimiter)
@@ -371,7 +371,7 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
         if len(fields) != width:
             break
         numeric = [is_number(item) for item in fields]
-        # `sample_rate,1000` is a fact.
+        # `sample_rate,1000` is a setting.
         if not all(numeric) and noted_rate([lines[start - 1]], 1) is not None:
             break
         # A row of names may hold a number where the others hold none, `Sequence,VOLT,0.0,1e-3`.
@@ -383,13 +383,13 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
     return start
 
 
-# Lines above the numbers that may name columns: names, units, quantities, and groups of them.
+# Most lines above the numbers that may name columns: names, units, quantities, and groups.
 HEAD_LINES = 6
 
 
 def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
-    """Return names from the lines above the numbers, with lines of units and of groups next to them."""
-    # A line of dashes below the names is none of them.
+    """Return names from the lines above the numbers, with the lines of units and groups next to them."""
+    # Ignore a line of dashes below the names.
     lines = [line for line in before if any(map(str.isalnum, line)) or "°" in line][-HEAD_LINES:][::-1]
     lines = [line.lstrip("#%/! \t") if _is_comment(line) else line for line in lines]
     if not lines or _states_a_fact(lines[0], width):
@@ -399,7 +399,7 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         row = _names_in(line, delimiter, width, nearest=not rows)
         if row is None:
             break
-        # Letters of a column's name.
+        # Largest number of letters in a column's name.
         rows.append([cell[:1000] for cell in row])
     if not rows:
         return None
@@ -411,17 +411,17 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
 
 
 def _states_a_fact(line: str, width: int) -> bool:
-    """Return true if a line above one column states a number, `sample_rate: 1000`, and names no column."""
+    """Return true if a line above a single column states a number, `sample_rate: 1000`, not a name."""
     stated = re.search(r"[:=,;\t]\s*[-+]?[\d.]", line) is not None
     return width == 1 and bool(stated or noted_rate([line], 1) is not None or noted_unit([line]))
 
 
 def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) -> list[str] | None:
-    """Return the cells of a line above the numbers, one a column; None if it has another number of them."""
+    """Return the cells of a line above the numbers, one per column; None if the number differs."""
     separator = "," if delimiter is None and "," in line else delimiter
     fields = _fields(line, separator)
     if len(fields) != width and (delimiter is None or len(fields) == 1):
-        # `Time (s)   Angle (deg)`; `time.angle`; names are parted otherwise than numbers.
+        # `Time (s)   Angle (deg)`; `time.angle`; the delimiter of names may differ from that of numbers.
         apart = [re.split(r"\s{2,}|\t", line.strip())]
         apart += [line.strip().split(".")] if delimiter is None else []
         apart += [_fields(line, other) for other in DELIMITERS if other not in (None, delimiter, separator)]
@@ -453,12 +453,12 @@ def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | Non
 
 
 def _are_names(row: list[str], others: list[str]) -> bool:
-    """Return true if a row could name the columns of another one."""
+    """Return true if a row could name the columns of another row."""
     return bool(row) and len(row) == len(others) and not any(map(is_number, row)) and bool(row[-1])
 
 
 def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool:
-    """Return true if a row holds units of named columns: that of the time, or others with it."""
+    """Return true if a row contains units of named columns: the time's, or others with it."""
     of_time = any(
         plain_unit(item.strip("[]() ")) in TIME_UNITS and is_time(*split_header(name))
         for item, name in zip(row, names, strict=True)
@@ -472,7 +472,7 @@ def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool
     return (of_time and not any(map(is_number, row))) or known_all or _are_units(items, known)
 
 
-# Letters of the longest unit that is not known.
+# Largest number of letters of an unknown unit.
 LONGEST_UNIT = 8
 
 
@@ -490,7 +490,7 @@ def _with_unit(name: str, said: str) -> str:
 
 
 def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> list[str]:
-    """Return repeated names with their group's name in front, which a line above states once."""
+    """Return repeated names with the name of their group in front, which a line above states once."""
     repeated = [bool(name) and names.count(name) > 1 for name in names]
     if not any(repeated) or delimiter is None:
         return names
@@ -510,7 +510,7 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
 
 
 def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
-    """Return the cells of a line, each empty one as the one before it; nothing if they are too many."""
+    """Return the cells of a line, with each empty one filled from the left; nothing if there are too many."""
     cells = [cell.strip().strip("\"'").strip() for cell in line.strip("\r\n").split(delimiter)]
     if len(cells) > width:
         cells = cells[:width] if not any(cells[width:]) else []
@@ -521,8 +521,8 @@ def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:
-    """Return true if a line holds only units, one of them that of time; all known, or one other."""
-    # Sketches call their columns so.
+    """Return true if a line contains only units, one of time; all are known, except one."""
+    # Arduino sketches name their columns like this.
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False
     times = [item for item in items if plain_unit(item) in TIME_UNITS]
