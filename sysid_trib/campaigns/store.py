@@ -159,6 +159,8 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
         It cannot be made, or is no store.
     """
     names = names_of(records)
+    if path.is_file():
+        raise RecordError(f"{path}: is a file, not the store of a campaign; choose another place with -o.")
     with _readable(path):
         _recover(path)
         if not path.exists():
