@@ -23,12 +23,6 @@ def root_mean_square(values: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def cell_middles(edges: Array) -> Array:
-    """Return the middles of cells that lie evenly about zero, (cell,), with an exact zero."""
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    return 0.5 * (middle - middle[::-1])
-
-
 def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
     """Return a variable with its attributes.
 

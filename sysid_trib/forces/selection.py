@@ -1,6 +1,6 @@
 """Selection of forces: those that a method identifies, and those of the package that are named."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from sysid_trib.errors import DecayError
@@ -82,21 +82,6 @@ def refuse_sensors(library: ForceLibrary) -> None:
     if sensors:
         wrong = f"'{sensors[0]}' is a sensor term: it changes what is measured, not the motion"
         raise DecayError(f"{wrong}; Direct and Trajectory identify it, leave it out for others (--forces).")
-
-
-def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
-    """Return the library's forces of these formulas, for a method by its label.
-
-    Raises
-    ------
-    DecayError
-        One is missing, so that the method does not apply; or there is a sensor term.
-    """
-    refuse_sensors(library)
-    forces = {formula: library.role(formula) for formula in formulas}
-    if missing := [formula for formula, force in forces.items() if force is None]:
-        raise DecayError(f"{method} needs a force of formula {missing[0]}, and the library has none.")
-    return library.select(force.symbol for force in forces.values() if force is not None)
 
 
 def known_coefficients(library: ForceLibrary) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """The classical decrements, one relation between half periods each: Rayleigh (1877) to Wu et al. (2007)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any, ClassVar
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.selection import needed_forces
+from sysid_trib.forces.selection import refuse_sensors
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.auxiliary import AuxiliaryModel, energy_balance, same_half_periods
 from sysid_trib.methods.half_period_equations import Equations
@@ -302,3 +302,18 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
         raise DecayError("The turning points do not decay as under solid and viscous friction.")
     solid, viscous, _ = FeenyLiang().values(np.append(parameters, 1.0))
     return float(solid), float(viscous)
+
+
+def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
+    """Return the library's forces of these formulas, for a method by its label.
+
+    Raises
+    ------
+    DecayError
+        One is missing, so that the method does not apply; or there is a sensor term.
+    """
+    refuse_sensors(library)
+    forces = {formula: library.role(formula) for formula in formulas}
+    if missing := [formula for formula, force in forces.items() if force is None]:
+        raise DecayError(f"{method} needs a force of formula {missing[0]}, and the library has none.")
+    return library.select(force.symbol for force in forces.values() if force is not None)

@@ -13,6 +13,7 @@ from sysid_trib.physics.model_estimate import amplitude_row, arrest_time
 from sysid_trib.physics.si_units import per_input
 from sysid_trib.results import judged
 from sysid_trib.results.kinds import CONSEQUENCES, PER_INPUT, kind_of, si_of
+from sysid_trib.results.variables import group_names, record_groups
 
 
 def with_consequences(tree: xr.DataTree) -> xr.DataTree:
@@ -42,7 +43,7 @@ def with_consequences(tree: xr.DataTree) -> xr.DataTree:
     result = judged.preferred_result(tree) if kind_of(tree) == "cross_check" else None
     if result is None or not judged.follows(tree):
         return tree
-    times = judged.times_of_amplitudes(tree)
+    times = times_of_amplitudes(tree)
     return tree.assign({CONSEQUENCES: _consequences(result, judged.amplitudes(tree), times, si_of(tree))})
 
 
@@ -90,3 +91,10 @@ def _inertia(si: xr.Dataset | None) -> dict[str, float]:
     """Return the inertia in SI units with its error, as `dissipated_energy` takes it."""
     names = ("inertia", "inertia_standard_error")
     return {} if si is None or "inertia" not in si else {name: si[name].item() for name in names}
+
+
+def times_of_amplitudes(tree: xr.DataTree) -> Array:
+    """Return the time of each of the `amplitudes` from the first sample of its run, s (`t` of formulas)."""
+    groups = record_groups(tree)
+    pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
+    return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])

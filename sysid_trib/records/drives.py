@@ -10,8 +10,6 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.unit_tables import LAB_WORDS
 
 _WORDS = LAB_WORDS["drives"]
-# Fraction of zero steps of an input that is held between changes.
-MOSTLY_HELD = 0.5
 
 
 def is_named_as_drive(column: Column) -> bool:
@@ -57,8 +55,3 @@ def drives_among(columns: Iterable[Column], signal: Column) -> list[Column]:
         and moves(column)
     ]
     return sorted(driving, key=is_wanted)
-
-
-def is_held(values: np.ndarray) -> bool:
-    """Return true if an input is constant from sample to sample most of the time, like a square wave."""
-    return bool(np.mean(np.diff(values) == 0.0) > MOSTLY_HELD)

@@ -202,13 +202,6 @@ def amplitudes(tree: xr.DataTree) -> Array:
     return np.concatenate([tree[group].amplitude.values for group in groups])
 
 
-def times_of_amplitudes(tree: xr.DataTree) -> Array:
-    """Return the since the first sample of their run, s: `t` of the formulas at each of the `amplitudes`."""
-    groups = record_groups(tree)
-    pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
-    return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])
-
-
 def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
     """Return the errors of the coefficients by the noise and by the model, (force,) each."""
     if "error_of_model" not in result:

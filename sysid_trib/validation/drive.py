@@ -14,12 +14,14 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.forces.systems import System, shipped_systems
 from sysid_trib.methods.direct import Direct
-from sysid_trib.records import drives, inputs
+from sysid_trib.records import inputs
 from sysid_trib.records.roles import INPUT
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.driven import residual_over_motion
 
+# Fraction of zero steps of an input that is held between changes.
+MOSTLY_HELD = 0.5
 # Formulas of the forces of an oscillator, from the fewest on.
 OSCILLATORS = (
     ("2*v",),
@@ -134,7 +136,7 @@ def _short(run: xr.Dataset) -> xr.Dataset:
     period = 2.0 * np.pi / clock_of(run)
     every = max(1, int(period / PER_PERIOD / step))
     known = inputs.inputs_of(run)
-    held = any(drives.is_held(known[name].values) for name in known)
+    held = any(is_held(known[name].values) for name in known)
     # The omitted part of an input with jumps would act as another drive.
     every = 1 if held else every
     part = run.isel(time=slice(None, MOST_OF_RECORD * every, every))
@@ -146,10 +148,15 @@ def _short(run: xr.Dataset) -> xr.Dataset:
 def between_of(run: xr.Dataset) -> str:
     """Return the interpolation of inputs between their samples: `held` if one is constant for most steps."""
     known = inputs.inputs_of(run)
-    return "held" if any(drives.is_held(of.values) for of in known.values()) else "smooth"
+    return "held" if any(is_held(of.values) for of in known.values()) else "smooth"
 
 
 def with_between(run: xr.Dataset, between: str) -> xr.Dataset:
     """Return a run whose inputs are so between their samples."""
     changed = {name: run[name].assign_attrs(between=between) for name in inputs.inputs_of(run)}
     return run.assign(changed)
+
+
+def is_held(values: np.ndarray) -> bool:
+    """Return true if an input is constant from sample to sample most of the time, like a square wave."""
+    return bool(np.mean(np.diff(values) == 0.0) > MOSTLY_HELD)

@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array, cell_middles
+from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.records import inputs, signal
@@ -170,3 +170,9 @@ def _force_of_model(
             h = force.value(x, v, time, shapes=model.shapes, hidden=hidden)
             total = total + model.coefficients[force.symbol] * h
     return total
+
+
+def cell_middles(edges: Array) -> Array:
+    """Return the middles of cells that lie evenly about zero, (cell,), with an exact zero."""
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    return 0.5 * (middle - middle[::-1])
