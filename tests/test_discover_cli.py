@@ -214,3 +214,17 @@ def test_bad_candidates(folder, tmp_path):
     ending = run("discover", folder / "plain.csv", "--library", same, "--candidates", same)
     assert ending.status == 2
     assert "The library has no candidate" in ending.complaint
+
+
+def test_the_table_of_effects_says_what_its_columns_are(twin):
+    tables = [
+        block for block in discovery.discovery_blocks(twin[0]) if block.title != "Models and candidates"
+    ]
+    effects = [b for b in tables if b.table is not None and "fitted / noise" in map(str, heads(b.table))]
+    assert len(effects) == 2
+    for block in effects:
+        assert "on the fitted part (fitted) and on the last third (held out)" in block.caption
+
+
+def heads(table):
+    return [column.header for column in table.columns]

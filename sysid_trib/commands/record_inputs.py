@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,8 +26,8 @@ from sysid_trib.forces.systems import load_system
 from sysid_trib.records import modes
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
-from sysid_trib.records.free_motion_checks import AS_IT_IS
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.no_decay import NoDecayError
 from sysid_trib.records.one_mode import one_mode
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
@@ -324,11 +325,12 @@ def _decays(given: RecordOptions, record: xr.Dataset, *, as_it_is: bool = False)
     how = {"keep_outliers": given.keep_outliers, "as_it_is": as_it_is}
     try:
         return free_decays(record, window=limits, equilibrium=centre, **how)
-    except DecayError as error:
-        if AS_IT_IS not in str(error):
+    except NoDecayError as error:
+        if not error.reason.uncut:
             raise
-        message = str(error)
-    raise DecayError(message.replace(f", or {AS_IT_IS}", _as_it_is(given, record, limits, centre)))
+        refusal = error
+    reason = replace(refusal.reason, uncut=_as_it_is(given, record, limits, centre))
+    raise NoDecayError(refusal.source, reason)
 
 
 def _as_it_is(
@@ -342,9 +344,9 @@ def _as_it_is(
         return ""
     viscous = next(iter(load_library().damping_factors))
     if isinstance(given, ForcesOptions):
-        return f", or name the forces that act, such as --forces {viscous}, to use it uncut"
+        return f"name the forces that act, such as --forces {viscous}, to use it uncut"
     # This command has no such option: another one takes the record.
-    return f", or use it uncut with {command_after('identify', {'forces': viscous}, given)}"
+    return f"use it uncut with {command_after('identify', {'forces': viscous}, given)}"
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> None:

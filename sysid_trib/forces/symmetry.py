@@ -164,6 +164,11 @@ def units(force: "Force") -> str:
     return "1" if not power else "s-1" if power == 1 else f"s{-power:g}"
 
 
+def as_factor(unit: str) -> str:
+    """Return a unit that a power or a `/` may follow: `(% of tank width)`, `(m/V)`, but `mm`."""
+    return f"({unit})" if set("*/· ") & set(unit) else unit
+
+
 def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     """Return the unit of the coefficient with inputs in units of their own, by their names: `1/V`.
 
@@ -177,8 +182,7 @@ def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     for name in raw:
         of_input = {channel.name: 1.0 for channel in force.channels if channel.input == name}
         if power := _degree_in(force, of_input):
-            unit = inputs[name] or name
-            unit = f"({unit})" if set("*/") & set(unit) else unit
+            unit = as_factor(inputs[name] or name)
             text += f"/{unit}" if power == 1 else f"/{unit}^{power:g}"
     return text
 

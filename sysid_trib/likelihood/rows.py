@@ -64,7 +64,7 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
     -----
     With L the operator of small deviations, S the terms h of the sensor and k = (frequency/nominal)^2, the
     rows are ``A x + k value (H c) + L (angle - offset - S s - x) = L noise``. Along an exact solution the
-    first two terms cancel, so that quadrature errors cannot bias the result; along a nearby path, only its
+    first two terms cancel, so that quadrature errors cannot bias the result. Along a nearby path, only its
     difference from the exact solution remains. A known input is integrated if neither is available.
     """
     form, k = run.form, run.stiffness_scale

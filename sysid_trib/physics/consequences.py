@@ -94,7 +94,7 @@ def _inertia(si: xr.Dataset | None) -> dict[str, float]:
 
 
 def times_of_amplitudes(tree: xr.DataTree) -> Array:
-    """Return the time of each of the `amplitudes` from the first sample of its run, s (`t` of formulas)."""
+    """Return the time (s) of each of the `amplitudes` from the first sample of its run: `t` of formulas."""
     groups = record_groups(tree)
     pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
     return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])

@@ -227,7 +227,8 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
 
 def _test_of_all(data: xr.Dataset) -> str:
     """Return the test of all forces together."""
-    test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
+    count = f"{data.degrees_of_freedom.item():g} degrees of freedom"
+    test = f"chi-square {data.chi_square.item():.3g} for {count}, p "
     return test + layout.p_value_text(data.p_value_of_all.item())
 
 
@@ -250,7 +251,8 @@ def _first_sentence(tree: xr.DataTree) -> str:
         rest += f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
         return f"{'; '.join(parts)}{rest}."
     if data.attrs["verdict"] == "together they differ":
-        return f"The samples differ ({test}), although no single coefficient does{_sufficient(tree)}."
+        unclear = "but the records do not determine in which coefficients"
+        return f"The samples differ ({test}), {unclear}.{_sufficient(tree)}"
     rest = f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
     return f"No difference was found in {', '.join(others) or 'the samples'} ({test}){rest}."
 
@@ -273,7 +275,7 @@ def _sufficient(tree: xr.DataTree) -> str:
             for name, pair in choice.items()
         ]
         parts.append(" and ".join(of_each))
-    return f"; if all others are equal, the difference is {', or '.join(parts)}" if parts else ""
+    return f" These differences explain it if the others are zero: {'; or '.join(parts)}." if parts else ""
 
 
 def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:

@@ -21,7 +21,7 @@ COMPETING, COMPETING_PAIRS = 10, 3
 OUTSIDE_OF_SET = 19.0
 DIFFER, MISSING, REMAINS = "Residual of the start model", "Missing effects", "Residual of the final model"
 CANDIDATES, SHOWS = "Models and candidates", "Detectable effects"
-PARTS_CAPTION = "Record minus model, by its parts"
+PARTS_CAPTION = "Record minus model, in components: the largest value, its time, values at two amplitudes"
 
 
 def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
@@ -29,15 +29,15 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
     (verdict, *sentences), details = verdict_sentences(tree), Layer.EXPLAIN
     remarks = [line for at, step in enumerate(effects.steps_taken(tree)) for line in _remarks(tree, at, step)]
     held = (
-        "Effects in the order in which they were added, with the residual before and after each, over the "
-        f"noise; held out: {tree.attrs['held_out']}"
+        "Effects in the order in which they were added. Residuals over the noise, before to after: on the "
+        f"fitted part (fitted) and on {tree.attrs['held_out']} (held out)"
     )
     after, remains = "discrepancy_after", tree.attrs["verdict"] == "unknown effect"
     parts = tables.residual_table(tree, after) if remains else None
     return [
         Block([verdict], ALWAYS),
         Block(sources),
-        Block((), Layer.QUIET | Layer.DEFAULT, table=tables.effects_table(tree)),
+        Block((), Layer.QUIET | Layer.DEFAULT, table=tables.effects_table(tree), caption=held),
         Block([*remarks, *sentences], Layer.DEFAULT),
         Block(sentences, details),
         Block(title="At a glance"),
@@ -111,7 +111,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
     more = f", and {len(others) - COMPETING} more" if len(others) > COMPETING else ""
     likely = ", ".join(f"{s} {_probability(p)}" for s, p in [*probabilities.items()][: COMPETING + 1])
     yield f"{symbol} cannot be separated from: {named}{more}."
-    yield f"With equal prior probabilities: {likely}."
+    yield f"Probabilities (all candidates equally probable beforehand): {likely}."
     # List the forces that no run separates, and the measurement that would separate the others.
     groups = effects.inseparable_groups(step)
     for group in groups:

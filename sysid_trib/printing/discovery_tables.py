@@ -19,9 +19,9 @@ ROWS, LAST = 10, 3
 # Candidates that are named with an effect which cannot be separated from them.
 TIES_NAMED = 2
 RANKING = (
-    "|z| of the named and the strongest candidates before each step and at the end (-: in the model, or not "
-    "tested). Last column: the coefficient of five standard errors. Shape parameters and frequencies are "
-    "those with the largest |z|"
+    "Score |z| of the named and the strongest candidates before each step and at the end, at the shape "
+    "parameters with the largest |z|; -: in the model, or not tested; detectable: the coefficient of five "
+    "standard errors in the final model"
 )
 UNKNOWN = "The residual does not follow the motion: it is external vibration, or noise of another kind."
 # Places that a sentence names; a residual that is everywhere needs none.
@@ -31,14 +31,14 @@ WHERE = {
     "late times": ", growing with time",
 }
 CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
-EVEN, TILTED = "even", "one-sided dissipative"
+EVEN, TILTED = "even", "friction that differs between the sides"
 SENSOR_CURVE = "an even force is missing, or the sensor is nonlinear"
 # Meanings of the types of force in the omnibus test, alone and together.
 MEANINGS = {
     frozenset({CONSERVATIVE}): "a conservative force is missing, or the clock is wrong",
     frozenset({DISSIPATIVE}): "a dissipative force is missing",
     frozenset({EVEN}): SENSOR_CURVE,
-    frozenset({TILTED}): "friction that differs between the sides is missing, or the sensor is nonlinear",
+    frozenset({TILTED}): f"{TILTED} is missing, or the sensor is nonlinear",
     frozenset({CONSERVATIVE, DISSIPATIVE}): "forces of both types are missing, or a history-dependent one",
     frozenset({EVEN, TILTED}): SENSOR_CURVE,
 }
@@ -221,8 +221,8 @@ def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
         best = abs(omnibus.z).to_series().groupby(_sort_of).max().sort_values(ascending=False)
         scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
         near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
-        meaning = MEANINGS.get(near, "forces of several types would explain it")
-        yield f"According to the omnibus test (largest |z| of each type of force: {scores}), {meaning}."
+        meaning = MEANINGS.get(near, "forces of several types would explain the residual")
+        yield f"According to the omnibus test, {meaning}. Largest |z| of each type of force: {scores}."
 
 
 def _sort_of(name: str) -> str:

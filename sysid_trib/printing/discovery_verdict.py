@@ -172,8 +172,8 @@ def _unexplained(tree: xr.DataTree) -> Iterator[str]:
     if len(cells):
         x, v = cells.abs().idxmax()
         where = (
-            f" The missing force is most significant near x = {x:.2g}, v = {v:.2g} {units}, where it is "
-            f"I w^2 times {after.force.sel(x=x, v=v).item():.2g} {units}."
+            f" The missing force is most significant near x = {x:.2g}, v = {v:.2g} {units}: it is "
+            f"{after.force.sel(x=x, v=v).item():.2g} {units} there, times I w^2."
         )
     yield (
         f"No candidate explains the residual {_between(amplitude[high], units)}; it is largest at "

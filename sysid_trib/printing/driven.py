@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from sysid_trib.forces.symmetry import as_factor
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
@@ -129,10 +130,11 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
     scaled = tree[PER_INPUT].to_dataset()
     name, unit = scaled.attrs["input"], signal_units(tree)
     units = tree[record_groups(tree)[0]][name].attrs.get("units") or name
-    of_each = {MASS: f"{units}/({unit}/s^2)", STIFFNESS: f"{units}/{unit}"}
+    own = as_factor(unit)
+    of_each = {MASS: f"{units}/({own}/s^2)", STIFFNESS: f"{units}/{own}"}
     for force in library_of(result):
         q = force.speed_degree or 0.0
-        rate = "" if not q else f"/({unit}/s)" if q == 1 else f"/({unit}/s)^{q:g}"
+        rate = "" if not q else f"/({own}/s)" if q == 1 else f"/({own}/s)^{q:g}"
         of_each[force.symbol] = f"{units}{rate}"
     parts = [
         f"{what} {layout.value_with_error(row.value.item(), row.standard_error.item())} {of_each[what]}"

@@ -57,7 +57,7 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         *_own_blocks(tree),
         *_restoring_blocks(tree),
         Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
-        Block([*_formula_sentences(tree)], title=FORMULA_TITLE),
+        *_formula_blocks(tree),
         Block([*_interaction_sentences(tree)], title=BOTH_TITLE),
         Block([*_details(tree)], details, SURENESS_TITLE),
     ]
@@ -258,9 +258,9 @@ def _caption(tree: xr.DataTree, law: str) -> str:
     held = law_curves.known_part(_preferred(tree), np.zeros(1))[1]
     known = " and ".join(["the straight line w^2 x", *held])
     return (
-        f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole; then by "
-        f"each method without {known}{f' (in {scaled})' * bool(power)}, with standard errors; "
-        f"w = {w:.6g} rad/s"
+        f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}), with standard "
+        f"errors. Column whole: all of it; the other columns: without {known}, w = {w:.6g} rad/s"
+        f"{f', in {scaled}' * bool(power)}"
     )
 
 
@@ -372,8 +372,8 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
         )
 
 
-def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Say which sums of library forces stay within the bands, and whether the force is a sum of both laws."""
+def _formula_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """Yield a table of the sums of library forces that stay within the band of each law."""
     if tree["judged"].attrs["reason"]:
         return
     for law, words in (("friction", "the friction law"), ("restoring", "the restoring-force law")):
@@ -381,19 +381,20 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
         if law == "restoring" and not law_curves.restores(_preferred(tree)):
             continue
         if name not in tree.children:
-            yield f"No sum of up to three library forces stays within the band of {words}."
+            sentence = f"No sum of up to three library forces stays within the band of {words}."
+            yield Block([sentence], title=FORMULA_TITLE)
             continue
         listed = tree[name].to_dataset()
         count = min(FORMULAS_SHOWN, listed.sizes["alternative"])
-        texts = [_formula_text(listed.isel(alternative=at)) for at in range(count)]
-        said = ""
+        rows = [{"formula": _formula_text(listed.isel(alternative=at))} for at in range(count)]
+        caption = f"Formulas within the band of {words}, divided by w^2"
         if "held_out_rms" in listed:
             unit = signal_units(tree)
-            sizes = [_residual_text(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
-            texts = [f"{text} ({size})" for text, size in zip(texts, sizes, strict=True)]
+            for row, rms in zip(rows, listed.held_out_rms.values[:count].tolist(), strict=True):
+                row["residual"] = _residual_text(rms, unit)
             of_laws = _residual_text(listed.held_out_rms_of_laws.item(), unit)
-            said = f" (in parentheses the residual on the held-out last third; of the curves {of_laws})"
-        yield f"Formulas within the band of {words}, divided by w^2{said}: {'; or '.join(texts)}."
+            caption += f"; residual (RMS) on the held-out last third, {of_laws} for the curves"
+        yield Block((), title=FORMULA_TITLE, table=layout.text_table(rows, ("formula",)), caption=caption)
 
 
 def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
@@ -489,7 +490,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
     smooth = [force.symbol for force in library if not force.curve and force.kind != "sensor"]
     free = [symbol for symbol in smooth if symbol not in held]
     if free:
-        yield f"Not subject to the smoothness penalty: {', '.join(free)}."
+        yield f"Named forces, fitted without the smoothness penalty: {', '.join(free)}."
     if held:
         values = ", ".join(f"{name} = {result.coefficient.sel(force=name).item():g}" for name in sorted(held))
         yield f"Held: {values}."

@@ -225,8 +225,8 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     """Describe a decay: the facts, their limits, and the forces that they indicate."""
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
-    step = f"sensor step {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
-    step = step if np.isfinite(value["sensor_step"]) else "no sensor step visible"
+    step = f"smallest step between values {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
+    step = step if np.isfinite(value["sensor_step"]) else "no smallest step between values"
     first, last = value["first_damping_ratio"], value["last_damping_ratio"]
     fall = value["first_amplitude"] / value["last_amplitude"]
     limits = {
@@ -266,8 +266,8 @@ def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
     said = []
     if ranked := attrs["predicted_by"]:
         said.append(
-            "Part of the frequency shift that elastic forces leave unexplained (in parentheses each --system "
-            f"that has them): {ranked}."
+            "Part of the frequency shift that stays unexplained with these elastic forces (--system options "
+            f"that have them): {ranked}."
         )
     if columns := attrs["columns_point_to_system"]:
         said.append(f"The columns {columns} suggest a {attrs['points_to_system']}.")
@@ -287,8 +287,8 @@ def _law(law: str, power: float) -> str:
     if law == "v*abs(v)":
         return "the damping ratio is larger at large amplitudes, as with quadratic drag"
     return (
-        f"the damping ratio varies as the amplitude to the power {power:.2g}: nearest to viscous friction "
-        "(0; dry friction -1, quadratic drag 1)"
+        f"the damping ratio is proportional to the amplitude to the power {power:.2g}; viscous friction "
+        "gives the power 0, dry friction -1, quadratic drag 1"
     )
 
 

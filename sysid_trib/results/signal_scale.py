@@ -21,6 +21,7 @@ from sysid_trib.forces import notation
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
+from sysid_trib.forces.symmetry import as_factor
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.results.variables import PER_FORCE_UNIT, refuse_whole_result, scaling_of
 
@@ -185,8 +186,8 @@ class _SignalScale:
         time = next((part for part in own.split() if part.startswith("s-") or part == "s"), "")
         if inside or not power:
             return (time or "1") + slash + of_inputs
-        signal = f"{self.unit}{'' if power == 1 else f'^{power:g}'}{f' {time}' if time else ''}"
-        return signal + slash + of_inputs
+        signal = self.unit if power == 1 else f"{as_factor(self.unit)}^{power:g}"
+        return (f"{signal} {time}" if time else signal) + slash + of_inputs
 
     def _method(self, method: Any) -> Any:
         """Return a method whose options, given in the record's unit, are those of the scaled motion."""
