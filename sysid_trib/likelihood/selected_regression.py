@@ -1,4 +1,4 @@
-"""Regression of records on the columns of their forces: rounds of selection, and refinement of the columns."""
+"""Regression of records on the columns of their forces: rounds of selection, refinement of the columns."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
