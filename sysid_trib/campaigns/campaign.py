@@ -73,13 +73,15 @@ def campaign(
     -------
     Dataset
         Over `record`, `model`, `force`: `coefficient` with `standard_error`; over `record` and `model`
-        reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors; over
-        `record`: `status` (0 waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` of a
-        record without numbers, `verdict`, `named` effects, `p_value` of the agreement of both methods,
-        `seconds`; of `discover` besides `tied`, what those named cannot be separated from ("epsilon or
-        gravity"), and over `record` and `force` the corrected `effect_p_value` of each that is named; of a
-        study `true_coefficient`. Values are read when they are used. `store.sel(model="direct")` chooses the
-        model of one method.
+        reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors, and the
+        variables of the group `judged` of the task's function (`verdict`, `residual_over_noise`, `p_value`,
+        ...), those of each run left out; over `record`: `preferred`, the preferred model, `status` (0
+        waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` of a record without numbers,
+        `seconds`; of a cross-check `agreement_p_value`; of `discover` `search_outcome`, `converged`, `named`
+        effects, `tied`, what those named cannot be separated from ("epsilon or gravity"), and over `record`
+        and `force` the corrected `effect_p_value` of each that is named. Values are read when they are used.
+        `store.sel(model="direct")` chooses the model of one method; a method that does not apply to a record
+        has nan and no verdict there.
 
     Raises
     ------

@@ -9,22 +9,22 @@ import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import check_is_file
-from sysid_trib.results.store import Status
+from sysid_trib.results.store import Status, of_model
 from sysid_trib.validation.common_reference import ASYMPTOTIC_FREQUENCY
 
 # Column of a table of conditions that names the records; without it rows are in the order of the records.
 RECORD = "record"
 
 
-def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
+def estimates_of(store: xr.Dataset, model: str) -> xr.Dataset:
     """Return coefficients and asymptotic frequency of all records with numbers, as `between_runs` takes them.
 
     Parameters
     ----------
     store : Dataset
         Store of a campaign.
-    method : str
-        Label of the identification.
+    model : str
+        Label of the identification, as `of_model` takes it.
 
     Returns
     -------
@@ -37,7 +37,7 @@ def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
     units = store.signal_units.values[places].astype(str)
     usual = pd.Series(units).mode().get(0, "")
     places = places[units == usual]
-    done = store.isel(record=places).sel(model=method)
+    done = of_model(store.isel(record=places), model)
     reference = done.reference_frequency.values
     mean = float(np.nanmean(reference)) if np.any(np.isfinite(reference)) else np.nan
     degrees = done.speed_degree.values

@@ -16,7 +16,8 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
-from sysid_trib.results.store import EFFECT_P_VALUE, TIED
+from sysid_trib.results.judged import SEARCH_OUTCOME
+from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_VARIABLES, TIED
 from sysid_trib.results.variables import RESULT_TABLES
 
 # Ending of the remains of a chunk of a killed process, as with zarr.
@@ -26,23 +27,39 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Parts of a record's time: enough to show its decay, its stop and foreign samples.
 OUTLINE_PARTS = 60
-OF_SEARCH = {TIED, EFFECT_P_VALUE}
+OF_SEARCH = {TIED, EFFECT_P_VALUE, SEARCH_OUTCOME, "named", "converged"}
+OF_CROSS_CHECK = {"agreement_p_value"}
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
 
+# Units in the tables of results that a store says otherwise: each record has its own signal; a text has none.
+UNITS_IN_STORE = {"rad": "see signal_units", "text": ""}
 # Dimensions other than the record, unit and meaning of each variable.
 VARIABLES = {
-    name: (tuple(dims.split()), units, meaning)
-    for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
+    name: (tuple(dims.split()), UNITS_IN_STORE.get(units, units), meaning)
+    for name, (dims, units, meaning, *_) in {
+        **RESULT_TABLES["campaign"],
+        **{name: RESULT_TABLES["judged"][name] for name in JUDGED_VARIABLES},
+    }.items()
 }
 # NumPy's nan for missing numbers; texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
-    **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
-    **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},
+    TIED: "U400",
+    "message": "U400",
+    "named": "U200",
+    "failure": "U100",
+    "preferred": "U100",
+    "record_checksum": "U64",
+    "signal_units": "U40",
+    "verdict": "U30",
+    SEARCH_OUTCOME: "U20",
+    "converged": "b1",
+    "status": "i1",
+    CHECKSUM: "i8",
 }
 # Unknown values.
-FILL = {"f": np.nan, "U": "", "i": 0}
+FILL = {"f": np.nan, "U": "", "i": 0, "b": False}
 
 
 def empty(name: str, sizes: Mapping[str, int]) -> Array:

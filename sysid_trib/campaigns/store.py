@@ -6,7 +6,7 @@ renamed into its place when it is whole: at any moment the store can be read, an
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,11 +27,13 @@ from sysid_trib.campaigns.task import (
     record_at,
 )
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.results.store import Status
+from sysid_trib.results.store import STORE_FORMAT, Status
 
 FINGERPRINT = "task_fingerprint"
-# Kinds of arrays: numbers, texts and small integers; another kind is not read, as it could run code.
-KINDS = "fUi"
+FORMAT = "format_version"
+# Kinds of arrays: numbers, texts, small integers, true or false; another kind is not read, as it could run
+# code.
+KINDS = "fUib"
 # Bytes of the names that all records share; more is no name of a force or a method.
 LARGEST_LABELS = 2**24
 
@@ -46,7 +48,7 @@ class Store:
     Raises
     ------
     RecordError
-        It is no store of a campaign.
+        It is no store of a campaign, or one of another version of the format.
     ValueError, KeyError
         Its arrays are others; other errors of zarr where one is damaged.
     """
@@ -57,6 +59,12 @@ class Store:
         self.path, self.group = path, zarr.open_group(path, mode="r")
         if FINGERPRINT not in self.group.attrs:
             raise RecordError(f"{path}: is not the store of a campaign; choose another place with -o.")
+        if self.group.attrs.get(FORMAT) != STORE_FORMAT:
+            raise RecordError(
+                f"{path}: this store of a campaign has {_format_text(self.group.attrs)}, and this version of "
+                f"sysid_trib reads and continues format {STORE_FORMAT}; run the campaign again with another "
+                "place -o, or read the old numbers with xarray.open_zarr."
+            )
         # One after the other: several at once complain at exit if they are not awaited. And only once: each
         # time takes as long as writing a record.
         folders = [place.parent for place in sorted(path.glob("*/.zarray"))]
@@ -196,7 +204,7 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     Raises
     ------
     RecordError
-        It is no such store.
+        It is no such store, or one of another version of the format.
     """
     place = Path(path)
     with _readable(place):
@@ -213,6 +221,11 @@ def as_dataset(path: Path) -> xr.Dataset:
         # No value is missing: an uncomputed value is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
     return store
+
+
+def _format_text(attrs: Mapping[str, Any]) -> str:
+    """Return the format of a store in words; stores of formats before 5 do not state it."""
+    return f"format {attrs[FORMAT]}" if FORMAT in attrs else "a format before 5"
 
 
 def _damaged(path: Path, reason: object) -> RecordError:
@@ -283,7 +296,7 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         }
         attrs = {"long_name": meaning} | ({"units": units} if units else {})
         array.attrs.update(attrs | (flags if name == "status" else {}))
-    begun_with = {FINGERPRINT: fingerprint(records, task), "task": task.name}
+    begun_with = {FINGERPRINT: fingerprint(records, task), FORMAT: STORE_FORMAT, "task": task.name}
     group.attrs.update(begun_with | {"coordinates": "unit speed_degree"})
 
 

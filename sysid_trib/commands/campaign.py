@@ -24,7 +24,7 @@ from sysid_trib.errors import RecordError, Tell, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.systems import load_system
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
-from sysid_trib.results.store import counts_of, reported_method
+from sysid_trib.results.store import counts_of, reported_model
 from sysid_trib.smooth_laws.method import law_methods
 
 # Options of the task laws alone.
@@ -101,22 +101,27 @@ def _task(given: CampaignOptions) -> task.Task:
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     asked = asked_model(given)
     methods = methods_asked(asked)
-    # The two methods that `identify` cross-checks.
-    wanted = ["averaging", "direct"] if name == "identify" else list(methods)
+    # Without --methods `identify` takes the two of the command for each record.
+    wanted = [] if name == "identify" else list(methods)
     if given.methods:
         wanted = [label.strip() for label in given.methods.split(",")]
     if name == "identify" and (curves := [label for label in wanted if label in law_methods()]):
         raise UsageError(f"--methods '{curves[0]}' has no coefficients: give --task laws --speeds 0.1,0.5.")
     if misspelt := [label for label in wanted if label not in methods]:
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
+    of_usual_methods = {
+        "reference_frequency": asked.reference_frequency,
+        "shapes": asked.shapes,
+        "random_force": asked.random_force,
+    }
     return task.Task(
         cast(task.Name, name),
         asked.library,
         {label: methods[label] for label in wanted},
-        judged=name == "identify" and not given.methods,
         read=read,
         constraints=asked.constraints,
         contactless=asked.contactless,
+        options={} if wanted else of_usual_methods,
     )
 
 
@@ -181,7 +186,7 @@ def _conditions(given: CampaignOptions, names: list[str]) -> Any:
 
 def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dataset | None:
     """Return the variation between records by the reported identification; None if there are too few."""
-    estimates = estimates_of(store, reported_method(store))
+    estimates = estimates_of(store, reported_model(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
         return None
     if table is None:

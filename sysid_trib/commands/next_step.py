@@ -154,7 +154,7 @@ def _after_discovery(tree: xr.DataTree) -> StateOfResult:
     if tree.attrs.get("out_of_time"):
         return StateOfResult("out of time", {"time_limit": None})
     after, driven = tree["after"].to_dataset(), kinds.is_of_driven(tree)
-    unexplained = tree.attrs["verdict"] == "unknown effect"
+    unexplained = judged.has_unknown_effect(tree)
     if unexplained and not driven:
         return StateOfResult("unknown effect", {})
     if not effects.determines(after):
@@ -223,7 +223,7 @@ def _tied(tree: xr.DataTree) -> list[str]:
 def _swings_unexplained(tree: xr.DataTree) -> bool:
     """Return true if a model does not explain records of pendulums."""
     if kind_of(tree) == "discover":
-        unexplained = tree.attrs["verdict"] == "unknown effect"
+        unexplained = judged.has_unknown_effect(tree)
     else:
         unexplained = kind_of(tree) == "cross_check" and not judged.is_explained(tree)
     records = (tree[group].to_dataset() for group in record_groups(tree))

@@ -21,10 +21,21 @@ from sysid_trib.printing.law_difference import (
 )
 from sysid_trib.printing.verdict import error_parts_sentence
 from sysid_trib.results.effects import at_bound, sufficient_forces
+from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import SIDES, identifications_of
-from sysid_trib.results.store import EFFECT_P_VALUE, TIED, Status
+from sysid_trib.results.store import (
+    EFFECT_P_VALUE,
+    JUDGED_VARIABLES,
+    TIED,
+    Status,
+    done_records,
+    text_counts,
+    unvisited_speeds,
+)
 
 REFUSALS, NAMES_LISTED = 5, 6
+# Records of which JSON has what is judged; the store has all.
+MOST_IN_JSON = 1000
 # Standard deviations beyond which a record is an outlier.
 STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "Variation between the records", "Without a result"
@@ -84,9 +95,18 @@ def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
     """Describe how many records are done, and how often each verdict and name occurs."""
     bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
     yield f"{counts['done']:,} of {sum(counts.values()):,} records done{f'; {bad}' if bad else ''}."
-    verdicts = [f"{count:,} {v}" for v, count in _most_first(_of_done(store, "verdict")).items()]
-    if verdicts:
-        yield f"{'; '.join(verdicts[:REFUSALS])}."
+    if verdicts := text_counts(store, "verdict"):
+        yield f"{'; '.join(f'{count:,} {verdict}' for verdict, count in verdicts.items())}."
+    if outcomes := text_counts(store, SEARCH_OUTCOME):
+        texts = "; ".join(f"{count:,} {outcome}" for outcome, count in outcomes.items())
+        unconverged = np.count_nonzero(~done_records(store).converged.values)
+        early = f"; {unconverged:,} ended before the search had converged" if unconverged else ""
+        yield f"Outcomes of the searches: {texts}{early}."
+    elif preferred := text_counts(store, "preferred"):
+        models = [f"{model} in {count:,}" for model, count in preferred.items()]
+        yield f"Preferred method: {', '.join(models)}."
+    if unvisited := unvisited_speeds(store):
+        yield f"No record visits the speed of {', '.join(unvisited)}: give smaller --speeds."
     if listed := [f"{symbol} in {count:,}" for symbol, count in named_counts(store).items()]:
         more = f", {len(listed) - NAMES_LISTED} more" if len(listed) > NAMES_LISTED else ""
         yield f"Named, or not separable from a name: {', '.join(listed[:NAMES_LISTED])}{more}."
@@ -104,10 +124,9 @@ def named_counts(store: xr.Dataset) -> dict[str, int]:
 
 def named_text(record: xr.Dataset) -> str:
     """Return the effects that a discovery named, each with its p-value and its competing effects."""
+    if EFFECT_P_VALUE not in record or not record.named.item():
+        return ""
     named = str(record.named.item())
-    # A store that was begun by an older version has the names alone.
-    if not named or EFFECT_P_VALUE not in record:
-        return named
     p_values = record[EFFECT_P_VALUE]
     pairs = [f"{s} (p {layout.p_value_text(p_values.sel(force=s).item())})" for s in named.split(", ")]
     tied = str(record[TIED].item())
@@ -165,13 +184,37 @@ def campaign_json(
     store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None
 ) -> dict[str, Any]:
     """Return the campaign as plain data: counts, reasons, and what varies between the records."""
-    made: dict[str, Any] = {"records": dict(counts), "without_result": _reasons(store)}
+    made: dict[str, Any] = {
+        "records": dict(counts),
+        "without_result": _reasons(store),
+        "verdicts": text_counts(store, "verdict"),
+        "preferred": text_counts(store, "preferred"),
+        "judged": _judged_json(store),
+    }
+    if SEARCH_OUTCOME in store:
+        made["search_outcomes"] = text_counts(store, SEARCH_OUTCOME)
+    if unvisited := unvisited_speeds(store):
+        made["unvisited_speeds"] = unvisited
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
     if compared is not None:
         made["between_records"] = layout.mapped(compared, "between_records")
         made["collinear_conditions"] = _collinear(compared)
     return made
+
+
+def _judged_json(store: xr.Dataset) -> dict[str, Any]:
+    """Return the judged variables of each model, by record, of the first records that have a result."""
+    table = done_records(store)[list(JUDGED_VARIABLES)].isel(record=slice(MOST_IN_JSON)).load()
+    # A record lacks the models that do not apply to it: these have no verdict.
+    return {
+        name: {
+            label: dict(of_model.data_vars)
+            for label, of_model in layout.by_label(of_record, "model").items()
+            if of_model.verdict.item()
+        }
+        for name, of_record in layout.by_label(table.reset_coords(drop=True), "record").items()
+    }
 
 
 # Probability with which a difference is found that the table names.

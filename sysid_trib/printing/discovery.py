@@ -12,7 +12,14 @@ from sysid_trib.printing import ALWAYS, Block, Layer, discovery_tables as tables
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
 from sysid_trib.results import effects
-from sysid_trib.results.judged import LARGE, given_results, record_noise, residual_of
+from sysid_trib.results.judged import (
+    LARGE,
+    given_results,
+    has_unknown_effect,
+    record_noise,
+    residual_of,
+    verdict_of,
+)
 from sysid_trib.results.variables import signal_units
 
 # Competing effects that are named, the most probable; a file has all. And pairs of them.
@@ -32,7 +39,7 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
         "Effects in the order in which they were added. Residuals over the noise, before to after: on the "
         f"fitted part (fitted) and on {tree.attrs['held_out']} (held out)"
     )
-    after, remains = "discrepancy_after", tree.attrs["verdict"] == "unknown effect"
+    after, remains = "discrepancy_after", has_unknown_effect(tree)
     parts = tables.residual_table(tree, after) if remains else None
     return [
         Block([verdict], ALWAYS),
@@ -173,6 +180,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     computed = {
         "disagreement": _spans(tree["discrepancy"].to_dataset()),
         "steps": [_step(tree, at, step) for at, step in enumerate(effects.steps_taken(tree))],
+        "verdict": verdict_of(tree),
         "converged": bool(tree["converged"]),
         **{name: attrs.get(name) or None for name in ("closing_effect", "not_improving", "refused_by_laws")},
         "laws_held_out_rms": attrs.get("laws_held_out_rms", float("nan")),

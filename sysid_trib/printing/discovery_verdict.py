@@ -41,7 +41,7 @@ IMITATED = "the model may imitate a force that is not among the candidates"
 def verdict_sentences(tree: xr.DataTree) -> list[str]:
     """Describe the verdict of a result of `discover`, the residual, and the model."""
     return [
-        *(_unknown_effect(tree) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)),
+        *(_unknown_effect(tree) if judged.has_unknown_effect(tree) else _closed(tree)),
         *_search(tree),
         *verdict.heterogeneity_sentences(tree),
         *_model(tree),

@@ -68,7 +68,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written
     if kind == "discover":
-        said = {"verdict": str(tree.attrs["verdict"])}
+        said = {"verdict": judged.verdict_of(tree), "search": str(tree.attrs[judged.SEARCH_OUTCOME])}
         model = "after"
     else:
         model = judged.preferred_of(tree)

@@ -26,8 +26,9 @@ from sysid_trib.printing import (
     laws,
     layout,
 )
+from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import kind_of
-from sysid_trib.results.store import Status, counts_of, reported_method
+from sysid_trib.results.store import PREFERRED, Status, counts_of, of_model, reported_model
 from sysid_trib.results.variables import record_groups
 
 # A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
@@ -125,8 +126,12 @@ def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
 
 # Rows of the page; the store has all of them.
 MOST_ROWS = 1000
-# For a discovery, whose identifications are models and no methods.
-BY_MODEL = {"before": "of the start model", "after": "of the final model"}
+# Labels that are no names of methods.
+BY_MODEL = {
+    "before": "of the start model",
+    "after": "of the final model",
+    PREFERRED: "by the preferred method of each record",
+}
 
 
 def campaign_contents(
@@ -179,30 +184,79 @@ def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.Data
         largest[compared["at"].values] = z.max(axis=1)
     order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
     # Read only the shown part of a large store.
-    last = store.sel(model=reported_method(store)).isel(record=order).load()
+    shown = store.isel(record=order)
+    reported = reported_model(store)
+    last = of_model(shown, reported).load()
+    verdicts = of_model(shown, PREFERRED).verdict.load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     rows = [
-        _row(last.isel(record=place), symbols, largest[at], [*map(str, known.iloc[at])])
+        _row(
+            last.isel(record=place),
+            verdicts[place].item(),
+            symbols,
+            largest[at],
+            [*map(str, known.iloc[at])],
+        )
         for place, at in enumerate(order)
     ]
-    heads = ["record", "free decay", *known, *symbols, "w_inf (rad/s)", "off by", "verdict"]
+    heads = [
+        "record",
+        "free decay",
+        *known,
+        *symbols,
+        "w_inf (rad/s)",
+        "off by",
+        "residual / noise",
+        "verdict",
+    ]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
-    by = BY_MODEL.get(last.model.item(), f"by {last.model.item()}")
-    title = f"Coefficients {by}; off by: distance from the others in standard deviations"
+    by = BY_MODEL.get(reported, f"by {reported}")
+    title = (
+        f"Coefficients and residual {by}; off by: distance from the others in standard deviations; verdict: "
+        "that on the preferred model"
+    )
     numbers = range(2 + len(known.columns), len(heads) - 1)
     table = {"title": title, "heads": heads, "rows": rows, "numbers": numbers}
     return {"title": "Records, outliers first", "sentences": said, "tables": [table]}
 
 
-def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
+def _row(
+    record: xr.Dataset, verdict: str, symbols: Sequence[str], off: float, conditions: list[str]
+) -> list[str | Part]:
+    """Return the cells of a record.
+
+    Parameters
+    ----------
+    record : Dataset
+        Its row, of the reported model.
+    verdict : str
+        That on its preferred model.
+    symbols : sequence of str
+        Forces with a column.
+    off : float
+        Distance from the other records in standard deviations.
+    conditions : list of str
+    """
     cells = [layout.quantity(record.sel(force=symbol), "coefficient") for symbol in symbols]
     cells.append(layout.quantity(record, "asymptotic_frequency"))
+    ratio = record.residual_over_noise.item()
+    cells += [f"{off:.1f}" if off else "", f"{ratio:.3g}" if np.isfinite(ratio) else "-"]
     status = Status(int(record.status)).name.lower()
-    texts = [text for text in (record.verdict.item(), campaign.named_text(record)) if text]
-    verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
+    if status == "done":
+        said = "; ".join(filter(None, (verdict, _search_text(record), campaign.named_text(record))))
+    else:
+        said = f"{status}: {record.message.item()}"
     name = str(record.record.item())
-    return [name, _thumbnail(record, name), *conditions, *cells, f"{off:.1f}" if off else "", verdict]
+    return [name, _thumbnail(record, name), *conditions, *cells, said]
+
+
+def _search_text(record: xr.Dataset) -> str:
+    """Return the outcome of the search of a record, and whether it ended early; empty of other tasks."""
+    if SEARCH_OUTCOME not in record:
+        return ""
+    early = "" if record.converged.item() else " (ended before the search had converged)"
+    return f"search: {record[SEARCH_OUTCOME].item()}{early}"
 
 
 def _thumbnail(record: xr.Dataset, name: str) -> str | Part:

@@ -29,7 +29,7 @@ PROVENANCE_TERMS = {
 }
 LIBRARY = ("library_title", "library_source")
 # Elsewhere on the page, or long.
-ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict", "next")
+ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict", "search_outcome", "next")
 
 
 def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:

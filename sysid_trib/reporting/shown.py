@@ -20,7 +20,9 @@ from sysid_trib.results.store import counts_of
 
 # Of what else than results is shown: variables by which it is known, and its blocks.
 OTHERS: dict[frozenset[str], Callable[[xr.Dataset], Iterable[Block]]] = {
-    frozenset({"status", "message"}): lambda data: campaign.campaign_blocks(data, counts_of(data), None),
+    frozenset({"status", "message", "preferred"}): lambda data: campaign.campaign_blocks(
+        data, counts_of(data), None
+    ),
     frozenset({"damping_ratio", "dissipative_force"}): (
         lambda data: looked.backbone_blocks({"backbone": data}, [])
     ),

@@ -19,6 +19,9 @@ VERDICTS = ("explained", "explained with a random force", "approximate", "not ex
 EXPLAINED_VERDICTS = ("explained", "explained with a random force")
 UNEXPLAINED = ("approximate", "not explained")
 JUDGED = "judged"
+# Attribute of a discovery: what its search says; the verdict on its final model is the judge's.
+SEARCH_OUTCOME = "search_outcome"
+SEARCH_OUTCOMES = ("explained", "unknown effect", "nothing missing")
 
 
 def judged_of(tree: xr.DataTree) -> xr.Dataset:
@@ -69,6 +72,11 @@ def is_refitted(tree: xr.DataTree) -> bool:
 def verdict_of(tree: xr.DataTree) -> str:
     """Return the verdict on the record, one of `VERDICTS`: that of the preferred model."""
     return str(judged_of(tree).attrs["verdict"])
+
+
+def has_unknown_effect(tree: xr.DataTree) -> bool:
+    """Return true if the search of a discovery ended with an effect that it could not name."""
+    return str(tree.attrs[SEARCH_OUTCOME]) == "unknown effect"
 
 
 def follows(tree: xr.DataTree) -> bool:

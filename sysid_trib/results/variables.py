@@ -18,7 +18,7 @@ from sysid_trib.arrays import (
 from sysid_trib.errors import UsageError
 
 # Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 7
+FORMAT_VERSION = 8
 # Parts of each run in which a result is fitted again, from and to in parts of its length.
 PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
 # Confidence of all intervals, and of bands that hold a whole curve.

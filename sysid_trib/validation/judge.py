@@ -60,7 +60,7 @@ def verdict_word(evidence: Evidence) -> str:
 
     A record that determines no coefficient explains nothing, whatever the residual is.
     """
-    # `discovery.parts.verdict_of` answers another question: whether a search found all missing effects.
+    # `discovery.parts.outcome_of` answers another question: whether a search found all missing effects.
     follows = evidence.residual_over_motion <= APPROXIMATE_PART
     verdict = "approximate" if follows else "not explained"
     if evidence.has_random_force:
