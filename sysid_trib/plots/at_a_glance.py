@@ -26,15 +26,13 @@ from sysid_trib.validation.missing_force import residual_force
 
 # Height of a row of panels, and of one of residuals, over the page and in a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
-# Coefficients for which there is room in it, and of each more.
-ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
 # Panels of the residuals of one model or two, in the figure's mosaic.
 RESIDUAL_PANELS = "BK"
 # Range in which a coefficient is drawn, in units of its value; its numbers are at the right, where the axis
 # continues.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
-# Standard errors of a 95 % interval, and amplitudes between which shares are drawn.
-INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
+# Standard errors of a 95 % interval.
+INTERVAL = 1.96
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
 FITTED = "its start and the sensor's zero fitted"
@@ -91,7 +89,8 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     residuals = RESIDUAL_PANELS[: len(models)]
     usual, of_residual = (heights[not wide] for heights in (ROW_HEIGHT, RESIDUAL_HEIGHT))
     most = max((result.sizes["force"] for result in results.values()), default=0)
-    of_coefficients = usual + COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
+    # A row has room for three coefficients.
+    of_coefficients = usual + 0.25 * max(0, most - 3)
     rows = {"IJ": usual} if curves else {}
     rows |= {"AA": usual, **{name * 2: of_residual for name in residuals}, "CD": usual}
     rows |= {"EF" if wide and not of_discovery else "EE": of_coefficients}
@@ -143,7 +142,7 @@ def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
         amplitude = halves.amplitude.values
         # `t` of a formula is the time since the first sample.
         elapsed = (halves.instant_time - float(record.time[0])).values
-        drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), DRAWN_AMPLITUDES)
+        drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), 60)
         return weights(result, drawn, time=np.interp(drawn, amplitude, elapsed))
     return None
 

@@ -18,9 +18,6 @@ from sysid_trib.results.variables import CONFIDENCE, signal_units, small_units
 # Half width of a 95 % interval of a Gaussian, in standard deviations.
 BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 BAND_NAME, BAND_COLOR = f"{100.0 * CONFIDENCE:g} % band", "0.85"
-RESPONSE_HEIGHT = 2.8
-# Inch: innovations, autocorrelation, random force, predictions.
-INNOVATION_HEIGHTS = (2.3, 1.8, 2.1, 2.3)
 SWEEP_LINES: dict[str, dict[str, Any]] = {
     "down": {"color": BLUE, "linestyle": "-"},
     "up": {"color": ORANGE, "linestyle": "--"},
@@ -45,7 +42,8 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
+    # Innovations, autocorrelation, random force, predictions.
+    heights = (2.3, 1.8, 2.1, 2.3)[: 3 + (bands is not None)]
     figure = new_figure(width, sum(heights))
     panels = figure.subplots(len(heights), 1, height_ratios=heights)
     _in_time(panels[0], data)
@@ -124,7 +122,7 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure, panels = style.grid(2, 2, width, RESPONSE_HEIGHT)
+    figure, panels = style.grid(2, 2, width, row_height=2.8)
     amplitude, phase = panels
     w, unit = data.frequency.values, data.amplitude.attrs["units"]
     for sweep, look in SWEEP_LINES.items():
@@ -144,9 +142,6 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     amplitude.legend(**LEGEND, ncols=2)
     style.letter(panels)
     return figure
-
-
-PLAN_HEIGHT = 2.4
 
 
 @shows("plan")
@@ -170,7 +165,7 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     drawn |= dict(zip(limits, errors, strict=True))
     if not drawn:
         drawn["largest error / least"] = (data.standard_error / data.standard_error.min("run")).max("force")
-    figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, PLAN_HEIGHT)
+    figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, row_height=2.4)
     for panel, (name, values) in zip(panels, drawn.items(), strict=False):
         _against_release(panel, data.assign(shown=values))
         panel.set_ylabel(name)
