@@ -21,7 +21,7 @@ from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.judged import follows, kept_results, last_of, preferred_of
 from sysid_trib.results.kinds import is_of_driven, kind_of
-from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
+from sysid_trib.results.variables import HALF_INTERVAL, record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.missing_force import residual_force
 
 # Height of a row of panels, and of one of residuals, over the page and in a column, inch.
@@ -31,8 +31,6 @@ RESIDUAL_PANELS = "BK"
 # Range in which a coefficient is drawn, in units of its value; its numbers are at the right, where the axis
 # continues.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
-# Standard errors of a 95 % interval.
-INTERVAL = 1.96
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
 FITTED = "its start and the sensor's zero fitted"
@@ -182,7 +180,7 @@ def _coefficients(
             scale = main.coefficient.sel(force=symbol).item()
             if symbol in result.force and scale != 0.0:
                 of_force = result.sel(force=symbol)
-                error = INTERVAL * abs(of_force.standard_error.item() / scale)
+                error = HALF_INTERVAL * abs(of_force.standard_error.item() / scale)
                 _interval(ax, of_force.coefficient.item() / scale, error, row + shift, color)
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)

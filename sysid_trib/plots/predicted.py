@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import scipy
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,10 +12,8 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
 from sysid_trib.plots.over_time import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
-from sysid_trib.results.variables import CONFIDENCE, signal_units, small_units
+from sysid_trib.results.variables import CONFIDENCE, HALF_INTERVAL, signal_units, small_units
 
-# Half width of a 95 % interval of a Gaussian, in standard deviations.
-BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 BAND_NAME, BAND_COLOR = f"{100.0 * CONFIDENCE:g} % band", "0.85"
 SWEEP_LINES: dict[str, dict[str, Any]] = {
     "down": {"color": BLUE, "linestyle": "-"},
@@ -57,7 +54,7 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
 
 def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
-    error = factor * BAND_WIDTH * data.predicted_standard_error
+    error = factor * HALF_INTERVAL * data.predicted_standard_error
     missed = factor * (data.measured - data.predicted)
     for at in range(data.sizes["origin"]):
         time, width = data.time_ahead.values[at], error.values[at]
@@ -72,7 +69,7 @@ def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
 
 def _random_force(ax: Axes, data: xr.Dataset) -> None:
     """Draw the smoothed random force over time, with its band."""
-    force, error = data.random_force.values, BAND_WIDTH * data.random_force_standard_error.values
+    force, error = data.random_force.values, HALF_INTERVAL * data.random_force_standard_error.values
     # First samples of the spans of equal force, which draw them all, and the last sample.
     first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
     time, force, error = data.time.values[first], force[first], error[first]
@@ -87,7 +84,7 @@ def _random_force(ax: Axes, data: xr.Dataset) -> None:
 def _in_time(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
     time, innovation = data.time.values, factor * data.innovation.values
-    width = factor * BAND_WIDTH * data.innovation_standard_deviation.values
+    width = factor * HALF_INTERVAL * data.innovation_standard_deviation.values
     band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
     curve(ax, time, innovation, {"color": BLUE, "marker": ".", "markersize": 1.5, "linestyle": ""})
     # The first samples fix the start: their band is wider than all that follows.
@@ -98,7 +95,7 @@ def _in_time(ax: Axes, data: xr.Dataset) -> None:
 
 
 def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
-    width = BAND_WIDTH / np.sqrt(data.sizes["time"])
+    width = HALF_INTERVAL / np.sqrt(data.sizes["time"])
     band = ax.axhspan(-width, width, color=BAND_COLOR, zorder=0)
     look: dict[str, Any] = {"linefmt": BLUE, "markerfmt": "o", "basefmt": " "}
     marks = ax.stem(data.lag.values, data.autocorrelation.values, **look)
