@@ -25,7 +25,7 @@ UNFINISHED = ".partial"
 Row: TypeAlias = dict[str, Any]
 
 EDGES = ("lowest", "highest")
-# Parts of a record's time: enough to show its decay, its stop and foreign samples.
+# Number of parts of a record's time: enough to show its decay, its end and foreign samples.
 OUTLINE_PARTS = 60
 # Variables of `discover` alone, and of a cross-check alone.
 OF_SEARCH = frozenset({TIED, EFFECT_P_VALUE, SEARCH_OUTCOME, "named", "converged"})
@@ -77,10 +77,10 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     folder : Path
         Folder of the array.
     array : zarr.Array
-        Array of format 2, without filters, its chunks parts of the first dimension alone.
+        Zarr array of format 2, without filters, with chunks along the first dimension only.
     number : int
     values : (record, ...) array
-        Values of the chunk; the last one of an array may hold less than others.
+        Values of the chunk; the last one of an array may contain fewer values.
 
     Raises
     ------
@@ -111,7 +111,7 @@ def read_chunk(folder: Path, array: Any, number: int) -> Array:
     Raises
     ------
     OSError, RuntimeError, ValueError
-        It is damaged.
+        The chunk is damaged.
     """
     whole = np.full(array.chunks, array.fill_value, dtype=array.dtype)
     try:
@@ -119,7 +119,7 @@ def read_chunk(folder: Path, array: Any, number: int) -> Array:
     except FileNotFoundError:
         return whole
     for compressor in reversed(array.compressors):
-        # Into as many bytes as it is of, and no more.
+        # Exactly the expected number of bytes.
         content = compressor.decode(content, out=np.empty(whole.nbytes, dtype="uint8"))
     return np.frombuffer(content, dtype=array.dtype).reshape(array.chunks).copy()
 
@@ -129,14 +129,14 @@ def _place(folder: Path, array: Any, number: int) -> Path:
 
 
 def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arrays that hold the rows of the records, in the order of the checksum."""
+    """Return the arrays with one row per record, in the order of the checksum."""
     return {
         name: array for name, array in sorted(arrays.items()) if is_per_record(array) and name != "record"
     }
 
 
 def labels_checksum(arrays: Mapping[str, Any]) -> int:
-    """Return the CRC-32 of the labels that all records share: methods, forces and their units."""
+    """Return the CRC-32 of the labels that are common to all records: methods, forces and their units."""
     checksum = 0
     for name, array in sorted(arrays.items()):
         if not is_per_record(array):
@@ -150,7 +150,7 @@ def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: in
     Parameters
     ----------
     columns : mapping of str to (record, ...) array
-        As `row_arrays` has them.
+        Arrays in the form of `row_arrays`.
     names : sequence of str
         Names of the records.
     labels : int
@@ -186,7 +186,7 @@ def new_array(
 def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
     """Copy the rows of an old group into a new one, a block of records at a time.
 
-    `names` : of the records of the new one, those of the old one among them.
+    `names`: records of the new group, including those of the old one.
     """
     place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
     known = np.array([place.get(name, -1) for name in names])
@@ -200,7 +200,7 @@ def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
                 new[name][first : first + block] = values
 
 
-# Error numbers of a file that another process has locked: EDEADLK occurs on Windows.
+# Error numbers for a file that another process has locked: EDEADLK occurs on Windows.
 TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
@@ -211,7 +211,7 @@ def sole_writer(path: Path) -> Iterator[None]:
     Raises
     ------
     RecordError
-        Another campaign holds it.
+        Another campaign holds the lock.
     """
     place = path.with_name(f".{path.name}.lock")
     held = _held(place, path)
@@ -219,8 +219,8 @@ def sole_writer(path: Path) -> Iterator[None]:
         yield
     finally:
         if held is not None:
-            # Removed while it is held: whoever opened it before finds that it is gone. Windows removes no
-            # file that anyone has open.
+            # Removed while it is locked: any process that has opened it finds that it is gone. On Windows, an
+            # open file cannot be removed.
             if sys.platform != "win32":
                 place.unlink(missing_ok=True)
             os.close(held)
@@ -230,12 +230,12 @@ def sole_writer(path: Path) -> Iterator[None]:
 
 
 def _held(place: Path, path: Path) -> int | None:
-    """Return the lock as an open file; None where files cannot be locked."""
+    """Return the lock as an open file; None if files cannot be locked."""
     while True:
         try:
             file = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError:
-            # A place that cannot be written is refused by what writes the store.
+            # If the path cannot be written, writing the store raises the error.
             return None
         try:
             _lock(file)
@@ -250,12 +250,12 @@ def _held(place: Path, path: Path) -> int | None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file), place.stat()):
                 return file
-        # The campaign that held it has removed it.
+        # The campaign with the lock has removed the file.
         os.close(file)
 
 
 def _lock(file: int) -> None:
-    """Lock an open file at once; raise an OSError of `TAKEN` if another process has locked it."""
+    """Lock an open file without waiting; raise an OSError of `TAKEN` if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -268,5 +268,5 @@ def _lock(file: int) -> None:
     except BlockingIOError:
         raise
     except OSError:
-        # File systems of a network may have locks of records alone.
+        # Network file systems may support only record locks.
         fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
