@@ -17,7 +17,7 @@ import numpy as np
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
 from sysid_trib.results.judged import SEARCH_OUTCOME
-from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_VARIABLES, TIED
+from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_NAMES, TIED
 from sysid_trib.results.variables import RESULT_TABLES
 
 # Ending of the remains of a chunk of a killed process, as with zarr.
@@ -40,7 +40,7 @@ VARIABLES = {
     name: (tuple(dims.split()), UNITS_IN_STORE.get(units, units), meaning)
     for name, (dims, units, meaning, *_) in {
         **RESULT_TABLES["campaign"],
-        **{name: RESULT_TABLES["judged"][name] for name in JUDGED_VARIABLES},
+        **{name: RESULT_TABLES["judged"][name] for name in JUDGED_NAMES},
     }.items()
 }
 # NumPy's nan for missing numbers; texts with their length: a million records of 400 letters are 1.6 GB.

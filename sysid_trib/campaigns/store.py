@@ -167,6 +167,8 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
         The store cannot be created, or the path is not a store.
     """
     names = names_of(records)
+    if path.is_file():
+        raise RecordError(f"{path}: is a file, not the store of a campaign; choose another place with -o.")
     with _readable(path):
         _recover(path)
         if not path.exists():

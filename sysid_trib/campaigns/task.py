@@ -33,7 +33,7 @@ from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import force_labels
-from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_VARIABLES, STORE_FORMAT, TIED, Status
+from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_NAMES, STORE_FORMAT, TIED, Status
 from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare
@@ -295,7 +295,7 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     numbers = [
         name
         for name, empty in row.items()
-        if "model" in stored.VARIABLES[name][0] and name not in JUDGED_VARIABLES and empty.size
+        if "model" in stored.VARIABLES[name][0] and name not in JUDGED_NAMES and empty.size
     ]
     row = {name: row[name] for name in numbers}
     axes = task.axes
@@ -322,11 +322,11 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
 
 def _judged(task: Task, tree: xr.DataTree, labels: Mapping[str, str]) -> stored.Row:
     """Return the variables of `judged` for each model of the store, and the preferred model."""
-    table = judged.judged_of(tree)[list(JUDGED_VARIABLES)]
+    table = judged.judged_of(tree)[list(JUDGED_NAMES)]
     table = table.assign_coords(model=[labels[name] for name in table.model.values.tolist()])
     texts = {name: "" for name, of in table.data_vars.items() if of.dtype.kind in "UO"}
     table = table.reindex(model=task.labels, fill_value=texts)
-    values = {name: table[name].values for name in JUDGED_VARIABLES}
+    values = {name: table[name].values for name in JUDGED_NAMES}
     return values | {"preferred": labels[judged.preferred_of(tree)]}
 
 

@@ -20,7 +20,7 @@ from sysid_trib.forces.systems import load_system
 from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.results.judged import main_result
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.kinds import check_is_model
 from sysid_trib.results.random_force import DENSITY_UNITS
 
 
@@ -195,9 +195,8 @@ def parse_random_force(text: str) -> RandomForceOption:
 
 def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
     """Return the identification that represents a saved result; raise an error if there is none."""
+    check_is_model(tree, str(result))
     answer = main_result(tree)
-    if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} is a comparison of samples, not a model; give a result of identify.")
     if answer is None:
         raise UsageError(f"{result} contains no model that follows its record; give a result of identify.")
     return answer

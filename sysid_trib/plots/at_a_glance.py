@@ -21,20 +21,16 @@ from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.judged import follows, kept_results, last_of, preferred_of
 from sysid_trib.results.kinds import is_of_driven, kind_of
-from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
+from sysid_trib.results.variables import HALF_INTERVAL, record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.missing_force import residual_force
 
 # Height of a row of panels and of a row of residuals, each for a full page and for a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
-# Number of coefficients that fit in it, and height of each further one.
-ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
 # Panels of the residuals of one or two models, in the figure's mosaic.
 RESIDUAL_PANELS = "BK"
 # Range in which a coefficient is drawn, in units of its value; its numbers are on the right, where the axis
 # continues.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
-# Standard errors of a 95 % interval, and number of amplitudes at which shares are drawn.
-INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
 FITTED = "with fitted start and sensor's zero"
@@ -92,7 +88,8 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     residuals = RESIDUAL_PANELS[: len(models)]
     usual, of_residual = (heights[not wide] for heights in (ROW_HEIGHT, RESIDUAL_HEIGHT))
     most = max((result.sizes["force"] for result in results.values()), default=0)
-    of_coefficients = usual + COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
+    # A row has room for three coefficients.
+    of_coefficients = usual + 0.25 * max(0, most - 3)
     rows = {"IJ": usual} if curves else {}
     rows |= {"AA": usual, **{name * 2: of_residual for name in residuals}, "CD": usual}
     rows |= {"EF" if wide and not of_discovery else "EE": of_coefficients}
@@ -144,7 +141,7 @@ def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
         amplitude = halves.amplitude.values
         # `t` of a formula is the time since the first sample.
         elapsed = (halves.instant_time - float(record.time[0])).values
-        drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), DRAWN_AMPLITUDES)
+        drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), 60)
         return weights(result, drawn, time=np.interp(drawn, amplitude, elapsed))
     return None
 
@@ -184,7 +181,7 @@ def _coefficients(
             scale = main.coefficient.sel(force=symbol).item()
             if symbol in result.force and scale != 0.0:
                 of_force = result.sel(force=symbol)
-                error = INTERVAL * abs(of_force.standard_error.item() / scale)
+                error = HALF_INTERVAL * abs(of_force.standard_error.item() / scale)
                 _interval(ax, of_force.coefficient.item() / scale, error, row + shift, color)
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)

@@ -72,10 +72,6 @@ def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-# Panel height (inch) without methods, and height of each method.
-PANEL_HEIGHT, METHOD_HEIGHT = 0.7, 0.14
-
-
 @shows("compare", block="Coefficients by method")
 def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Each quantity by method with its standard error; the band is that of the method of best prediction.
@@ -97,7 +93,7 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     names = [*table.force.values.tolist(), ASYMPTOTIC]
     wide = width >= TWO_COLUMNS
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 3
-    height = PANEL_HEIGHT + METHOD_HEIGHT * len(marks)
+    height = 0.7 + 0.14 * len(marks)
     figure, panels = style.grid(len(names) + 1, across if wide else 2 * across, width, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
         holding = (node.ds for node in tree.children.values() if name in node.ds.get("force", ()))

@@ -13,8 +13,6 @@ from sysid_trib.plots.style import GREY, INK
 from sysid_trib.printing.law_difference import LAWS_TITLE
 from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW
 
-LAWS_HEIGHT = 2.4
-
 
 @shows("difference", block=LAWS_TITLE, groups=(LAW_DIFFERENCE,))
 def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
@@ -30,7 +28,7 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure, panels = style.grid(2, 2, width, LAWS_HEIGHT)
+    figure, panels = style.grid(2, 2, width, row_height=2.4)
     for ax, law in zip(panels, VARIABLE_OF_LAW, strict=True):
         _draw(ax, data, law)
     style.letter(panels, [LAW_WORDS[law] for law in VARIABLE_OF_LAW])

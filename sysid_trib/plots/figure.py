@@ -217,16 +217,13 @@ def figures_of(kind: str) -> list[Declared]:
 # Font size of figures with many panels, and of the smallest characters such as exponents, points.
 FONT_SIZE = 7.5
 SMALLEST_SIGN = 6.0
-# Width of a figure over the full page, and the smallest width for two panels side by side, inch.
+# Width of a figure over the full page, width of a column of a journal (88 mm), and the smallest width for two
+# panels side by side, inch.
 FULL_WIDTH = 7.2
+ONE_COLUMN = 3.46
 TWO_COLUMNS = 5.0
 # Height of a figure with a caption below it on a page, inch.
 TALLEST = 9.0
-# Number of layout repetitions, and points between a title and a legend.
-LAYOUTS = 3
-BETWEEN_TEXTS = 6.0
-# Points between the numbers of ticks.
-BETWEEN_TICKS = 3.0
 LEGEND: dict[str, Any] = {
     "frameon": False,
     "fontsize": FONT_SIZE,
@@ -291,7 +288,8 @@ class LiteralFigure(Figure):
         engine.execute(self)
         for legend in legends:
             legend.set_in_layout(True)
-        for _ in range(LAYOUTS):
+        # Texts that fit anew change the layout, a little less each time.
+        for _ in range(3):
             before = self._texts()
             for (ax, text, side), words in zip(labels, texts, strict=True):
                 _fill(text, words, getattr(ax.get_window_extent(renderer), side), renderer)
@@ -307,7 +305,7 @@ def _thin_ticks(axis: Axis, renderer: RendererBase) -> None:
     if isinstance(axis.get_major_locator(), FixedLocator):
         return
     low, high = sorted(axis.get_view_interval())
-    kept, between = list[Bbox](), float(renderer.points_to_pixels(BETWEEN_TICKS))  # type: ignore[arg-type]
+    kept, between = list[Bbox](), float(renderer.points_to_pixels(3.0))  # type: ignore[arg-type]
     for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
         if tick.label1.get_visible() and tick.label1.get_text() and low <= tick.get_loc() <= high:
             box = tick.label1.get_window_extent(renderer)
@@ -353,7 +351,8 @@ def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
         return
     titles = [title for title in _titles(ax) if title.get_text()]
     room = box.width - max((title.get_window_extent(renderer).width for title in titles), default=0.0)
-    room -= BETWEEN_TEXTS * scale
+    # Six points between the title and the legend.
+    room -= 6.0 * scale
     labels = [text.get_text() for text in legend.get_texts()]
     spacing = ("columnspacing", "handlelength", "handletextpad")
     look: dict[str, Any] = LEGEND | {name: getattr(legend, name) for name in spacing}

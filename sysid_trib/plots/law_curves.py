@@ -9,21 +9,19 @@ from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Mask
 from sysid_trib.plots import style
-from sysid_trib.plots.figure import LEGEND, shows
+from sysid_trib.plots.figure import LEGEND, ONE_COLUMN, shows
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
 from sysid_trib.results import judged, law_curves
 from sysid_trib.results.law_curves import Curve
 from sysid_trib.results.variables import signal_units
 
-# Width of a column of a journal (88 mm), and height of a panel, inch.
-ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
+# Height of a panel, inch.
+LAW_HEIGHT = 2.3
 # The first method is drawn below the second, and wider, so that both are visible where they agree.
 LAW_LOOKS: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linewidth": 2.2, "alpha": 0.75, "zorder": 3},
     {"color": BLUE, "linewidth": 1.0, "zorder": 4},
 )
-# Margin above and below, and margin for an extrapolation, relative to the visited range.
-LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
@@ -150,7 +148,7 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
         ax.axvline(0.0, color=GREY, linewidth=BAR_WIDTH, zorder=1)
     low, high = min(*ends, 0.0), max(*ends, 0.0)
     # A continuation may be arbitrarily large and is cut.
-    room, most = LAW_MARGIN * (high - low), CONTINUED * (high - low)
+    room, most = 0.06 * (high - low), 0.45 * (high - low)
     low = min(low, max(float(main.values.min()), low - most)) - room
     high = max(high, min(float(main.values.max()), high + most)) + room
     ax.set(xlim=(-last if both else 0.0, last), ylim=(low, high))

@@ -21,8 +21,6 @@ from sysid_trib.results.variables import group_names, record_groups, signal_labe
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
 # Margin around the bands, as a fraction of their range: single periods may scatter far outside.
 MARGIN = 0.15
-# A band wider than this multiple of the median belongs to an end of the curve.
-END_WIDTH = 4.0
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
 
@@ -98,7 +96,7 @@ def draw_curve(
         ax.plot(lines.amplitude, lines, **style.line(series), zorder=series["zorder"], label=model)
     # The whole curve, but only the narrow part of the band: a band at an end of few periods would hide the
     # rest.
-    narrow = high - low <= END_WIDTH * np.median(high - low)
+    narrow = high - low <= 4.0 * np.median(high - low)
     bottom = min(float(low[narrow].min()), float(data[name].min()))
     top = max(float(high[narrow].max()), float(data[name].max()))
     ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
@@ -106,7 +104,6 @@ def draw_curve(
     style.logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))
 
 
-HEIGHT = 2.1
 # Largest number of drawn points of a long record.
 MOST_POINTS_DRAWN = 20_000
 
@@ -122,7 +119,7 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure, panels = style.grid(3, 1, width, HEIGHT)
+    figure, panels = style.grid(3, 1, width, row_height=2.1)
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
     records = [node.to_dataset() for name, node in tree.children.items() if name.startswith("record")]
     unit = str(records[0].angle.attrs["units"])
@@ -142,10 +139,6 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-# Height of one panel, with space for its label, inch.
-INPUT_HEIGHT = 1.6
-
-
 def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """Draw inputs, record and motion of the preferred model, and the residuals of the models, over time.
 
@@ -162,7 +155,8 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     # For a discovery, take the last model.
     answer = preferred_of(tree) or record.model.values[-1]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
-    figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
+    # Each panel has room for its label.
+    figure = new_figure(width, height=1.6 * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
     for panel, (name, given) in zip(panels, inputs.items(), strict=False):
         curve(panel, time[0] + given.elapsed, given.values, {"color": "0.3", "linewidth": 0.6})

@@ -133,10 +133,6 @@ def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Se
     panels[-1].set_xlabel("time (s)")
 
 
-# Points of a half-sine.
-ARC_POINTS = 40
-
-
 def frequency_shift(
     measured: Mapping[str, xr.Dataset], predicted: Mapping[str, xr.Dataset], ax: Axes | None = None
 ) -> Axes:
@@ -269,7 +265,7 @@ def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
     w = np.pad(half_periods.frequency.values, 1, mode="edge")
     low, high = _ends(decay)
     whole = np.flatnonzero((t - 0.5 * np.pi / w > low) & (t + 0.5 * np.pi / w < high))
-    phase = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARC_POINTS)
+    phase = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 40)
     arcs = t[whole, None] + phase / w[whole, None], b[whole, None] * np.cos(phase)
     # The arcs are not connected: each is a separate fit.
     broken = [np.pad(arc, ((0, 0), (0, 1)), constant_values=np.nan).ravel() for arc in arcs]

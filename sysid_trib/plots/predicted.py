@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import scipy
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,14 +12,9 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
 from sysid_trib.plots.over_time import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
-from sysid_trib.results.variables import CONFIDENCE, signal_units, small_units
+from sysid_trib.results.variables import CONFIDENCE, HALF_INTERVAL, signal_units, small_units
 
-# Half width of a 95 % interval of a Gaussian, in standard deviations.
-BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 BAND_NAME, BAND_COLOR = f"{100.0 * CONFIDENCE:g} % band", "0.85"
-RESPONSE_HEIGHT = 2.8
-# Inch: innovations, autocorrelation, random force, predictions.
-INNOVATION_HEIGHTS = (2.3, 1.8, 2.1, 2.3)
 SWEEP_LINES: dict[str, dict[str, Any]] = {
     "down": {"color": BLUE, "linestyle": "-"},
     "up": {"color": ORANGE, "linestyle": "--"},
@@ -45,7 +39,8 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
+    # Innovations, autocorrelation, random force, predictions.
+    heights = (2.3, 1.8, 2.1, 2.3)[: 3 + (bands is not None)]
     figure = new_figure(width, sum(heights))
     panels = figure.subplots(len(heights), 1, height_ratios=heights)
     _in_time(panels[0], data)
@@ -59,7 +54,7 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
 
 def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
-    error = factor * BAND_WIDTH * data.predicted_standard_error
+    error = factor * HALF_INTERVAL * data.predicted_standard_error
     missed = factor * (data.measured - data.predicted)
     for at in range(data.sizes["origin"]):
         time, width = data.time_ahead.values[at], error.values[at]
@@ -74,7 +69,7 @@ def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
 
 def _random_force(ax: Axes, data: xr.Dataset) -> None:
     """Draw the smoothed random force over time, with its band."""
-    force, error = data.random_force.values, BAND_WIDTH * data.random_force_standard_error.values
+    force, error = data.random_force.values, HALF_INTERVAL * data.random_force_standard_error.values
     # First samples of the intervals of constant force, which define the whole curve, and the last sample.
     first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
     time, force, error = data.time.values[first], force[first], error[first]
@@ -89,7 +84,7 @@ def _random_force(ax: Axes, data: xr.Dataset) -> None:
 def _in_time(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
     time, innovation = data.time.values, factor * data.innovation.values
-    width = factor * BAND_WIDTH * data.innovation_standard_deviation.values
+    width = factor * HALF_INTERVAL * data.innovation_standard_deviation.values
     band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
     curve(ax, time, innovation, {"color": BLUE, "marker": ".", "markersize": 1.5, "linestyle": ""})
     # The first samples determine the start: their band is wider than all later ones.
@@ -100,7 +95,7 @@ def _in_time(ax: Axes, data: xr.Dataset) -> None:
 
 
 def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
-    width = BAND_WIDTH / np.sqrt(data.sizes["time"])
+    width = HALF_INTERVAL / np.sqrt(data.sizes["time"])
     band = ax.axhspan(-width, width, color=BAND_COLOR, zorder=0)
     look: dict[str, Any] = {"linefmt": BLUE, "markerfmt": "o", "basefmt": " "}
     marks = ax.stem(data.lag.values, data.autocorrelation.values, **look)
@@ -124,7 +119,7 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure, panels = style.grid(2, 2, width, RESPONSE_HEIGHT)
+    figure, panels = style.grid(2, 2, width, row_height=2.8)
     amplitude, phase = panels
     w, unit = data.frequency.values, data.amplitude.attrs["units"]
     for sweep, look in SWEEP_LINES.items():
@@ -144,9 +139,6 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     amplitude.legend(**LEGEND, ncols=2)
     style.letter(panels)
     return figure
-
-
-PLAN_HEIGHT = 2.4
 
 
 @shows("plan")
@@ -170,8 +162,10 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     errors = [data.standard_error.sel(force=symbol) for symbol in wanted]
     drawn |= dict(zip(limits, errors, strict=True))
     if not drawn:
-        drawn["largest error / smallest"] = (data.standard_error / data.standard_error.min("run")).max("force")
-    figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, PLAN_HEIGHT)
+        drawn["largest error / smallest"] = (data.standard_error / data.standard_error.min("run")).max(
+            "force"
+        )
+    figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, row_height=2.4)
     for panel, (name, values) in zip(panels, drawn.items(), strict=False):
         _against_release(panel, data.assign(shown=values))
         panel.set_ylabel(name)

@@ -17,12 +17,10 @@ from sysid_trib.plots.style import BLUE, GREY, INK, ORANGE
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.kinds import SIDES
 
-PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
+FONT = 6.5
 # Colours of the kinds of fit.
 KIND_COLOURS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a9d6f", "method": INK}
 SAMPLE_COLOURS = dict(zip(SIDES, (BLUE, ORANGE), strict=True))
-# Inch: of the curves, and of a row of the differences.
-CURVES_HEIGHT, ROW = 2.4, 0.28
 # Larger differences (in standard errors) are drawn at the edge.
 MOST_ERRORS = 8.0
 
@@ -43,7 +41,7 @@ def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
     """
     rows = [data.sel(parameter=name) for name in data.parameter.values.tolist()]
     width = width if len(rows) > 1 else min(width, TWO_COLUMNS)
-    figure, panels = style.grid(len(rows), 4, width, PROFILE_HEIGHT)
+    figure, panels = style.grid(len(rows), 4, width, row_height=2.2)
     for ax, row in zip(panels, rows, strict=True):
         _profile(ax, row)
     style.letter(panels)
@@ -91,7 +89,7 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
-    figure, panels = style.grid(count, 6, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
+    figure, panels = style.grid(count, 6, width, row_height=0.15 * len(fits) + 0.6, sharing="y")
     colours = [KIND_COLOURS.get(kind, INK) for kind in data.kind.values.tolist()]
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
         row = data.sel(force=symbol)
@@ -128,7 +126,8 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS
-    heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
+    # The curves, and the differences, a row each.
+    heights = [2.4 * (2 - wide), 0.28 * (1.0 if wide else 1.5) * (count + 2)]
     figure = new_figure(width, sum(heights))
     # Texts next to the differences take no space from the curves.
     rows = figure.add_gridspec(2, 1, height_ratios=heights)

@@ -25,7 +25,7 @@ from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import SIDES, identifications_of
 from sysid_trib.results.store import (
     EFFECT_P_VALUE,
-    JUDGED_VARIABLES,
+    JUDGED_NAMES,
     TIED,
     Status,
     done_records,
@@ -205,7 +205,7 @@ def campaign_json(
 
 def _judged_json(store: xr.Dataset) -> dict[str, Any]:
     """Return the judged variables of each model for the first records that have a result, by record."""
-    table = done_records(store)[list(JUDGED_VARIABLES)].isel(record=slice(MOST_IN_JSON)).load()
+    table = done_records(store)[list(JUDGED_NAMES)].isel(record=slice(MOST_IN_JSON)).load()
     # Models that do not apply to a record have no verdict and are left out.
     return {
         name: {

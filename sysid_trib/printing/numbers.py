@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy
 import xarray as xr
 
 from sysid_trib.errors import UsageError
@@ -14,10 +13,9 @@ from sysid_trib.results.judged import given_results
 from sysid_trib.results.kinds import SIDES, contents_text, kind_of
 from sysid_trib.results.models import library_of
 from sysid_trib.results.store import Status
+from sysid_trib.results.variables import HALF_INTERVAL
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
-# Half width of a normal 95 % interval.
-QUANTILE = float(scipy.stats.norm.ppf(0.975))
 # For a campaign: true for quantities with one value per force.
 _CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
@@ -88,7 +86,7 @@ def _of_campaign(store: xr.Dataset) -> pd.DataFrame:
         table = numbers.reset_coords(drop=True).assign(unit=units.reset_coords(drop=True)).to_dataframe()
         tables.append(table.reset_index())
     whole = pd.concat(tables).dropna(subset="value")
-    half = QUANTILE * whole.standard_error.fillna(0.0)
+    half = HALF_INTERVAL * whole.standard_error.fillna(0.0)
     whole = whole.assign(low=whole.value - half, high=whole.value + half)
     return whole.set_index(["record", "model", "quantity"])[list(NUMBER_COLUMNS)].sort_index(level=[0, 1])
 
@@ -111,5 +109,5 @@ def _of_difference(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 def _with_interval(row: Mapping[str, Any]) -> dict[str, Any]:
     """Return a row with the limits of its interval."""
     value, error = float(row["value"]), float(row.get("standard_error", 0.0))
-    half = QUANTILE * error
+    half = HALF_INTERVAL * error
     return {"unit": "1"} | dict(row) | {"standard_error": error, "low": value - half, "high": value + half}

@@ -15,10 +15,8 @@ from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import models, signal_scale, variables
 from sysid_trib.results.random_force import random_force_of
-from sysid_trib.results.variables import CONFIDENCE
+from sysid_trib.results.variables import CONFIDENCE, HALF_INTERVAL
 
-# Root of the deviance at the ends of an interval.
-END_ROOT = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 # Search for the ends: first step in standard errors, growth factor of the steps, and largest number of steps
 # in each direction, together about fifty errors.
 STEP_OUT, STEP_GROWTH, MOST_STEPS_OUT = 1.0, 1.5, 8
@@ -98,7 +96,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         "standard_error": error,
         "low": low,
         "high": high,
-        "asymmetric": np.max(np.abs(np.abs(ends) - END_ROOT), axis=1) > OFF * END_ROOT,
+        "asymmetric": np.max(np.abs(np.abs(ends) - HALF_INTERVAL), axis=1) > OFF * HALF_INTERVAL,
         "value": estimate[:, None] + error[:, None] * points[0],
         "deviance": points[1],
     }
@@ -133,12 +131,13 @@ def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign:
         places, roots = _roots(likelihood, fits)
         roots = np.maximum.accumulate(roots)
         rising = np.concatenate([[True], np.diff(roots) > 0.0])
-        return float(scipy.interpolate.PchipInterpolator(roots[rising], places[rising])(sign * END_ROOT))
+        # The root of the deviance at the end of an interval.
+        return float(scipy.interpolate.PchipInterpolator(roots[rising], places[rising])(sign * HALF_INTERVAL))
 
     at, step = 0.0, STEP_OUT
     for _ in range(MOST_STEPS_OUT):
         at = sign * min(abs(at) + step, abs(limit))
-        if root_at(at) >= END_ROOT:
+        if root_at(at) >= HALF_INTERVAL:
             break
         if at == limit:
             return limit
@@ -146,7 +145,7 @@ def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign:
     else:
         return sign * np.inf
     for _ in range(MOST_LOOKS):
-        if abs(root_at(interpolated()) - END_ROOT) < END_TOLERANCE:
+        if abs(root_at(interpolated()) - HALF_INTERVAL) < END_TOLERANCE:
             break
     return interpolated()
 

@@ -98,8 +98,8 @@ def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival]
     UsageError
         Nothing was identified.
     """
-    if isinstance(result, xr.DataTree) and kinds.kind_of(result) == "difference":
-        raise UsageError("This is a comparison of samples, not a model; give a result of identify.")
+    if isinstance(result, xr.DataTree):
+        kinds.check_is_model(result)
     main = judged.main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
         raise UsageError("plan needs a result that identified a model.")

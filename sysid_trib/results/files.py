@@ -132,7 +132,7 @@ def write_file(target: Path, content: bytes) -> None:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or error
-        raise RecordError(f"{target}: cannot be written ({reason}); choose another place with -o.") from None
+        raise RecordError(f"{target}: cannot be written ({reason}); choose another place.") from None
 
 
 def _mark(process: int) -> str:

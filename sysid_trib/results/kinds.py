@@ -2,6 +2,7 @@
 
 import xarray as xr
 
+from sysid_trib.errors import UsageError
 from sysid_trib.records.roles import input_names
 from sysid_trib.results.variables import record_groups
 
@@ -22,6 +23,25 @@ SIDES = ("first", "second")
 def si_of(tree: xr.DataTree) -> xr.Dataset | None:
     """Return the preferred model of a result in SI units, if the result contains it."""
     return tree[SI].to_dataset() if SI in tree.children else None
+
+
+def check_is_model(tree: xr.DataTree, source: str = "This") -> None:
+    """Raise an error for a comparison of samples where a model is needed.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Any result.
+    source : str
+        What it is, the beginning of the sentence: its file, for example.
+
+    Raises
+    ------
+    UsageError
+        It compares samples.
+    """
+    if kind_of(tree) == "difference":
+        raise UsageError(f"{source} is a comparison of samples, not a model; give a result of identify.")
 
 
 def kind_of(tree: xr.DataTree) -> str:

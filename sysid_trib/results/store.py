@@ -13,7 +13,7 @@ STORE_FORMAT = 5
 TIED = "tied"
 EFFECT_P_VALUE = "effect_p_value"
 # Variables of `judged` in a store. Those of single runs are omitted: records have different numbers of runs.
-JUDGED_VARIABLES = tuple(name for name, (dims, *_) in RESULT_TABLES["judged"].items() if dims == "model")
+JUDGED_NAMES = tuple(name for name, (dims, *_) in RESULT_TABLES["judged"].items() if dims == "model")
 # Label in place of a model: the preferred model of each record.
 PREFERRED = "preferred"
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from sysid_trib.arrays import (
     Variable as Variable,
@@ -23,6 +24,8 @@ FORMAT_VERSION = 8
 PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
 # Confidence of all intervals, and of bands that contain a whole curve.
 CONFIDENCE = 0.95
+# Half width of such an interval, in standard errors of a normal distribution.
+HALF_INTERVAL = float(-ndtri(0.5 * (1.0 - CONFIDENCE)))
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
 # Variables of validation and physics, by name.

@@ -13,6 +13,7 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
@@ -23,7 +24,6 @@ from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
 from sysid_trib.smooth_laws.passive import Passive, made_passive
-from sysid_trib.validation.judge import RESIDUAL_LEVEL
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 
 # Forces that differ between directions or sides, and typical errors of cameras, encoders and potentiometers.
@@ -88,7 +88,7 @@ class LawFit:
     @property
     def is_white(self) -> bool:
         """True if the residual is nothing but noise."""
-        return bool(self._residuals.p_value.item() >= RESIDUAL_LEVEL)
+        return bool(self._residuals.p_value.item() >= WHITE_LEVEL)
 
     @property
     def residual_rms(self) -> float:
