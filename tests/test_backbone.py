@@ -202,6 +202,6 @@ def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path
     assert ending.status == 0, ending.err
     following = ending.out.splitlines()[-1]
     assert following.endswith(options)
-    # What swings is what the user says.
+    # The user states the kind of oscillator.
     if "--system" in options:
         assert run("look", record, "--system", "ship").out.splitlines()[-1].endswith("--system ship")

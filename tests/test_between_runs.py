@@ -13,7 +13,7 @@ from sysid_trib.validation.random_effects import RandomEffects, precision
 
 
 def runs_of(values, errors, names=("lambda",)):
-    """Values of runs as `run_agreement` gives them."""
+    """Values of runs in the form of `run_agreement`."""
     dims = ("run", "quantity")
     values, errors = (np.reshape(array, (-1, len(names))) for array in (values, errors))
     return xr.Dataset({"value": (dims, values), "standard_error": (dims, errors)}, {"quantity": list(names)})
@@ -82,7 +82,7 @@ def test_what_goes_with_a_condition_is_named_and_nothing_else():
     assert abs(slope.effect - 0.5) < 3.0 * slope.effect_standard_error
     jump = told.sel(quantity="zeta", term="material=steel")
     assert abs(jump.effect - 1.0) < 3.0 * jump.effect_standard_error
-    # The mean is that of all runs, whatever the conditions are: as many of each were made.
+    # The mean is that of all runs, for any conditions, because equally many runs were made with each.
     np.testing.assert_allclose(told.sel(term="mean").effect, columns.mean(axis=0), rtol=1e-6)
 
 

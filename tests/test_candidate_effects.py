@@ -1,4 +1,4 @@
-"""The candidates that come with the package, against what the literature says of each."""
+"""Candidate effects of the package, compared with the literature on each."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -65,7 +65,7 @@ def at(symbol, shapes=(), amplitudes=None):
 
 EVEN = (nothing, nothing)
 # Per candidate: parity, type by time reversal, <h sin phi> and <h cos phi> with default shapes at t = 3 s;
-# None where there is no closed form: those are in the tests of limits below.
+# None if there is no closed form: these are in the tests of limits below.
 TABLE: dict[str, tuple[str, str, tuple[Callable, Callable] | None]] = {
     "cubic_damping": ("odd", "dissipative", (lambda a: -3 * a**3 / 8, nothing)),
     "van_der_pol": ("odd", "dissipative", (lambda a: -(a**3) / 8, nothing)),

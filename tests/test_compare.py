@@ -30,7 +30,7 @@ DECREMENTS = ["Wu decrement", "Feeny-Liang decrement", "energy decay", "logarith
 
 @cache
 def paper():
-    """Every method on the paper's run, with the labels in the order in which they were told."""
+    """Every method on the paper's run, with the labels in the order of the progress reports."""
     told = []
     tree = compare(RUN.decay(7), FORCES, every_method(), tell=lambda text, done=None: told.append(text))
     return tree, told
@@ -84,7 +84,7 @@ def test_forces_of_one_signature_are_one_to_averaging():
 
 @dataclass(frozen=True)
 class Wild:
-    """A method that identifies what runs away, or breaks."""
+    """A method whose identified model diverges, or that raises an error."""
 
     broken: bool = False
 
@@ -105,7 +105,7 @@ def test_a_model_that_runs_away_and_a_method_that_breaks():
 
 
 def test_a_missing_force_is_told():
-    """Errors have a part of the model then, in tables and figures alike."""
+    """Errors then include a model error, both in tables and in figures."""
     library = FORCES.select(["lambda", "zeta", "epsilon"])
     tree = compare(RUN.decay(7), library, [Direct(), Averaging()])
     table = comparison_of(tree)

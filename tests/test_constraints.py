@@ -1,4 +1,4 @@
-"""Constraints: fixed, bounded and tied parameters, read, held by every method, and refused in a sentence."""
+"""Constraints: fixed, bounded and tied parameters are read, satisfied by every method, or refused."""
 
 import json
 from dataclasses import replace
@@ -97,7 +97,7 @@ def test_a_bound_holds_what_would_pass_it_with_the_errors_of_the_free_fit(record
     assert zeta.coefficient.item() == low
     assert zeta.constraint.item() == "at its bound"
     np.testing.assert_allclose(bounded.coefficient, fixed.coefficient, rtol=1e-6)
-    # A coefficient at its bound is not known: the errors of all are no less than where it is free.
+    # A coefficient at its bound is not known: all errors are at least as large as if it were free.
     assert np.all(bounded.standard_error >= 0.95 * free.standard_error)
     np.testing.assert_allclose(wide.coefficient, free.coefficient, rtol=1e-5)
     assert set(wide.constraint.values) == {""}

@@ -1,4 +1,4 @@
-"""Files as laboratories write them: what is read of each, and what is refused by its true cause."""
+"""Files from laboratories: the contents read from each, or the true reason for a refusal."""
 
 import json
 import re

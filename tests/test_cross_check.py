@@ -1,4 +1,4 @@
-"""Two identifications of one decay held against each other."""
+"""Two identifications of one decay compared with each other."""
 
 from functools import cache
 
@@ -101,7 +101,7 @@ def test_a_tie_and_a_held_coefficient_have_an_influence():
     pair = [identify(record, FORCES, m(constraints=known)) for m in (Averaging, Direct)]
     compared = cross_check(record, *pair)["agreement"]
     assert compared.attrs["errors"] == "influence"
-    # What is tied and what it is tied to differ by the same errors.
+    # A tied coefficient and the one that it depends on differ by the same number of errors.
     z = compared.z.to_series()
     assert z.drop("asymptotic frequency").abs().max() < 4.0
 

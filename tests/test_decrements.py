@@ -1,4 +1,4 @@
-"""The classical methods: decays of their own model, and when they do not apply."""
+"""The classical methods: decays of their own model, and cases to which they do not apply."""
 
 from dataclasses import dataclass
 from functools import cache

@@ -1,4 +1,4 @@
-"""Text, columns and files as laboratories write them; each is read right, or refused by its cause."""
+"""Text, columns and files as written by laboratories; each is read correctly, or refused with the reason."""
 
 import gzip
 import io
@@ -125,7 +125,7 @@ def test_a_frequency_that_is_steady_tells_degrees_from_radians(tmp_path):
     steady = read_record(table(tmp_path / "r.csv", "t,theta", TIME, 8.0 * SWING))
     assert steady.attrs["angle_unit_in_file"] == "deg"
     assert "as it decays" in steady.attrs["reading"]
-    # As of a pendulum: w falls by a^2/16.
+    # As for a pendulum: w decreases by a^2/16.
     amplitude = 1.6 * np.exp(-0.1 * TIME)
     phase = 9.0 * np.concatenate(([0.0], np.cumsum(1.0 - amplitude[1:] ** 2 / 16.0))) * 0.01
     softening = read_record(table(tmp_path / "r.csv", "t,theta", TIME, amplitude * np.cos(phase)))
@@ -157,7 +157,7 @@ FORMULA_SWING = 0.3 * np.exp(-0.1 * FORMULA_TIME) * np.cos(9.9 * FORMULA_TIME)
 
 
 def written(tmp_path, *headers):
-    """A record with a column for each header, each the same swing of 3 units."""
+    """A record with one column for each header, each with the same swing of 3 units."""
     rows = (
         ",".join([f"{t:.6g}", *[f"{10 * x:.9g}"] * len(headers)])
         for t, x in zip(FORMULA_TIME, FORMULA_SWING, strict=True)
@@ -221,7 +221,7 @@ def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
     head = ["// gain = 0.5", "# zero = 0.01", "time (s),a (deg)"]
     twice.write_text("\n".join([*head, *rows]))
     assert st.read_record(twice, angle="gain*a - zero").attrs["angle_unit_in_file"] == "deg"
-    # As of a number that is written there.
+    # As with a number written in place of `zero`.
     with pytest.raises(UsageError, match="says deg"):
         st.read_record(twice, angle="a - zero", units="rad")
     twice.write_text("\n".join(["# gain = 0.7", *head, *rows]))

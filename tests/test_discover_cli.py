@@ -42,7 +42,7 @@ def toml(path, formulas):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Libraries of a viscous friction and of four candidates, and a record that lacks none of them."""
+    """Libraries with viscous friction and four candidates, and a record in which no effect is missing."""
     there = tmp_path_factory.mktemp("discover")
     toml(there / "viscous.toml", VISCOUS)
     toml(there / "offered.toml", OFFERED)

@@ -27,7 +27,7 @@ def tones(seed: int) -> np.ndarray:
 
 
 def driven(seed: int, part: float) -> xr.Dataset:
-    """A driven record whose force is measured with white noise of a part of its RMS."""
+    """A driven record whose measured force has white noise, as a fraction of its RMS."""
     rng, torque = np.random.default_rng(100 + seed), tones(seed)
     motion = st.simulate(
         st.Model(FORCES, TRUTH, W), TIME, 0.1, inputs={"u": KnownInput(TIME, torque, "smooth")}
@@ -46,7 +46,7 @@ def answer(tree: xr.DataTree) -> xr.Dataset:
 
 
 def coverage(part: float, seeds: range) -> np.ndarray:
-    """Return the fraction of 95 % intervals of each coefficient that cover."""
+    """Return the fraction of 95 % intervals of each coefficient that contain the true value."""
     z = [scores(answer(st.identify(driven(seed, part), FORCES)), TRUTH) for seed in seeds]
     return np.mean(np.abs(z) < 1.96, axis=0)
 
@@ -71,7 +71,7 @@ def test_what_a_model_lacks_is_no_random_force_and_widens_its_errors() -> None:
 
 @pytest.mark.slow
 def test_intervals_hold_where_the_force_is_noisy() -> None:
-    # Of 24 intervals of 95 % fewer than 18 hold once in 10^4 sets.
+    # Of 24 intervals of 95 %, fewer than 18 contain the true value once in 10^4 sets.
     assert np.mean(coverage(0.1, range(6))) >= 0.75
 
 
@@ -162,7 +162,7 @@ def test_a_torque_that_is_zero_in_a_decay_does_not_drive_it(tmp_path) -> None:
     swing += 1e-4 * np.random.default_rng(0).standard_normal(time.size)
     still = write_table(tmp_path / "s.csv", "time (s),angle (rad),torque (N*m)", time, swing, 0.0 * time)
     assert "Free decay: kept" in run("look", still).out
-    # What a load cell at the spring shows is no drive either.
+    # A load cell at the spring does not measure a drive either.
     reaction = write_table(tmp_path / "r.csv", "time (s),x (mm),force (N)", time, swing, -4.0 * swing)
     assert "Free decay: kept" in run("look", reaction).out
 

@@ -1,4 +1,4 @@
-"""Driven records with bad samples and gaps: what is named, filled, parted, and what is left alone."""
+"""Driven records with bad samples and gaps: reported, filled, split, or left unchanged."""
 
 import numpy as np
 import pandas as pd
@@ -143,7 +143,7 @@ def test_the_command_uses_the_parts_of_a_file(whole: xr.Dataset, tmp_path) -> No
 
 
 def rate_file(tmp_path, *, leap: float = 0.0, gap: tuple[float, float] | None = None):
-    """Write a driven record of which the rate was measured."""
+    """Write a driven record with a measured rate."""
     model = st.Model(FORCES, TRUTH, W)
     record = st.simulate(model, TIME, 0.1, inputs={"u": torque(TIME)})
     rate = record.rate.values + 1e-3 * np.random.default_rng(3).standard_normal(TIME.size)

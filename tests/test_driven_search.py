@@ -1,4 +1,4 @@
-"""Searches and comparisons of driven records, by what searches and compares decays."""
+"""Searches and comparisons of driven records, by the same functions as for decays."""
 
 from dataclasses import replace
 
@@ -53,7 +53,8 @@ def test_a_search_begins_with_what_drives_and_finds_the_cubic_spring(driven):
     assert tree["before"].force.values.tolist() == ["gain", "zeta"]
     assert tree["steps"].symbol.values.tolist() == ["epsilon"]
     assert tree.attrs["search_outcome"] == "explained"
-    # No spline knows the noise of a driven motion: it is said how much of it is left, and that this is white.
+    # The noise of a driven motion cannot be estimated by a spline: the text states the residual and that it
+    # is white.
     said = verdict_sentences(tree)[0]
     assert said.startswith("Explained: with epsilon the residual is 0.")
     assert "% of the motion (RMS), and white. Neither the candidates nor the omnibus test" in said

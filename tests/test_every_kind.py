@@ -1,4 +1,4 @@
-"""Every function on results takes every kind of result, or says in one sentence what it takes."""
+"""Every function of results accepts every kind of result, or states in one sentence what it accepts."""
 
 import json
 from functools import cache
@@ -66,7 +66,7 @@ MADE = {
     "backbone": lambda _: st.backbone(RUN.decay(1)),
 }
 NO_IDENTIFICATION = {"campaign", "look", "plan", "response", "backbone"}
-# What a function does not take; of all others it gives its result.
+# Kinds that a function does not accept; for all others it returns its result.
 REFUSED = {
     "show": set[str](),
     "summary": NO_IDENTIFICATION - {"campaign"},

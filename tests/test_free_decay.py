@@ -156,7 +156,7 @@ def pendulum():
 
 
 def stopped_by_hand(pendulum, instant, took, rest):
-    """The pendulum moved by a hand, smoothly, to where it holds it."""
+    """The pendulum, moved smoothly by a hand to the position in which it is held."""
     angle, rate = (np.interp(instant, PENDULUM, values) for values in pendulum)
     share = np.clip((PENDULUM - instant) / took, 0.0, 1.0)
     go = 2 * share**3 - 3 * share**2 + 1

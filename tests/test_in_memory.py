@@ -1,4 +1,4 @@
-"""Records in memory: units in names, dates, orders of bytes; what is refused; nothing is taken silently."""
+"""Records in memory: units in names, dates, byte orders; errors; and no silent assumptions."""
 
 import warnings
 

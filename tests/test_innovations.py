@@ -104,7 +104,8 @@ def test_bands_hold_what_was_measured(pushed):
     score = (bands.measured - bands.predicted) / bands.predicted_standard_error
     assert 0.6 < np.sqrt((score**2).mean()) < 1.4
     assert (np.diff(bands.predicted_standard_error.mean("origin")) > 0.0).all()
-    # The band holds the random force on the way: over tau its variance of x is per_tau * tau / 2, on average.
+    # The band includes the random force during the prediction: over tau, its variance of x is per_tau * tau /
+    # 2.
     wander = np.sqrt(0.5 * RandomForce(DENSITY).per_tau(W) * 2.0 * np.pi * ahead + NOISE**2)
     assert (bands.predicted_standard_error.mean("origin") > 0.9 * wander).all()
 

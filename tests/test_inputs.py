@@ -1,4 +1,4 @@
-"""Inputs as symbols of formulas: laws of driven motions, units, warm-ups, and what is refused."""
+"""Inputs as symbols of formulas: laws of driven motions, units, warm-ups, and errors."""
 
 import json
 from dataclasses import replace
@@ -352,7 +352,7 @@ SHAPES = {"bouc_wen_n.s": 0.05, "bouc_wen_n.g": -0.3, "bouc_wen_n.n": 1.0}
 
 
 def record() -> xr.Dataset:
-    """Under a multisine, from where the body has moved for a while."""
+    """Under a multisine, with a start at which the body is already moving."""
     rng, time = np.random.default_rng(2), np.arange(0.0, 40.0, 0.03)
     tones = np.outer(time, W * np.linspace(0.1, 2.0, 40)) + rng.uniform(0.0, 6.28, 40)
     force = KnownInput(time, np.cos(tones).sum(axis=1) / 2.0, "smooth")
@@ -403,7 +403,7 @@ BESIDE = [kind(random_force="estimated") for kind in (st.methods.Direct, st.meth
 
 
 def accelerated(seed: int, random_force: float = 0.0, periods: int = 12) -> xr.Dataset:
-    """A record under a known acceleration: a tone beside the resonance, and steps at random."""
+    """A record with a known acceleration: a tone near the resonance, and random steps."""
     time = np.arange(periods * 40) * 2.0 * np.pi / 9.9 / 40
     steps = np.random.default_rng([seed, 9]).standard_normal(len(time) // 4 + 1).repeat(4)[: len(time)]
     known = 3.0 * np.sin(7.3 * time) + 1.5 * steps
@@ -458,7 +458,7 @@ def test_innovations_and_bands_know_the_input() -> None:
 
 @pytest.mark.parametrize("between", ["linear", "held", "cubic"])
 def test_what_is_between_samples_is_what_acts(between: str) -> None:
-    """Against scipy's motion, restarted at each sample; the steps of a filter are of the same motion."""
+    """Against a motion by scipy, restarted at each sample; steps of a filter agree with the same motion."""
     time = np.linspace(0.0, 4.0, 41)
     known = KnownInput(time, 3.0 * np.sin(7.3 * time) + np.cos(29.0 * time), between)
     model = replace(MODEL, coefficients={"zeta": 0.01, "epsilon": 0.4})

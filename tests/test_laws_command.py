@@ -27,7 +27,7 @@ def record_of(coefficients=COEFFICIENTS, *, time=TIME, amplitude=AMPLITUDE, seed
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A record, another run of it, one that swings farther, and what the command makes of the first."""
+    """A record, a second run, one that swings farther, and the output of the command for the first."""
     there = tmp_path_factory.mktemp("laws")
     write_csv(there / "run.csv", *record_of())
     write_csv(there / "large.csv", *record_of(amplitude=0.4, seed=1))

@@ -136,7 +136,7 @@ def example():
 def test_identify_gives_what_the_command_gives(example, tmp_path):
     assert run("identify", "-o", tmp_path / "command.nc").status == 0
     by_command, here = st.load(tmp_path / "command.nc"), st.identify(example)
-    # The command adds what follows from the model, for the page.
+    # The command adds the consequences of the model for the page.
     assert set(here.children) == set(by_command.children) - {"consequences"}
     for group in ("averaging", "direct", "judged", "agreement"):
         for name, variable in here[group].data_vars.items():

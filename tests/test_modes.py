@@ -1,4 +1,4 @@
-"""Several modes in one decay: listed, separated, combined over sensors; what the commands say of them."""
+"""Several modes in one decay: listed, separated, combined over sensors; and the texts of the commands."""
 
 import json
 
@@ -21,7 +21,7 @@ SHAPES = np.array([[0.5, 1.0], [1.0, -0.7], [-0.8, 0.4]])
 
 
 def two_modes(noise=0.01, seed=0, shapes=SHAPES, second=(211.0, 0.004, 30.0), first=None):
-    """A nonlinear mode of 80 Hz beside a linear one."""
+    """A nonlinear mode of 80 Hz together with a linear one."""
     own = ringing(CLOCK, Law(), 60.0) if first is None else first
     clean = shapes @ np.array([own, linear(CLOCK, *second)])
     random = np.random.default_rng(seed)

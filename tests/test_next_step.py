@@ -1,4 +1,4 @@
-"""Verdicts lead on: what is said of a model that holds, or does not, and the command that follows."""
+"""Verdicts and next steps: texts for models that hold or do not, and the command that follows."""
 
 import dataclasses
 import json
@@ -70,7 +70,7 @@ def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
     tree = checked(st.free_decay(swing), FORCES.select(["lambda", "zeta"]), random_force="off")
     keep_next(tree, DiscoverOptions())
     assert "discover --system pendulum #" in tree.attrs["next"]
-    # What swings is what the user says.
+    # The user states the kind of oscillator.
     keep_next(tree, DiscoverOptions(system="ship"))
     assert "laws --system ship" in tree.attrs["next"]
 
@@ -161,7 +161,7 @@ def test_an_effect_that_no_candidate_names_does_not_lead_to_the_same_search():
 
 @cache
 def searched_in_vain():
-    """A search among candidates of which none is in the record."""
+    """A search with candidates none of which is in the record."""
     truth = {"zeta": 0.01, "nu": -0.4}
     decay = paper_run(truth, sampling_rate=50.0, duration=12.0).decay(3)
     return st.discover(decay, FORCES.select(["zeta"]), FORCES.select(["lambda"]), max_effects=1)
@@ -183,7 +183,7 @@ def test_a_refusal_names_a_command_that_takes_the_record(tmp_path):
         assert ending.err.rstrip().endswith(f"use it uncut with sysid-trib identify {path} --forces zeta.")
     assert "such as --forces zeta" in run("identify", path).err
     assert run("identify", path, "--forces", "zeta").status == 0
-    # What no command takes is sent to none.
+    # No command is suggested for a record that no command accepts.
     shorter = write_csv(tmp_path / "shorter.csv", time=np.arange(0.0, 0.9, 0.01))
     assert run("look", shorter).err.rstrip().endswith("record longer or widen the window.")
 
@@ -200,7 +200,7 @@ def test_a_short_record_is_refused_with_the_forces_that_it_decides(tmp_path):
 def test_what_a_command_was_given_reaches_a_worker():
     given = ModelOptions(forces="zeta")
     sent = pickle.loads(pickle.dumps(given))
-    # By what it is written as a store knows its campaign.
+    # Including the text by which a store identifies its campaign.
     assert (vars(sent), repr(sent)) == (vars(given), repr(given))
     assert "forces" in repr(sent)
 

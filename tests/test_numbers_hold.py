@@ -1,4 +1,4 @@
-"""Numbers that hold: what a good verdict stands on, on records of kinds that once gave wrong ones."""
+"""Reliable numbers: the basis of a good verdict, on kinds of records that once gave wrong ones."""
 
 import helpers
 import numpy as np

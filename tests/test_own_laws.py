@@ -1,4 +1,4 @@
-"""Laws that each run has for itself, as friction under its load."""
+"""Laws that are separate for each run, such as friction under its load."""
 
 import numpy as np
 import pytest

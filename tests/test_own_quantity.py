@@ -52,7 +52,7 @@ def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
     assert abs(result.bias.item() - mean) < 4.0 * result.bias_standard_error.item()
     assert result.birge_ratio.item() == pytest.approx(1.0, abs=0.12)
     assert result.residual_rms.attrs["units"] == KINDS[quantity][1]
-    # A part of a decay holds what was measured within it.
+    # A part of a decay contains the samples measured within it.
     half = decay.isel(time=slice(None, decay.sizes["time"] // 2))
     assert measured_part(half)[1][-1] <= half.time.values[-1]
 

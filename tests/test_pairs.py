@@ -20,7 +20,7 @@ FEW = replace(EFFECTS, forces=(*CONTACT.select(["lambda", "delta"]), *EFFECTS.se
 
 @pytest.fixture(scope="module")
 def tree() -> xr.DataTree:
-    """Dry and quadratic friction, of which one power beside the viscous one is likelier than either."""
+    """Dry and quadratic friction: one power besides the viscous force is more likely than either alone."""
     run = with_effect({"lambda": 1e-4, "delta": 0.05}, seed=1, base={"zeta": 4e-3})
     run = run.assign(angle=run.angle + 2e-4 * np.random.default_rng(5).standard_normal(run.time.size))
     return discover(run, library("zeta"), FEW)

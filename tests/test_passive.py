@@ -40,7 +40,7 @@ def test_friction_takes_energy_out_at_every_speed_and_says_where_it_would_not():
     assert law.values.min() >= -1e-9 * law.values.max()
     acting = json.loads(passive.attrs[PASSIVE])
     assert 0 < len(acting) < 10
-    # Where the law is negative, not where it is positive: in parts of the largest speed.
+    # Ranges in which the law is negative, as fractions of the largest speed.
     assert max(acting) < 0.45
 
 

@@ -1,4 +1,4 @@
-"""The next run: what it would tell of competing models, and of the errors of one."""
+"""The next run: its information on competing models, and on the errors of one model."""
 
 import json
 
@@ -94,7 +94,7 @@ def prediction(angle):
 
 
 def told(distance, *probabilities):
-    """Entropy and probability where two motions differ by so much, in what no start can make."""
+    """Entropy and probability for two motions at this distance, which no change of the start can produce."""
     ripple = np.cos(35.0 * TIME)
     ripple *= distance**0.5 / np.linalg.norm(ripple)
     names = zip("ab", probabilities, (0.0, 1.0), strict=True)
@@ -122,14 +122,14 @@ def test_more_repeats_never_tell_less():
 def test_motions_that_a_rival_can_make_tell_nothing():
     still = prediction(np.zeros(len(TIME)))
     own = prediction(3.0 * np.cos(9.9 * TIME) + 2.0)
-    # What it may be by its own parameter is no difference, however far.
+    # A difference that its own parameters can produce does not count, however large it is.
     ripple = np.cos(35.0 * TIME)
     moved = np.column_stack([50.0 * ripple, 1e4 * ripple, still[:, 1:]])
     for other, parameters in ((own, 0), (moved, 1)):
         logs = log_odds([(rival("a", 0.5), still), (rival("b", 0.5, parameters), other)])
         # A parameter makes half of the square of a normal number of noise too.
         assert np.mean(logs[0][:, 1] - logs[0][:, 0]) == pytest.approx(0.5 * parameters, abs=0.1)
-    # A force that it has not is told apart.
+    # A force that the model lacks can be distinguished.
     assert parting_of(prediction(ripple), still)[-1] > 700.0
 
 
@@ -203,7 +203,7 @@ def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
 
 @pytest.mark.slow
 def test_rivals_of_a_discovery_part_at_a_larger_release():
-    """Gravity and a cubic stiffness are alike at small amplitudes; synthetic."""
+    """Gravity and a cubic stiffness are similar at small amplitudes; synthetic."""
     from sysid_trib import discover, load_library
 
     model = Model(load_library().select(["zeta", "epsilon"]), {"zeta": 0.01, "epsilon": -0.167}, 9.9)

@@ -1,4 +1,4 @@
-"""Is a random force one: its dependence on angle, speed, amplitude and time, and what is said of it."""
+"""Is a random force physical: its dependence on angle, speed, amplitude and time, and the text on it."""
 
 import helpers
 import numpy as np

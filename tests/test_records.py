@@ -229,7 +229,7 @@ def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
     path = written(tmp_path, magic + bytes(100), name)
     absent = f'raise ImportError("none", name={module!r})'
     (tmp_path / f"{module}.py").write_text(absent, encoding="utf-8")
-    # Files of foreign formats are read first by a process of their own.
+    # Files of foreign formats are first read in a separate process.
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(probe, "_processes", {})
     with pytest.raises(RecordError, match=r"package .*is needed: pip install pyarrow npTDMS"):
@@ -288,7 +288,7 @@ def test_bad_file_is_refused_in_one_line(tmp_path, name):
 
 
 def read_or_refused(path):
-    """The record, or None if it was refused in one line; any other exception is a fault."""
+    """The record, or None if it was refused in one line; any other exception is a bug."""
     try:
         return read_record(path)
     except SysidTribError as error:

@@ -55,7 +55,7 @@ def test_provenance():
     assert attrs["sysid_trib_version"] == sysid_trib.__version__
     assert (attrs["record_source"], attrs["record_checksum"]) == (["run.csv"], ["abc"])
     assert attrs["library_title"] == FORCES.title
-    # netCDF holds nothing else in attributes.
+    # netCDF supports only these types of attributes.
     assert all(isinstance(value, str | int | float | list) for value in attrs.values())
 
 
@@ -178,7 +178,7 @@ SHOWN = {
     "facts.json": "this is the output of a command with --json",
     "page.html": "this is a page of HTML, no record; a browser shows it",
     "many.zarr": "this is the store of a campaign, no record; its page many.html shows it",
-    # Not of this package: what was said of it before is right.
+    # Not files of this package: their messages are unchanged.
     "folder": "this is a directory; name a file in it",
     "other.nc": "there are no numbers in it",
     "other.json": "no column for the angle",

@@ -1,4 +1,4 @@
-"""Heads and rows as laboratories write them: what is meant is read, else one sentence says why not."""
+"""Heads and rows as laboratories write them: the intended content is read, or a sentence gives the reason."""
 
 import io
 import struct

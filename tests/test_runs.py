@@ -30,7 +30,7 @@ def test_a_list_of_one_is_the_run_itself():
 
 
 def test_two_short_runs_tell_apart_what_one_cannot():
-    """Tied at one amplitude, nu and epsilon are told apart by another: fewer than two periods each."""
+    """Nu and epsilon, inseparable at one amplitude, are separated by two: under two periods each."""
     weak = [replace(paper_run(FIVE, duration=4.0), start=start) for start in (0.1, 0.6)]
     decays = [run.decay(seed) for seed, run in enumerate(weak)]
     both = identify(decays, LIBRARY, Direct())

@@ -1,4 +1,4 @@
-"""Two samples held against each other: coefficients that differ, errors between runs, and what is said."""
+"""Comparison of two samples: coefficients that differ, errors between runs, and texts."""
 
 import json
 from dataclasses import replace
@@ -61,7 +61,7 @@ def test_friction_alone_is_no_stiffness():
     assert abs(found.stiffness_difference) < 3.0 * found.stiffness_difference_standard_error
     # That of the frequencies is 0.05^2 - 0.005^2.
     assert found.stiffness_difference_standard_error < 2e-4
-    # Also where the first sample has no such force.
+    # Also if the first sample lacks this force.
     free = replace(RUN, model=RUN.model.with_coefficients(FIVE | {"zeta": 0.0}))
     without = identify(free.decay(1), LIBRARY.select([s for s in FIVE if s != "zeta"]), Direct())
     found = difference(without, identify(runs[1].decay(1), LIBRARY, Direct()))

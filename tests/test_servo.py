@@ -69,7 +69,7 @@ def test_a_library_with_expressions_reads_back_as_it_was_written(joint):
     assert joint["load_friction"].inputs == ("goal", "kp", "on")
     again = library_of_text(joint.to_toml(), "again")
     assert again.forces == joint.forces
-    # Without the force whose coefficient it holds, too.
+    # Also if the library lacks the force whose coefficient is in the formula.
     alone = joint.select(["load_friction"])
     assert library_of_text(alone.to_toml(), "alone").forces == alone.forces
 
@@ -133,7 +133,7 @@ def test_delay_gain_and_zero_of_the_sensor_are_found_beside_the_forces(joint, me
         assert result.coefficient.sel(force=symbol).item() == pytest.approx(value, rel=0.15)
         assert 0.0 < result.standard_error.sel(force=symbol).item() < 0.2 * value
     assert result.coefficient.sel(force="lambda").item() == pytest.approx(TRUTH["lambda"], rel=0.05)
-    # A zero of all runs leaves none to each.
+    # With a common zero for all runs, no run has a separate zero.
     assert not np.any(result.offset.values)
 
 

@@ -1,4 +1,4 @@
-"""Motions of few samples, few swings, heavy damping or growth: what the methods can do the command can do."""
+"""Motions with few samples or swings, heavy damping or growth: commands can do what methods can do."""
 
 import numpy as np
 import pytest

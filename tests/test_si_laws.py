@@ -53,7 +53,7 @@ def test_laws_and_mu_are_the_forces_of_the_coefficients():
 
 
 def test_errors_of_what_is_given_are_those_of_repeated_measurements():
-    """The stated error is the scatter of the law at one sliding speed over draws of what was measured."""
+    """The stated error is the scatter of the law at a sliding speed over draws of measured quantities."""
     result = with_laws(DRY)
     stated = st.physics.laws_in_si(result, inertia=INERTIA, load=LOAD, radius=RADIUS)
     random, found = np.random.default_rng(1), []

@@ -1,4 +1,4 @@
-"""Averages over a cycle: exact loops, scaling, integrators; and which forces they cannot tell apart."""
+"""Averages over a cycle: exact loops, scaling, integrators; and forces that they cannot distinguish."""
 
 from itertools import pairwise
 
@@ -135,7 +135,7 @@ def test_narrow_features_are_resolved():
 def test_series_are_the_averages(symbol, off):
     a = np.geomspace(1e-3, 1.0, 60)
     pairs = zip(tabulated_averages(candidate(symbol), a), averages(candidate(symbol), a), strict=True)
-    # Where a slip begins, the signature of the last has a kink.
+    # At the beginning of slip, the signature of the last one has a kink.
     assert all(np.all(np.abs(series - exact) <= off * a) for series, exact in pairs)
 
 

@@ -1,4 +1,4 @@
-"""Laws as curves: recovered within their bands, formulas within the band, and what a curve cannot be."""
+"""Laws as curves: recovered within their bands, formulas within the band, and impossible curves."""
 
 import json
 from dataclasses import replace
@@ -220,7 +220,7 @@ def test_a_noisy_record_determines_only_what_position_and_speed_make_together():
 
 
 def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds():
-    """Only the first swings reach the largest speeds: parts agree there because they are the same samples."""
+    """Only the first swings reach the largest speeds: parts agree there because they share these samples."""
     places = np.linspace(0.1, 1.0, 10)
     everywhere = np.ones(10, dtype=bool)
     noise = 0.01 * np.ones(10)
@@ -229,7 +229,7 @@ def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds
         return bands.Law("friction", "speed", places, everywhere, values, np.diag(noise**2))
 
     whole = law(places)
-    # What the second part does not reach it does not change.
+    # The range that the second part does not reach remains unchanged.
     parts = [law(places + 0.1 * (places < 0.65)), law(places - 0.1 * (places < 0.65))]
     errors = bands.standard_errors(_movement(whole, parts, 0.65))
     assert np.all(errors[:6] > 5.0 * noise[:6])

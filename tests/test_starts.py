@@ -1,4 +1,4 @@
-"""Starts: of predictions, which try several, and of discover, which begins with what identify finds."""
+"""Starts: predictions try several, and discover begins with the result of identify."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""One table of numbers for any result: by method and quantity, parts of curves left out."""
+"""One table of numbers for any result: by method and quantity, without basis functions of curves."""
 
 from pathlib import Path
 
