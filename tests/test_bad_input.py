@@ -171,7 +171,7 @@ def test_refusals_come_before_the_work(refused):
     assert time.process_time() - begin < 1.0
 
 
-def test_what_a_method_refuses_names_the_file(folder):
+def test_errors_of_methods_name_the_file(folder):
     paths = [write_csv(folder / f"{at}.csv", angle=linear(zeta=0.01 + 0.01 * at)) for at in range(2)]
     said = run("identify", paths[0], "--window", "0:1.9").complaint
     assert said.startswith("sysid-trib: 0.csv: 3 amplitudes cannot determine 5 forces")

@@ -107,7 +107,7 @@ def test_stated_errors_tell_the_scatter(case):
 
 @pytest.mark.in_full
 @pytest.mark.parametrize("quantity", test_own_quantity.KINDS)
-def test_errors_of_what_was_measured_cover_the_truth(tmp_path, quantity):
+def test_errors_for_each_measured_quantity_cover_the_truth(tmp_path, quantity):
     records = [test_own_quantity.decay_of(tmp_path / "a.csv", quantity, seed) for seed in range(20)]
     found = [Trajectory().identify(record, test_own_quantity.FORCES) for record in records]
     z = [test_own_quantity.excess(result) for result in found]

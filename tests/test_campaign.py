@@ -68,7 +68,7 @@ def test_records_that_a_function_of_ones_own_reads_are_rows(tmp_path):
     assert np.all(np.abs(off) < 8.0)
 
 
-def test_what_was_done_is_not_done_again_and_the_rest_is(tmp_path):
+def test_finished_records_are_not_computed_again_but_others_are(tmp_path):
     whole = numbers(st.campaign(RECORDS, TASK, output=tmp_path / "whole.zarr", workers=0))
 
     class StoppedError(Exception):
@@ -109,7 +109,7 @@ def disk_with_room(monkeypatch, room):
 
 
 @pytest.mark.slow
-def test_a_full_disk_ends_a_campaign_in_a_sentence_and_it_goes_on_when_there_is_room(tmp_path, monkeypatch):
+def test_a_full_disk_ends_a_campaign_with_a_sentence_and_it_can_be_continued(tmp_path, monkeypatch):
     def store_of(name):
         return st.campaign(RECORDS, TASK, output=tmp_path / name, workers=0)
 
@@ -280,7 +280,7 @@ MANY = [str(at) for at in range(30)]
 
 
 @pytest.mark.slow
-def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
+def test_a_killed_campaign_continues_with_the_same_store(tmp_path):
     whole = numbers(st.campaign(MANY, TASK, output=tmp_path / "whole.zarr", workers=0))
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)

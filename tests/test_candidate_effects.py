@@ -221,7 +221,7 @@ def tied(*symbols, shapes=None):
     ],
     ids="-".join,
 )
-def test_what_averaging_cannot_tell_apart_is_told_apart_by_the_motion(group):
+def test_forces_with_equal_averages_are_separated_by_the_motion(group):
     assert tied(*group) == [group]
     library = BOTH.select(group)
     assert exactly_dependent(library, 1.0) == []
@@ -240,7 +240,7 @@ def test_what_averaging_cannot_tell_apart_is_told_apart_by_the_motion(group):
     ],
     ids=lambda part: "-".join(part) if isinstance(part, tuple) else "",
 )
-def test_one_force_written_twice_is_told_apart_by_nothing(pair, shapes):
+def test_one_force_written_twice_is_never_separated(pair, shapes):
     assert exactly_dependent(BOTH.select(pair), 1.0, shapes=shapes) == [pair]
 
 

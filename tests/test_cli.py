@@ -113,7 +113,7 @@ def test_figure(twin, tree):
 
 
 @pytest.mark.slow
-def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
+def test_a_fixed_shape_parameter_is_used_and_printed(tmp_path, dahl_library):
     record = tmp_path / "dahl.csv"
     made = ("--set", "zeta=0.01", "--set", "jenkins=2e-2", "--set", "jenkins.s=0.05", "--noise", "1e-4")
     assert run("simulate", "-o", record, "--library", dahl_library, *made).status == 0

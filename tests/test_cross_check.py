@@ -118,6 +118,6 @@ def test_the_influence_of_a_fit_of_the_motion_has_its_stated_error(kind):
 
 
 @pytest.mark.parametrize(("library", "method"), [(3, Direct()), (FORCES, Direct), (FORCES, 3)])
-def test_what_is_no_library_or_method_is_told(library, method):
+def test_an_invalid_library_or_method_is_refused(library, method):
     with pytest.raises(UsageError, match="identify needs"):
         identify(paper_run(FIVE).decay(0), library, method)

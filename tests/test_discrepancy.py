@@ -160,7 +160,7 @@ def test_a_search_ends_at_its_time_limit():
         discover(run, BASE, FEW, time_limit=0.0)
 
 
-def test_shapes_are_told_with_their_errors():
+def test_shape_parameters_are_stated_with_their_errors():
     """The record determines no error of a shape parameter at an end of its range."""
     shapes = {"power_damping.p": 1.7}
     run = with_effect({"power_damping": 0.02}, seed=2, base={"zeta": 4e-3}, shapes=shapes)
@@ -225,7 +225,7 @@ MISSING = {
 
 
 @pytest.mark.in_full
-def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
+def test_increased_errors_of_an_incomplete_model_cover_better():
     """With errors by the noise alone, about half of the 95 % intervals cover."""
     library, inside = BASE.select(KNOWN), []
     for seed, (symbol, coefficient) in enumerate(MISSING.items()):

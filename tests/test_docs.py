@@ -63,7 +63,7 @@ def _outputs():
 
 
 @pytest.mark.parametrize(("page", "command"), list(_outputs()))
-def test_what_a_page_says_is_printed_is_printed(page, command, generated):
+def test_printed_output_on_a_page_is_that_of_the_command(page, command, generated):
     text = page.read_text(encoding="utf-8")
     for made in re.findall(r"^\$ sysid-trib (simulate .*)$", text, re.MULTILINE):
         generated.printed(*shlex.split(made))

@@ -47,7 +47,7 @@ def without(record: xr.Dataset, low: float, high: float) -> xr.Dataset:
     return record.isel(time=(record.time.values < low) | (record.time.values > high))
 
 
-def test_a_record_without_faults_stays_as_it_is(whole: xr.Dataset) -> None:
+def test_a_record_without_faults_is_unchanged(whole: xr.Dataset) -> None:
     (part,) = driven_parts(whole)
     assert part.angle.identical(whole.angle)
     assert part.u.identical(whole.u)
@@ -90,7 +90,7 @@ def test_a_bad_sample_at_an_end_is_cut_off(whole: xr.Dataset, at: int) -> None:
     ],
     ids=["blow of a hammer", "square wave", "noise", "kinks", "chirp"],
 )
-def test_what_an_input_is_meant_to_do_is_no_outlier(whole: xr.Dataset, values: np.ndarray) -> None:
+def test_intended_jumps_of_an_input_are_no_outliers(whole: xr.Dataset, values: np.ndarray) -> None:
     (part,) = driven_parts(whole.assign(u=("time", values, whole.u.attrs)))
     np.testing.assert_array_equal(part.u, values)
     assert "outlier" not in part.attrs["free_decay"]

@@ -125,7 +125,7 @@ def test_each_function_gives_its_result_or_one_sentence(kind, function, results,
 
 
 @pytest.mark.parametrize("kind", kinds())
-def test_what_was_judged_has_one_shape(kind, results):
+def test_the_group_judged_has_one_form(kind, results):
     result = results(kind)
     if not isinstance(result, xr.DataTree) or "judged" not in result.children:
         assert kind in NO_IDENTIFICATION | {"method", "difference of results"}
@@ -141,7 +141,7 @@ def test_what_was_judged_has_one_shape(kind, results):
     assert np.all(judged.residual_over_noise.values > 0.0)
 
 
-def test_what_is_no_result_is_named():
+def test_objects_other_than_results_are_named():
     for function in (st.show, st.summary, st.best, lambda result: st.report(result, Path("never.html"))):
         with pytest.raises(UsageError, match="an object of type int"):
             function(3)

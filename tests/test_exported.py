@@ -225,7 +225,7 @@ def test_texts_of_files_are_neither_commands_of_latex_nor_formulas_of_spreadshee
     assert all(float(row["value"]) == float(row["value"]) for row in rows)
 
 
-def test_a_paragraph_for_the_methods_has_its_numbers_and_what_it_cites(tmp_path, tree):
+def test_a_methods_paragraph_has_its_numbers_and_references(tmp_path, tree):
     text = methods_text(tree)
     assert text.count("{") == text.count("}")
     keys = set(re.findall(r"\\cite\{(\w+)\}", text))

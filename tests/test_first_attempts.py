@@ -167,7 +167,7 @@ MISSING = {"st.identfy": "'identify'", "st.plot": "'plots'", "st.methods.Drect":
 
 
 @pytest.mark.parametrize("attempt", WORK)
-def test_what_is_tried_first_works(attempt):
+def test_usual_first_attempts_work(attempt):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = eval(attempt, NAMES)

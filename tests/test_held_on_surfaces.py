@@ -100,7 +100,7 @@ def by_scipy(coefficients, start=(0.3, -0.1)):
 
 
 @pytest.mark.parametrize("coefficients", BELTS, ids=str)
-def test_a_belt_takes_the_body_along_and_lets_it_go(coefficients):
+def test_a_belt_carries_the_body_and_releases_it(coefficients):
     found = motion(coefficients)
     held = np.abs(found.rows[:, 1] - belt_speed(coefficients, TAU)) < 1e-14
     # Each motion is held for some time and free for some time.

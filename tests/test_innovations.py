@@ -32,7 +32,7 @@ def pushed():
     return motion, decay, identified(decay, DENSITY)
 
 
-def test_without_a_random_force_they_are_what_a_free_motion_leaves():
+def test_without_a_random_force_they_are_the_residual_of_a_free_motion():
     decay = measured(st.simulate(MODEL, TIME, 0.3).angle)
     result = identified(decay, "off")
     found = st.validation.innovations(decay, result)
@@ -96,7 +96,7 @@ def test_a_gap_is_a_long_step(pushed):
     assert found.ljung_box_p_value > 0.001
 
 
-def test_bands_hold_what_was_measured(pushed):
+def test_bands_contain_the_measured_values(pushed):
     _, decay, result = pushed
     ahead = np.array([0.5, 1.0, 3.0])
     bands = st.validation.prediction_bands(decay, result, ahead, origins=np.arange(2.0, 9.5, 0.4))

@@ -15,7 +15,7 @@ from discovery import EVERY, deviations, library, start_model, with_effect
     ],
     ids=lambda value: " ".join(value),
 )
-def test_forces_sensors_and_shapes_are_fitted_alike(effects, shapes):
+def test_forces_sensor_terms_and_shape_parameters_are_fitted(effects, shapes):
     base = {"zeta": 5e-3, "epsilon": 0.2}
     run = with_effect(effects, seed=2, base=base, shapes=shapes)
     model = start_model([run], library(*base, *effects))

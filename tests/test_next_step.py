@@ -81,7 +81,7 @@ def test_passive_laws_stay_passive_and_no_other_command_has_the_option():
     assert "--passive" not in command_after("identify", {}, given)
 
 
-def test_the_next_command_takes_over_what_was_given(tmp_path):
+def test_the_next_command_takes_over_the_given_options(tmp_path):
     record = tmp_path / "a swing.csv"
     read = {"records": [record], "angle": "theta", "units": "deg", "window": "2:60"}
     model = {"forces": "zeta", "omega0": "8.87±0.02", "fix": ["zeta=0.01", "lambda=0"]}
@@ -117,7 +117,7 @@ def test_the_last_line_is_the_next_command_and_runs(tmp_path):
 
 
 @pytest.mark.parametrize("symbol", ["delta", "maxwell", "resonator", "structural_damping", "even_spring"])
-def test_what_discover_names_is_identified_by_methods_that_can(symbol):
+def test_effects_named_by_discover_are_identified_by_suitable_methods(symbol):
     offered = {force.symbol: force for force in (*FORCES, *st.load_library("candidate_effects"))}
     library = dataclasses.replace(FORCES, forces=(offered["zeta"], offered[symbol]))
     time = np.arange(0.0, 12.0, 0.02)
@@ -197,7 +197,7 @@ def test_a_short_record_is_refused_with_the_forces_that_it_decides(tmp_path):
 # Methods that break down.
 
 
-def test_what_a_command_was_given_reaches_a_worker():
+def test_options_of_a_command_reach_a_worker():
     given = ModelOptions(forces="zeta")
     sent = pickle.loads(pickle.dumps(given))
     # Including the text by which a store identifies its campaign.

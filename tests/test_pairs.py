@@ -27,7 +27,7 @@ def tree() -> xr.DataTree:
 
 
 @pytest.mark.slow
-def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
+def test_an_equally_good_pair_is_named_with_the_effect(tree, tmp_path):
     (step,) = (tree["steps"].to_dataset().isel(step=at) for at in range(tree["steps"].attrs["count"]))
     assert step.symbol.item() == "power_damping"
     assert replacing_pairs(step) == [["lambda", "delta"]]
@@ -53,7 +53,7 @@ FRICTIONS = {"zeta": 0.0105, "delta": 0.012, "epsilon": 0.427, "dahl": 0.0066}
 
 @pytest.mark.in_full
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_friction_of_three_kinds_is_told_apart(seed):
+def test_friction_of_three_kinds_is_separated(seed):
     """LuGre friction, of three shapes, stands in their place until a pair is seen to be likelier."""
     time = np.arange(0.0, 13.0, 1.0 / 112.0)
     run = decay(time, exact(model_of(FRICTIONS, {"dahl.s": 0.0075}), time, 0.54), seed, noise=3.8e-4)

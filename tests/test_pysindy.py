@@ -159,7 +159,7 @@ def test_a_dropped_force_has_coefficient_zero_and_the_error_it_would_have_had():
     ],
     ids=lambda optimizer: type(optimizer).__name__,
 )
-def test_a_sparsifying_optimiser_drops_what_is_small_and_comes_back_unchanged(optimizer):
+def test_a_sparsifying_optimiser_omits_small_coefficients_and_is_unchanged(optimizer):
     before = dict(optimizer.get_params())
     result = Direct(W, optimizer=optimizer).identify(RUN.decay(4), RUN.model.library)
     assert optimizer.get_params() == before

@@ -100,7 +100,7 @@ def test_the_smoothed_motion_is_that_of_statsmodels(filter_):
         pytest.param(Averaging, {"zeta": 2e-3, "delta": 2e-2}, 60, 20, marks=pytest.mark.slow),
     ],
 )
-def test_a_fit_tells_the_two_noises_apart(method, truth, per_period, periods):
+def test_a_fit_separates_the_two_noises(method, truth, per_period, periods):
     z, ratios = [], []
     for seed in range(4):
         run, library, density = record(truth, per_period, periods=periods, wander=5.0, seed=seed)

@@ -209,13 +209,13 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_what_is_no_record_is_named_with_what_shows_it(folder, name):
+def test_other_files_than_records_are_named_with_the_command_for_them(folder, name):
     ending = run("look", folder / name)
     assert SHOWN[name] in ending.complaint
     assert ending.status == 1
 
 
-def test_a_variable_scales_alike_in_every_table():
+def test_a_variable_scales_equally_in_every_table():
     rows = [(name, row) for table in RESULT_TABLES.values() for name, row in table.items()]
     rows += [(name, row) for table in TABLES.values() for name, row in table.items()]
     assert [name for name, row in rows if len(row) > 3 and row[3] != scaling_of(name)] == []

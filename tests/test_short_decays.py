@@ -31,7 +31,7 @@ SHORT = {
 
 
 @pytest.mark.parametrize("name", SHORT)
-def test_what_proves_no_decay_is_taken_where_its_forces_are_named(name):
+def test_a_doubtful_decay_is_used_if_its_forces_are_named(name):
     time, zeta, start = SHORT[name]
     record = swing(time, zeta, start)
     with pytest.raises(DecayError, match="--forces"):

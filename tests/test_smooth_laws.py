@@ -204,13 +204,13 @@ def direct_of(noise):
     return fit_of([st.free_decay(motion)], st.methods.Direct(random_force="off", refine=False), model)
 
 
-def test_a_record_with_little_noise_tells_position_from_speed():
+def test_a_record_with_little_noise_separates_position_from_speed():
     both = readings(direct_of(2e-5), 0.2)
     assert both.separated.item()
     assert both.standard_error.item() < both.error_of_law.item()
 
 
-def test_a_noisy_record_determines_only_what_position_and_speed_make_together():
+def test_a_noisy_record_determines_only_the_sum_of_position_and_speed():
     both = readings(direct_of(3e-3), 0.2)
     assert not both.separated.item()
     # Of 0.3 x^2 v and 0.01 v over a cycle of 0.2 rad.

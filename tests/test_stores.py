@@ -77,7 +77,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_what_is_damaged_in_a_store_is_noticed(made, tmp_path, damage):
+def test_damage_in_a_store_is_detected(made, tmp_path, damage):
     records, base = made
     place = tmp_path / "a.zarr"
     shutil.copytree(base, place)

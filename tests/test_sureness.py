@@ -160,7 +160,7 @@ def test_every_fit_is_of_the_same_forces_at_one_reference(decay, result):
 
 
 @pytest.mark.slow
-def test_a_fit_that_fails_says_why(decay, result):
+def test_the_reason_of_a_failed_fit_is_stated(decay, result):
     drift = (*LIBRARY, library_of_formulas(drift="t").forces[0])
     library = ForceLibrary("with a drift", (*drift[:-1], replace(drift[-1], kind="sensor")))
     found = sensitivity(decay, identify(decay, library, Direct()))
