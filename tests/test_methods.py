@@ -61,7 +61,7 @@ def test_a_method_of_one_record_refuses_several(label):
 def test_a_method_from_elsewhere_cannot_be_made_again():
     result = methods.Direct().identify(paper_run(FIVE).decay(0), load_library())
     assert method_of(result) == methods.Direct()
-    with pytest.raises(UsageError, match="'elsewhere' is no method that is installed"):
+    with pytest.raises(UsageError, match="'elsewhere' is not an installed method"):
         method_of(result.assign_attrs(method="elsewhere"))
 
 

@@ -53,7 +53,7 @@ def test_own_laws_are_printed_written_and_kept(tree, tmp_path):
 
 @pytest.mark.parametrize(
     ("runs", "own", "said"),
-    [(1, ["friction"], "takes several runs"), (2, ["mu"], "cannot be each run's own")],
+    [(1, ["friction"], "needs several runs"), (2, ["mu"], "cannot be each run's own")],
 )
 def test_laws_that_cannot_be_separate_for_each_run_are_refused(runs, own, said):
     with pytest.raises(UsageError, match=said):

@@ -319,7 +319,7 @@ def test_an_unknown_unit_is_reported_with_the_known_ones(tmp_path):
     assert read_record(plain, units="furlong").attrs["reading"] == said
     assert "known are" not in read_record(plain, units="px").attrs["reading"]
     # A slip in the unit of an angle would leave coefficients off by powers of it.
-    with pytest.raises(UsageError, match=r"'degr' is no known unit of an angle; give rad, mrad, deg"):
+    with pytest.raises(UsageError, match=r"'degr' is not a known unit of an angle; give rad, mrad, deg"):
         read_record(plain, units="degr", signal="angle")
 
 

@@ -66,7 +66,7 @@ def test_methods_of_amplitudes_and_frequencies_refuse_them(method):
 
 
 def test_a_sensor_term_alone_is_no_model():
-    with pytest.raises(DecayError, match="No force is left"):
+    with pytest.raises(DecayError, match="There is no force to identify"):
         Direct().identify(record(0), LIBRARY.select(["sensor_curve"]))
 
 

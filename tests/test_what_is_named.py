@@ -155,7 +155,7 @@ def test_its_frequency_is_as_well_known_as_by_direct_identification(pendulum, fo
 def test_only_forces_of_the_model_are_fixed(pendulum):
     with pytest.raises(UsageError, match="No force 'gravity' of the model can be held"):
         discover(pendulum, library("zeta"), library("lambda"), constraints={"gravity": 1.0})
-    with pytest.raises(UsageError, match="Every force of the start model is held"):
+    with pytest.raises(UsageError, match="Every force of the start model is fixed"):
         discover(pendulum, library("zeta"), library("lambda"), constraints={"zeta": 0.01})
 
 

@@ -24,7 +24,7 @@ def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None,
     try:
         table = pd.DataFrame({} if conditions is None else conditions).reset_index(drop=True)
     except ValueError as error:
-        raise UsageError(f"The conditions are no table: {error}.") from None
+        raise UsageError(f"The conditions are not a table: {error}.") from None
     if len(table.columns) and len(table) != runs:
         raise UsageError(f"The conditions have {len(table)} rows for {runs} runs; give one row a run.")
     for name in table:

@@ -121,7 +121,7 @@ def _part(given: LibraryLike, channels: list[str]) -> ForceLibrary:
     if isinstance(given, Mapping):
         return ForceLibrary("", tuple(_forces(given, channels)), MADE_IN_PYTHON)
     raise UsageError(
-        f"A library is made of formulas, forces and libraries, not of {_kind(given)}; write "
+        f"A library consists of formulas, forces and libraries, not of {_kind(given)}; write "
         "st.library(zeta='2*v')."
     )
 

@@ -108,7 +108,7 @@ class Trajectory(Constrained):
                 "random_force= needs noise='white'; the fit then determines the colour of the noise."
             )
         if not self.warm_up >= 0.0:
-            raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
+            raise UsageError(f"warm_up={self.warm_up} is not a time; give seconds, zero or more.")
         if self.starts not in KINDS_OF_STARTS:
             raise UsageError(f"starts='{self.starts}' is neither 'fitted' nor 'measured'.")
         if self.noise not in ("white", "coloured"):

@@ -63,7 +63,7 @@ class Parameters:
         for name in constraints.bounds:
             if name in shapes and name not in fitted:
                 raise UsageError(
-                    f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes."
+                    f"Shape parameter {name} is fixed, so its bound has no effect; name it in fit_shapes."
                 )
         held = {**self.shapes, **{name: value for name, value in constraints.fixed.items() if name in shapes}}
         whole = replace(self, fit_shapes=fitted, shapes=held)
