@@ -46,7 +46,7 @@ def regress_stochastic(
     constraints : ConstraintMap
         Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, which is held.
+        A number is the one-sided density, which is fixed.
 
     Returns
     -------

@@ -175,7 +175,7 @@ def _planned(
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
-    """Raise an error for a wanted error that is not positive, or of a parameter that is held or unknown."""
+    """Raise an error for a wanted error that is not positive, or of a parameter that is fixed or unknown."""
     if not known.fitted:
         raise UsageError("All coefficients of this model are fixed: no run changes an error.")
     for symbol, error in wanted.items():

@@ -72,7 +72,7 @@ def is_pair(given: Any) -> bool:
 
 
 def _is_column(given: Any) -> bool:
-    """Return true if an object is a column of numbers or dates, and not a record by itself."""
+    """Return true if an object is a single column of numbers or dates instead of a record."""
     if isinstance(given, np.ndarray | xr.DataArray):
         return given.ndim == 1
     if isinstance(given, pd.Series | pd.Index):
