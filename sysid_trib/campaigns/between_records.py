@@ -68,8 +68,8 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
     table : DataFrame
         Conditions with separable effects.
     collinear : dict of str to str
-        Each of the other conditions, and those with which it is confounded: `'load'`, or `'load', 'speed'
-        together`.
+        Each of the other conditions, and those with which it is confounded:
+        `'load'`, or `'load', 'speed' together`.
     """
     kept: list[str] = []
     collinear = {}

@@ -29,8 +29,8 @@ def library(
     inputs : iterable of str, optional
         Names of the known inputs that the formulas contain; `u` need not be named.
     **formulas : str, Force or mapping
-        A formula by the symbol of its force, `zeta="2*v"`; or a table as in a library file, `mine={"formula":
-        "z", "state": {"z": "v - z"}}`; or a `Force`, which gets this symbol.
+        A formula by the symbol of its force, `zeta="2*v"`; or a table as in a library file,
+        `mine={"formula": "z", "state": {"z": "v - z"}}`; or a `Force`, which gets this symbol.
 
     Returns
     -------

@@ -295,8 +295,8 @@ class FrequencyShift:
 
     Notes
     -----
-    Solid, viscous and quadratic friction are fitted to the envelope too. They serve the simulation and w_inf
-    = w sqrt(1 + alpha - zeta^2), and are not reported.
+    Solid, viscous and quadratic friction are fitted to the envelope too. They serve the simulation and
+    w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
     """
 
     scope: ClassVar = MethodScope(
