@@ -89,7 +89,7 @@ TASKS = {
 @pytest.mark.parametrize(
     "name", ["identify", *(pytest.param(name, marks=pytest.mark.slow) for name in [*TASKS][1:])]
 )
-def test_a_row_is_what_the_single_call_judges(name, tmp_path):
+def test_a_row_equals_the_judgement_of_the_single_call(name, tmp_path):
     task, alone = TASKS[name]
     record = decay()
     result = alone(record)
@@ -196,7 +196,7 @@ def test_a_store_of_another_format_gets_one_sentence(which, tmp_path):
     assert f"format {STORE_FORMAT}; run the campaign again" in ending.complaint
 
 
-def test_speeds_that_no_record_visits_are_said(tmp_path):
+def test_speeds_that_no_record_visits_are_reported(tmp_path):
     file = write_csv(tmp_path / "r.csv", TIME, linear(TIME, 0.01))
     words = ("campaign", file, "--task", "laws", "--workers", "0")
     ending = run(*words, "--speeds", "0.5,50", "-o", tmp_path / "a.zarr")
