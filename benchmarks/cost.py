@@ -77,12 +77,12 @@ def direct(place: str) -> None:
 
 
 def search(place: str, kept: str) -> None:
-    """Run `discover`; keep the memory before the search, and the verdict."""
+    """Run `discover`; keep the memory before the search, and its outcome."""
     record = st.free_decay(st.read_record(place))
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
     every = st.forces.ForceLibrary("all", (*st.load_library(), *st.load_library("candidate_effects")))
     found = st.discover(record, st.load_library().select(SEARCHED), every)
-    Path(kept).write_text(f"{before:.0f},{found.attrs['verdict']}")
+    Path(kept).write_text(f"{before:.0f},{found.attrs['search_outcome']}")
 
 
 def samples(folder: Path, asked: Namespace) -> pd.DataFrame:
@@ -105,7 +105,7 @@ def searches(folder: Path, asked: Namespace) -> pd.DataFrame:
             place = decay(folder / "searched.nc", count, periods, SEARCHED | hidden, 0.4)
             peak, kept = spent(*child("search", place, folder / "kept"))[2], folder / "kept"
             rows.append((count, periods, *(hidden or ["nothing"]), peak, bar, *kept.read_text().split(",")))
-    heads = ["samples", "periods", "hidden", "peak (MB)", "bar", "before (MB)", "verdict"]
+    heads = ["samples", "periods", "hidden", "peak (MB)", "bar", "before (MB)", "outcome"]
     return pd.DataFrame(rows, columns=heads)
 
 

@@ -75,7 +75,7 @@ def story(tree):
 
 def test_twin_is_explained_by_its_two_elastic_forces(twin):
     tree, found = twin
-    assert found["verdict"] == "explained"
+    assert (found["verdict"], found["search_outcome"]) == ("explained", "explained")
     assert [step["symbol"] for step in found["steps"]] == ["nu", "epsilon"]
     for step in found["steps"]:
         assert abs(step["coefficient"] - FIVE[step["symbol"]]) < 4.5 * step["standard_error"]
@@ -166,7 +166,8 @@ def test_nothing_is_missing(plain):
 def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
     ending = small(folder, folder / "even.csv", "--json", "-o", tmp_path / "even.nc")
     found = json.loads(ending.out)
-    assert found["verdict"] == "unknown effect"
+    assert found["search_outcome"] == "unknown effect"
+    assert found["verdict"] == found["judged"]["after"]["verdict"]
     assert found["omnibus"]["p_value"] < 0.01
     told = story(load(tmp_path / "even.nc"))
     assert re.search(

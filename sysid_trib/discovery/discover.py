@@ -33,6 +33,7 @@ from sysid_trib.records import smoothing
 from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import effects, judged, schema, signal_scale, variables
+from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
 from sysid_trib.validation.holdout import diebold_mariano
 
@@ -95,11 +96,11 @@ def discover(
     xr.DataTree
         Result for records decimated to about sixty samples a period (attribute `decimated`). A driven record
         of more than about 180 periods is replaced by three stretches (attribute `stretches`). Further
-        attributes: `verdict` (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time`
-        (the limit that ended the search), `closing_effect` (excluded by `max_effects` alone; with it nothing
-        is missing), `not_improving` (an effect that is significant but does not improve the held-out
-        prediction), `noise_p_value` (of the hypothesis that the residual of the final model is noise, or a
-        random force independent of the motion; nan if the time ran out), `settings` (JSON),
+        attributes: `search_outcome` (`explained`, `unknown effect`, `nothing missing`), `converged`,
+        `out_of_time` (the limit that ended the search), `closing_effect` (excluded by `max_effects` alone;
+        with it nothing is missing), `not_improving` (an effect that is significant but does not improve the
+        held-out prediction), `noise_p_value` (of the hypothesis that the residual of the final model is
+        noise, or a random force independent of the motion; nan if the time ran out), `settings` (JSON),
         `laws_held_out_rms` (rad, held-out residual of smooth laws, nan if they were not needed),
         `refused_by_laws` (effects that predict worse than the laws), `left_out`, `failed_fits`.
         Groups: `record` (`record_1`, ... for several runs) with `simulated_angle(model)` before and after;
@@ -257,7 +258,7 @@ def _discovery(
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
     if refused or effects.misnamed_effects(tree):
-        tree.attrs["verdict"] = "unknown effect"
+        tree.attrs[SEARCH_OUTCOME] = "unknown effect"
     return tree
 
 
@@ -282,7 +283,7 @@ def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
     """Return the outcome of a search as attributes of its result."""
     return {
-        "verdict": parts.verdict_of(done, closing),
+        SEARCH_OUTCOME: parts.outcome_of(done, closing),
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
@@ -304,7 +305,7 @@ def _unless_laws_predict_better(
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
     # Under a random force or coloured noise, the prediction by a free motion is good or bad by chance.
-    residual_is_noise = parts.verdict_of(done) == "explained"
+    residual_is_noise = parts.outcome_of(done) == "explained"
     explains = residual_is_noise or named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
@@ -313,18 +314,12 @@ def _unless_laws_predict_better(
     if not CLEARLY_BETTER * laws.rms < named_rms:
         return done, laws.rms, ()
     if np.isfinite(named_rms):
-        periods = [_samples_of_a_period(part.record) for part in later]
+        periods = [smoothing.samples_of_a_period(part.record) for part in later]
         p_value = diebold_mariano(named.residuals, laws.residuals, periods)
         if not p_value < LAWS_LEVEL:
             return done, laws.rms, ()
     start = done.models[0]
     return _best_by_holdout(search(done.fits, begin=start, most=0, tell=tell), tell), laws.rms, done.effects
-
-
-def _samples_of_a_period(record: xr.Dataset) -> int:
-    """Return the number of samples of a period of a decay."""
-    step = float(np.median(np.diff(record.time.values)))
-    return max(1, round(2.0 * np.pi / (smoothing.swing_frequency(record) * step)))
 
 
 def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
@@ -383,7 +378,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     together with the effects.
     """
     done = search(fits, growing=True, tell=tell)
-    if parts.verdict_of(done) == "nothing missing":
+    if parts.outcome_of(done) == "nothing missing":
         return done
     tell("colour of the sensor's noise")
     start, last, outside = fits.start, done.models[-1], fits.start.settings.outside_of_set

@@ -222,14 +222,14 @@ def not_improving(done: Search) -> str:
     return model.effects[-1] if model is not None and asked else ""
 
 
-def verdict_of(done: Search, closing: str = "") -> str:
-    """Return `explained`, `unknown effect` or `nothing missing`.
+def outcome_of(done: Search, closing: str = "") -> str:
+    """Return one of `results.judged.SEARCH_OUTCOMES`.
 
     `closing` : the only missing effect, which `max_effects` excludes.
     """
-    # This is the verdict on the search; `validation.judge.verdict_word` gives the verdict on a model. Effects
+    # This is the outcome of the search; `validation.judge.verdict_word` gives the verdict on a model. Effects
     # that nearly cancel each other, or that do not predict, may imitate an effect that is not in the library.
-    # A model whose motion does not follow the record explains nothing. The verdict on a search that did not
+    # A model whose motion does not follow the record explains nothing. The outcome of a search that did not
     # converge is unknown.
     last, settings = done.screenings[-1], done.models[0].settings
     refuted = np.any(improvements(done.predictions) < -settings.refuted)

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -13,7 +14,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
+from sysid_trib.likelihood.least_squares import constraint_map
 from sysid_trib.likelihood.random_force import (
     RandomForceOption,
     check_random_force,
@@ -21,23 +22,10 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.refined_columns import (
-    MAX_REFINEMENTS_OF_CURVES,
-    refine_columns,
-    refine_from,
-)
-from sysid_trib.likelihood.regression import begin, common_values, shifted
-from sysid_trib.likelihood.rows import (
-    Rows,
-    Solution,
-    select,
-    solve,
-    strong_rows,
-    weak_rows,
-    with_errors_of_bounded,
-    with_errors_of_dropped,
-)
-from sysid_trib.likelihood.stochastic_columns import regress_stochastic
+from sysid_trib.likelihood.refined_columns import MAX_REFINEMENTS_OF_CURVES, refine_from
+from sysid_trib.likelihood.regression import begin
+from sysid_trib.likelihood.rows import Solution
+from sysid_trib.likelihood.selected_regression import RegressionOptions, regress
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.records.smoothing import swing_frequency
@@ -46,10 +34,6 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, described, start_variables
 from sysid_trib.simulation.model import Model
 
-MAX_SELECTIONS = 5
-# Number of first estimates: the first has columns at a roughly known frequency and an operator without free
-# forces.
-FIRST_ESTIMATES = 2
 # Least duration (rad): half of a shorter record gives no better start.
 FEWEST_RADIANS = 120.0
 
@@ -185,29 +169,15 @@ class Direct(Constrained):
         if started is not None:
             every = np.ones(len(offered), bool)
             return self._identified(decay, library, offered, asked, shapes, started, every, refined=True)
-        for _ in range(FIRST_ESTIMATES):
-            after = solve(weak_rows(runs), constraints).runs
-            runs = tuple(run.along_own_path() for run in after)
-        begun = rows = strong_rows(runs) if self.form == "strong" else weak_rows(runs)
-        chosen = np.ones(len(offered), bool)
-        if not self._fits_random_force:
-            chosen = select(rows, constraints, self.optimizer, self.significance)
-        # Repeat the selection: along the motion of the kept forces it is more reliable than along that of all
-        # forces.
-        for _ in range(MAX_SELECTIONS):
-            active = chosen
-            solution, refined = self._regressed(begun, rows, constraints.keep(active))
-            rows = solution.rows
-            chosen = select(rows, constraints, self.optimizer, self.significance)
-            if np.array_equal(chosen, active):
-                break
-        if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
-            after = shifted(rows.runs, nearer - common_values(rows.runs), constraints)
-            kept = constraints.keep(active)
-            again = refine_columns(after, after, kept)
-            solution, refined = again or solve(replace(rows, runs=after), kept), again is not None
-        solution = with_errors_of_bounded(solution, constraints.keep(active))
-        solution = with_errors_of_dropped(solution, active, constraints)
+        options = RegressionOptions(
+            optimizer=self.optimizer,
+            significance=self.significance,
+            strong=self.form == "strong",
+            refine=self.refine,
+            random_force=self.random_force if self._fits_random_force else None,
+        )
+        nearer = partial(_of_first_half, self, decay, library)
+        solution, active, refined = regress(runs, constraints, options, nearer)
         return self._identified(decay, library, offered, asked, shapes, solution, active, refined=refined)
 
     def _identified(
@@ -235,24 +205,6 @@ class Direct(Constrained):
     @property
     def _fits_random_force(self) -> bool:
         return is_fitted(self.random_force) and self._takes_random_force
-
-    def _regressed(self, begun: Rows, last: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
-        """Return the solution with the forces in the model, and whether it has converged.
-
-        The solution starts from the rows of the first estimate, or from the last rows.
-        """
-        if self._fits_random_force:
-            return regress_stochastic(begun.runs, constraints, self.random_force)
-        solution, linear_about = solve(last, constraints), begun.runs
-        if self.form == "strong":
-            return solution, False
-        # Dropped forces do not contribute to stiffness and damping.
-        if linear_about[0].coefficients[~constraints.in_model].any():
-            pairs = zip(solution.runs, linear_about, strict=True)
-            linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)
-        refined = refine_columns(solution.runs, linear_about, constraints) if self.refine else None
-        # Without refinement, the next rows improve the frequency and the sensor's zero by one step.
-        return refined or solve(replace(last, runs=solution.runs), constraints), refined is not None
 
 
 def _estimate(solution: Solution) -> Estimate:

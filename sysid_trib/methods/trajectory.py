@@ -6,34 +6,24 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify, is_free_to_move
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force, is_fitted
-from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of, white_p_value
+from sysid_trib.likelihood.sensor_noise import sensor_noise_of
 from sysid_trib.methods.direct import Direct
 from sysid_trib.methods.scope import Constrained, MethodScope
-from sysid_trib.motion_fit.least_squares import (
-    NO_FITTED_MOTION,
-    Fit,
-    calmer,
-    fitted,
-    grown,
-    missed,
-    nearby_best,
-    stopped_by_bounds,
-)
+from sysid_trib.motion_fit.free_fit import identified_freely, most_likely
+from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.moving_samples import points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN, Parameters
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
-from sysid_trib.motion_fit.random_motion import Iterate, fit_random_motion, stochastic_identification
+from sysid_trib.motion_fit.random_motion import identified_with_random_force
 from sysid_trib.records.runs import Decays, as_runs
-from sysid_trib.records.smoothing import first_frequency, nominal_frequency, sensor_noise
-from sysid_trib.results.effects import birge_ratio
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.simulation.initial_conditions import first_guess
@@ -42,8 +32,6 @@ from sysid_trib.simulation.model import FREQUENCY, Model
 
 KINDS_OF_STARTS = ("fitted", "measured")
 StartsOption: TypeAlias = Literal["fitted", "measured"]
-# If the residual of a motion exceeds this fraction of the record, it does not follow the record.
-LARGEST_UNFOLLOWED = 0.7
 
 
 @dataclass(frozen=True)
@@ -167,12 +155,13 @@ class Trajectory(Constrained):
         quick = _quick(self, problem, runs) if begun.start is None or stochastic_too else None
         first = _first_values(begun, problem, quick)
         if stochastic_too:
-            return stochastic_identification(self, *_with_random_force(self, problem, first, quick))
-        fit = self._fitted_freely(problem, first)
-        parameters = fit.parameters
-        while stopped := stopped_by_bounds(fit):
-            fit = fitted(replace(fit.problem, parameters=fit.parameters.fix(stopped)), fit.values)
-        return _identification(self, fit, fit.with_free(parameters))
+            if quick is not None:
+                # Direct identification provides the colours, from frequencies above that of the motion.
+                filters = [sensor_noise_of(quick, at).filter_ for at in range(len(runs))]
+                problem = problem.with_filters(filters)
+            return identified_with_random_force(self, problem, first)
+        constraints = self._constraints(len(runs))
+        return identified_freely(self, problem, first, constraints, coloured=self.noise == "coloured")
 
     def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> Fit:
         """Return the likelihood of the free motion about its best fit, without holding parameters at bounds.
@@ -182,16 +171,16 @@ class Trajectory(Constrained):
         runs = as_runs(decay, driven=True)
         problem = self._problem(runs, library.with_own(self.own, len(runs)))
         first = _first_values(self, problem, near)
-        fit = self._fitted_freely(problem, first)
-        # With strong noise, a start at the result may give a better fit than the growing window.
-        fit = min(fit, fitted(fit.problem, first), key=lambda tried: float(tried.residual @ tried.residual))
-        _residuals(fit)
-        return fit.in_its_noise()
+        return most_likely(problem, first, coloured=self.noise == "coloured")
+
+    def _constraints(self, count: int) -> Constraints:
+        """Return the constraints of each of `count` runs."""
+        return Constraints(self.constraints).of_each_run(self.own, count)
 
     def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         records = tuple(WhitenedRecord.of_decay(run, offered, self.warm_up) for run in runs)
-        constraints = Constraints(self.constraints).of_each_run(self.own, len(runs))
+        constraints = self._constraints(len(runs))
         parameters = Parameters(
             offered, self.reference_frequency, self.fit_shapes, self.shapes, len(runs), constraints
         )
@@ -204,27 +193,6 @@ class Trajectory(Constrained):
             held = [at for at, record in enumerate(records) if record.sensor[0] != "angle"]
             parameters = parameters.fix({f"{PER_RUN[0]} of run {at}": 0.0 for at in held})
         return FitProblem(parameters, records, runs, library)
-
-    def _fitted_freely(self, problem: FitProblem, first: Array) -> Fit:
-        """Return the fit of the free motion, in the noise of each run."""
-        fit = fitted(problem, grown(problem, calmer(problem, first)))
-        # Most rounds in which noise and fit are estimated in turn, for several runs or coloured noise. If the
-        # motion does not follow the record, the residual is not noise, and each round would use all
-        # evaluations.
-        rounds = 3 if self.noise == "coloured" or len(problem.records) > 1 else 0
-        if rounds and missed(problem, fit.values) > LARGEST_UNFOLLOWED:
-            rounds = 0
-        # The discrepancy of a driven model is not the noise of a run; weights from it would let a run that
-        # hardly moves dominate.
-        if problem.driven and not _residual_is_white(fit):
-            rounds = 0
-            # A single run that the motion follows has one minimum.
-            if len(problem.records) > 1:
-                fit = nearby_best(fit)
-        for _ in range(rounds):
-            problem = problem.weighted(fit.values, coloured=self.noise == "coloured")
-            fit = fitted(problem, fit.values)
-        return fit
 
 
 def measured_starts(runs: Sequence[xr.Dataset]) -> dict[str, float]:
@@ -299,92 +267,3 @@ def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | N
     values = parameters.library.shape_values(method.shapes)
     values |= {**start.coefficients, **start.shapes, FREQUENCY: start.reference_frequency}
     return parameters.expand(parameters.pack(values, per_run)[parameters.free])
-
-
-def _with_random_force(
-    method: Trajectory, problem: FitProblem, values: Array, quick: xr.Dataset | None
-) -> tuple[Fit, Array, Iterate]:
-    """Return the fit of the innovations; a parameter that a bound stops is held there."""
-    if quick is not None:
-        # Direct identification provides the colours, from frequencies above that of the motion.
-        filters = [sensor_noise_of(quick, at).filter_ for at in range(len(problem.records))]
-        problem = problem.with_filters(filters)
-    fit, covariance, at = _likelier_of(problem, values, method)
-    while stopped := stopped_by_bounds(fit):
-        problem = replace(problem, parameters=problem.parameters.fix(stopped))
-        values = problem.parameters.expand(fit.values[problem.parameters.free])
-        # Keep the errors of the first fit, in which the parameters at bounds are free.
-        fit, _, at = _likelier_of(problem, values, method)
-    return fit, covariance, at
-
-
-def _likelier_of(problem: FitProblem, values: Array, method: Trajectory) -> tuple[Fit, Array, Iterate]:
-    """Return the more likely of the fits in coloured and in white noise."""
-    fit = fit_random_motion(problem, values, method.random_force)
-    white = [np.ones(1)] * len(problem.records)
-    if all(len(record.filter_) == 1 for record in problem.records):
-        return fit
-    try:
-        in_white = fit_random_motion(problem.with_filters(white), values, method.random_force)
-    except DecayError:
-        return fit
-    return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
-
-
-def _residual_is_white(fit: Fit) -> bool:
-    """Return true if the residual of each run is white."""
-    residuals = fit.problem.residuals(fit.values)
-    return min(white_p_value(residual) for residual in residuals) >= WHITE_LEVEL
-
-
-def _residuals(fit: Fit) -> list[Array]:
-    """Return the residual of each run; raise an error if the motion does not follow the records."""
-    counted, unphysical = [], not np.all(np.isfinite(fit.sensitivity))
-    for record, residual in zip(fit.problem.records, fit.problem.residuals(fit.values), strict=True):
-        counted.append(residual[record.uncounted :])
-        unphysical |= np.max(np.abs(counted[-1])) > np.max(np.abs(record.angle))
-    if unphysical:
-        raise DecayError(NO_FITTED_MOTION)
-    return counted
-
-
-def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
-    """Return a fit as an identification, with the errors of the fit in which no bound holds a parameter."""
-    problem, parameters = fit.problem, fit.parameters
-    residuals, runs = _residuals(fit), problem.runs
-    degrees_of_freedom = max(1, len(fit.residual) - len(parameters.free))
-    reduced = fit.residual @ fit.residual / degrees_of_freedom
-    covariance = reduced * unbounded.covariance
-    noises = [sensor_noise(run) for run in runs]
-    if any(record.inputs for record in problem.records):
-        # A driven motion may contain components that no spline follows: the residual of the model is not
-        # below the noise.
-        noises = np.minimum(noises, [root_mean_square(residual) for residual in residuals]).tolist()
-        if min(white_p_value(residual) for residual in residuals) < WHITE_LEVEL:
-            # Errors of a driven record whose residual is not white.
-            covariance = unbounded.clustered_covariance
-    # Unit of the compared quantity.
-    units = runs[0][MEASURED].attrs.get("units", "rad") if MEASURED in runs[0] else "rad"
-    extra: dict[str, tuple[ArrayLike, str, str]]
-    extra = {"residual_rms": ([root_mean_square(residual) for residual in residuals], units, "RMS residual")}
-    levels = noises
-    if MEASURED in runs[0]:
-        measured = (xr.Dataset({"angle": ("time", r.angle)}, {"time": r.time}) for r in problem.records)
-        levels = [sensor_noise(record) for record in measured]
-        places = [parameters.of_run(run).stop - 1 for run in range(len(runs))]
-        bias_errors = np.sqrt(np.diag(covariance)[places])
-        extra["bias"] = (fit.values[places], units, "bias of the sensor about the mean of the swing")
-        extra["bias_standard_error"] = (bias_errors, units, "standard error of the bias")
-        extra["measured_noise"] = (levels, units, "noise of one sample of the measured quantity")
-    if all(levels):
-        chi_square = sum(float(r @ r) / level**2 for r, level in zip(residuals, levels, strict=True))
-        ratio = birge_ratio(chi_square, degrees_of_freedom)
-        extra["birge_ratio"] = (ratio, "1", "Birge ratio by the sensor's noise")
-    result = problem.identification(method, fit.values, covariance, noises, extra)
-    constraints = Constraints(method.constraints).of_each_run(method.own, len(runs))
-    result = constraints.marked(result, parameters.constraints.fixed.keys() & constraints.bounds.keys())
-    if MEASURED in runs[0]:
-        result = result.assign(offset=0.0 * result.offset)
-        result.attrs["compared_in"] = problem.records[0].sensor[0]
-    orders = ", ".join(str(len(record.filter_) - 1) for record in problem.records)
-    return result.assign_attrs(noise_model=f"autoregression of order {orders}")

@@ -34,7 +34,7 @@ from sysid_trib.likelihood.random_force import (
 from sysid_trib.likelihood.sensor_noise import MOST_LAGS, NoiseModel, autocorrelation
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.least_squares import Fit
+from sysid_trib.motion_fit.least_squares import Fit, stopped_by_bounds
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
@@ -265,7 +265,55 @@ def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Arr
     return Iterate(parameters, values, linear)
 
 
-def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iterate) -> xr.Dataset:
+def identified_with_random_force(method: Any, problem: FitProblem, values: Array) -> xr.Dataset:
+    """Return the fit of the innovations as an identification.
+
+    Parameters
+    ----------
+    method : dataclass with `shapes` and `random_force`
+        The method: the option of its random force, and the provenance.
+    problem : FitProblem
+        Runs, with the filters of the sensor's noise, and parameters.
+    values : (parameter,) array of float
+        First guess.
+
+    Raises
+    ------
+    DecayError
+        No fit settles.
+    """
+    return _stochastic_identification(method, *_within_bounds(problem, values, method.random_force))
+
+
+def _within_bounds(
+    problem: FitProblem, values: Array, random_force: RandomForceOption
+) -> tuple[Fit, Array, Iterate]:
+    """Return the fit of the innovations; a parameter that a bound stops is held there."""
+    fit, covariance, at = _likelier_of(problem, values, random_force)
+    while stopped := stopped_by_bounds(fit):
+        problem = replace(problem, parameters=problem.parameters.fix(stopped))
+        values = problem.parameters.expand(fit.values[problem.parameters.free])
+        # Keep the errors of the first fit, in which the parameters at bounds are free.
+        fit, _, at = _likelier_of(problem, values, random_force)
+    return fit, covariance, at
+
+
+def _likelier_of(
+    problem: FitProblem, values: Array, random_force: RandomForceOption
+) -> tuple[Fit, Array, Iterate]:
+    """Return the more likely of the fits in coloured and in white noise."""
+    fit = fit_random_motion(problem, values, random_force)
+    white = [np.ones(1)] * len(problem.records)
+    if all(len(record.filter_) == 1 for record in problem.records):
+        return fit
+    try:
+        in_white = fit_random_motion(problem.with_filters(white), values, random_force)
+    except DecayError:
+        return fit
+    return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
+
+
+def _stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iterate) -> xr.Dataset:
     """Return a fit with a random force in the form that every method returns."""
     frequency = fit.parameters.model(fit.values).reference_frequency
     filters, ratios = [run.sensor_filter for run in at.linear], at.ratios

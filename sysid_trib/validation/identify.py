@@ -1,6 +1,6 @@
 """`identify`: a decay identified by one method, or by two methods that are compared."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -25,6 +25,7 @@ from sysid_trib.results.variables import described
 from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.validation import common_reference, driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
+from sysid_trib.validation.residuals import residuals, with_motions
 from sysid_trib.validation.separability import averages_decide
 
 
@@ -192,6 +193,39 @@ def _held_against_each_other(
         tell("each run by itself")
         tree["runs"] = xr.DataTree(run_agreement(runs, last_of(tree)))
     return tree
+
+
+@signal_scale.in_units_of_the_motion
+def identified_and_judged(
+    decay: Decays, library: ForceLibrary, methods: Mapping[str, Method], *, made_by: str
+) -> xr.DataTree:
+    """Identify the forces of a decay by methods that are judged but not compared with each other.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        One decay, or several runs.
+    library : ForceLibrary
+        The forces offered.
+    methods : mapping of str to method
+        By the names that their identifications get.
+    made_by : str
+        What asks for it.
+
+    Returns
+    -------
+    DataTree
+        The `identifications`, and `judged`, whose preferred model is that of the last method.
+    """
+    followed = dict(zip(methods, verdict.decided(decay, library, list(methods.values())), strict=True))
+    last = [*followed][-1]
+    with_models = with_motions(followed)
+    if driven.is_driven(with_models):
+        tested = driven.tested_driven(followed)
+    else:
+        tested = residuals(followed, followed[last].result)
+    table = verdict.judged_models(followed, with_models, tested, preferred=last, made_by=made_by)
+    return xr.DataTree.from_dict({**{name: of.result for name, of in followed.items()}, "judged": table})
 
 
 @signal_scale.in_units_of_the_motion

@@ -8,12 +8,11 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL
 from sysid_trib.results.judged import EXPLAINED_VERDICTS, LARGE
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL
 from sysid_trib.results.variables import described
 
-# Significance level below which a residual is not white noise.
-RESIDUAL_LEVEL = 1e-3
 # A model is approximate if its residual (RMS) is at most this fraction of the motion.
 APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
@@ -60,7 +59,7 @@ def verdict_word(evidence: Evidence) -> str:
 
     A record that determines no coefficient explains nothing, whatever the residual is.
     """
-    # `discovery.parts.verdict_of` answers another question: whether a search found all missing effects.
+    # `discovery.parts.outcome_of` answers another question: whether a search found all missing effects.
     follows = evidence.residual_over_motion <= APPROXIMATE_PART
     verdict = "approximate" if follows else "not explained"
     if evidence.has_random_force:
@@ -129,7 +128,7 @@ def judged(
 def evidence_of(of_model: xr.Dataset, **further: Any) -> Evidence:
     """Return the evidence on one model of `judged`; `further` : other fields of `Evidence`."""
     return Evidence(
-        residual_is_noise=bool(of_model.p_value >= RESIDUAL_LEVEL),
+        residual_is_noise=bool(of_model.p_value >= WHITE_LEVEL),
         residual_is_small=bool(of_model.tested_over_noise <= LARGE),
         residual_over_motion=of_model.residual_over_motion.item(),
         random_force_p=of_model.random_force_p.item(),

@@ -156,9 +156,9 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
     standard deviation replaces the noise. A separate spectral line (`spectral_line`), such as hum, is not
     noise: if it is within the band of the motion, the p-value is zero.
     """
+    noises = [noise_of_run(noise_of, run) for run in range(len(next(iter(followed.values())).runs))]
     rows = [
-        [_of_run(model, motion, run, noise_of_run(noise_of, run)) for run, motion in enumerate(model.motions)]
-        for model in followed.values()
+        [_of_run_once(model, run, noise) for run, noise in enumerate(noises)] for model in followed.values()
     ]
     # Each of `RESIDUALS`, (run, model).
     columns = np.array(rows).transpose(2, 1, 0)
@@ -174,6 +174,15 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
     if count > 1:
         values |= {f"run_{name}": of for name, of in zip(RESIDUALS, columns, strict=True)}
     return xr.Dataset(described("judged", values), {"model": list(followed)})
+
+
+def _of_run_once(followed: FollowedRuns, run: int, noise: float) -> tuple[float, ...]:
+    """Return `_of_run`, computed once for each noise."""
+    motion = followed.motions[run]
+    values: tuple[float, ...] = followed.once(
+        f"residual of run {run} over {noise!r}", lambda: _of_run(followed, motion, run, noise)
+    )
+    return values
 
 
 def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise: float) -> tuple[float, ...]:

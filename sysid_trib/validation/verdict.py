@@ -13,7 +13,7 @@ from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
-from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.options import with_random_force
 from sysid_trib.methods.scope import Method, scope_of
@@ -24,7 +24,7 @@ from sysid_trib.results import effects, models, signal_scale, variables
 from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import judge, model_error
-from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
+from sysid_trib.validation.judge import Evidence, evidence_of
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 
@@ -98,7 +98,7 @@ def evidence_of_models(table: xr.Dataset, followed: Mapping[str, FollowedRuns]) 
     """
     last = [*followed.values()][-1]
     random = is_found(random_force_of(last.result))
-    white = bool(np.nanmax(table.p_value.values) >= RESIDUAL_LEVEL)
+    white = bool(np.nanmax(table.p_value.values) >= WHITE_LEVEL)
     hides = white and not random and _noise_hides_a_force(last)
     evidence = {}
     for name, of in followed.items():
@@ -292,7 +292,7 @@ def _depends_on_amplitude(followed: FollowedRuns) -> bool:
 def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
     """Return the identification, with model errors included if the residual is not noise."""
     p_value, over_noise = _residual(followed)
-    if p_value >= RESIDUAL_LEVEL:
+    if p_value >= WHITE_LEVEL:
         return model_error.with_rounding(followed)
     factor = widening(followed.result, over_noise)
     return model_error.with_error_of_model(followed, method, library, factor)
@@ -326,7 +326,7 @@ def with_noise(method: Method, option: RandomForceOption) -> Method:
 
 def has_white_residual(followed: FollowedRuns) -> bool:
     """Return true if the residual of a model (with a random force, its innovations) is white noise."""
-    return _residual(followed)[0] >= RESIDUAL_LEVEL
+    return _residual(followed)[0] >= WHITE_LEVEL
 
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
@@ -347,7 +347,7 @@ def _stochastic(
             stochastic[at] = FollowedRuns(runs, result)
             refused = False
             if at == last:
-                refused = _residual(stochastic[at])[0] < RESIDUAL_LEVEL or not is_random(stochastic[at])
+                refused = _residual(stochastic[at])[0] < WHITE_LEVEL or not is_random(stochastic[at])
             elif scope_of(method).family == "averaging" and is_found(random_force_of(result)):
                 # If a fast method rejects the random force, the slow methods do not search for it.
                 refused = not is_random(stochastic[at])
