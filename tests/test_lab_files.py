@@ -14,7 +14,8 @@ tdms_text run_headings units_odd_marks unit_factors identical_columns nan_column
 channels.json quantities.nc one.zip several.zip archive.tar.gz row_per_run time_row_angle_row long_format
 sheet_per_run.xlsx sec_and_usec graphtec benchlink rigol serial_noise excel_formulas hexadecimal hours
 time_named_with_unit uff58 sound.wav book.ods protocol.docx protocol.pdf kinovea
-percent_signs date_time_columns_ms utf16_iso
+percent_signs date_time_columns_ms utf16_iso timer_of_16_bits timer_of_32_bits half_full_of_nothing
+sensors_in_turn_blank plotly.json
 """
 
 

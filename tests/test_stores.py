@@ -103,6 +103,14 @@ def test_one_campaign_at_a_time_writes_to_a_store(made, tmp_path):
     assert os.listdir(tmp_path) == ["a.zarr"]
 
 
+def test_a_file_is_no_store(made, tmp_path):
+    records = made[0]
+    (tmp_path / "x.zarr").symlink_to(records[0])
+    said = run("campaign", *records, "--task", "identify", *OPTIONS, "-o", tmp_path / "x.zarr").complaint
+    assert "is a file, not the store of a campaign; choose another place with -o." in said
+    assert "zarr'" not in said
+
+
 def test_a_link_to_a_store_stays_one(made, tmp_path):
     records, base = made
     (tmp_path / "disk").mkdir()

@@ -88,6 +88,10 @@ class NoDecayError(DecayError):
         self.source = source
         self.reason = reason
 
+    def __reduce__(self) -> tuple[type["NoDecayError"], tuple[str, NoDecay]]:
+        """Return the class and its arguments, for another process."""
+        return NoDecayError, (self.source, self.reason)
+
 
 def still() -> NoDecay:
     """Describe a signal that is constant."""

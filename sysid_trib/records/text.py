@@ -346,7 +346,10 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 fields = _fields(line, delimiter)
                 # Cells may be empty, except the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
+                # The last cells of a row may be empty.
+                cells = line.rstrip("\r\n").count(delimiter) if delimiter else 0
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
+                goes_on = goes_on or (cells > 0 and below.count(delimiter or "") == cells)
                 # A line such as `data:` below a setting.
                 goes_on = goes_on and not below.rstrip().endswith(":")
                 # A single number above the header is not a row.
