@@ -13,7 +13,7 @@ STORE_FORMAT = 5
 TIED = "tied"
 EFFECT_P_VALUE = "effect_p_value"
 # Variables of `judged` in a store. Those of each run are left out: records differ in their numbers of runs.
-JUDGED_VARIABLES = tuple(name for name, (dims, *_) in RESULT_TABLES["judged"].items() if dims == "model")
+JUDGED_VARIABLES = tuple(name for name, row in RESULT_TABLES["judged"].items() if row[0] == "model")
 # In place of the label of a model: that which each record prefers.
 PREFERRED = "preferred"
 
