@@ -33,7 +33,7 @@ from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import force_labels
-from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_VARIABLES, STORE_FORMAT, TIED, Status
+from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_NAMES, STORE_FORMAT, TIED, Status
 from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
 from sysid_trib.validation import compare
@@ -42,30 +42,30 @@ from sysid_trib.validation.method_labels import by_unique_label
 
 Name: TypeAlias = Literal["identify", "compare", "discover", "laws"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
-# Files, names that the task reads, or decays in memory.
+# Files, names that the task can read, or decays in memory.
 CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
 
 TASKS = get_args(Name)
-# Groups of a discovery that are identifications: the start model and the final one.
+# Groups of a discovery with identifications: the start model and the final one.
 MODELS = ("before", "after")
-# Methods of which `identify` and `laws` take two; a record decides which.
+# `identify` and `laws` use two of these methods, depending on the record.
 USUAL_LABELS = ("averaging", "trajectory", "direct")
 
 
 def names_of(records: CampaignRecords) -> list[str]:
-    """Return the names that records have in a store."""
+    """Return the names of records in a store."""
     return [readable(_name_of(item, at)) for at, item in enumerate(records)]
 
 
 def _name_of(record: Any, at: int) -> str:
-    """Return the name of the record at a place."""
+    """Return the name of a record by its position."""
     if isinstance(record, str | os.PathLike):
         return str(record)
     return str(getattr(record, "attrs", {}).get("source", f"record {at}"))
 
 
 def record_at(records: CampaignRecords, at: int) -> str | xr.Dataset:
-    """Return a record as `rows_of` takes it."""
+    """Return a record in the form for `rows_of`."""
     item = records[at]
     return os.fspath(item) if isinstance(item, str | os.PathLike) else one_record(item, "campaign")
 
@@ -83,29 +83,29 @@ class Task:
     ----------
     name : {"identify", "compare", "discover", "laws"}
     library : ForceLibrary, str, or what `library` takes, optional
-        The forces offered, by default those of `contact_forces`; of `discover` those of the start model, by
-        default viscous friction; of `laws` those that may be named and of which formulas are made.
+        The offered forces, by default those of `contact_forces`; for `discover` those of the start model, by
+        default viscous friction; for `laws` those that may be named and used in formulas.
     methods : mapping of str to method, optional
-        By label. Without it `identify` takes the two of the command for each record (`usual_methods`), and
-        `compare` every method.
+        Methods by label. By default, `identify` uses the two methods of the command for each record
+        (`usual_methods`), and `compare` every method.
     candidates : ForceLibrary, str, or what `library` takes, optional
         Candidates of `discover`; by default those of the command.
     cross_checked : bool, optional
         Compare the two methods of `identify` with each other, which takes longer than the methods. The
         default is True if no methods are given.
     read : callable
-        Gives the free decays of a file: runs of one experiment.
+        Function that returns the free decays of a file: runs of one experiment.
     constraints : mapping of str to float, (float, float) or str
         Fixed values, bounds and ties, as in `identify`.
     contactless : (float, float), rad/s, optional
     options : mapping
-        Further arguments of `discover` or `laws`; for `identify` without methods `reference_frequency`,
-        `shapes` and `random_force` of its methods.
+        Further arguments of `discover` or `laws`; for `identify` without `methods`, the options
+        `reference_frequency`, `shapes` and `random_force` of its two methods.
     speeds : sequence of float
-        For `laws`: speeds at which the friction of each record is kept, in the signal's unit per second; with
-        a mass in m/s. A speed that a record does not reach has no number.
+        For `laws`: speeds at which the friction of each record is stored, in the signal's unit per second, or
+        in m/s with a mass. A speed that a record does not reach has the value nan.
     measured : mapping of str to (float, float)
-        For `laws`: inertia or mass, load, radius with their errors, as in `laws_in_si`.
+        For `laws`: inertia or mass, load and radius with their errors, as in `laws_in_si`.
 
     Raises
     ------
@@ -168,7 +168,7 @@ class Task:
     def quantities(self) -> dict[str, tuple[str, float]]:
         """Names of the force axis, each with its unit and the degree of a force in the rate.
 
-        Of laws it is the friction at each speed, over the inertia or in SI units, and its coefficient.
+        For laws, it is the friction at each speed, over the inertia or in SI units, and its coefficient.
         """
         if self.name != "laws":
             labels = force_labels(list(self.forces))
@@ -239,7 +239,7 @@ def empty_row(task: Task) -> stored.Row:
 
 
 def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
-    """Compute the rows of some records in turn; a record that fails has its reason instead of numbers.
+    """Compute the rows of some records in turn; a failed record has the reason instead of numbers.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
     except SysidTribError as error:
         row |= {"status": Status.REFUSED, "message": str(error)}
     except Exception as error:
-        # One bad record does not end a campaign; its error is kept with it.
+        # An invalid record does not end a campaign; its error is stored with it.
         row |= {"status": Status.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
@@ -279,7 +279,7 @@ def _outline(decay: xr.Dataset) -> np.ndarray:
 
 def checksum_of(record: Any) -> str:
     """Return the SHA-256 of a record's file; empty if the file cannot be read."""
-    # A pipe would be waited for.
+    # Opening a pipe would block.
     if not isinstance(record, str) or not os.path.isfile(record):
         return ""
     try:
@@ -290,30 +290,30 @@ def checksum_of(record: Any) -> str:
 
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
-    """Put the numbers of a result into the places of the store."""
+    """Return the numbers of a result as a row of the store."""
     row, labels = empty_row(task), task.labels_in(tree)
     numbers = [
         name
         for name, empty in row.items()
-        if "model" in stored.VARIABLES[name][0] and name not in JUDGED_VARIABLES and empty.size
+        if "model" in stored.VARIABLES[name][0] and name not in JUDGED_NAMES and empty.size
     ]
     row = {name: row[name] for name in numbers}
     axes = task.axes
-    # Numbers that are withheld from a record's text are not kept either.
+    # Numbers that are not shown in the text of a record are not stored either.
     withheld = judged.failures(tree) if task.cross_checked else {}
     for group, label in labels.items():
         if group not in tree.children or "covariance" not in tree[group] or group in withheld:
             continue
         result, at = tree[group].to_dataset(), task.labels.index(label)
         for name in (name for name in numbers if name in result):
-            # Forces and shape parameters that the result lacks stay nan.
+            # Forces and shape parameters that are not in the result stay nan.
             of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
             row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
         if task.name == "laws":
             row["coefficient"][at], row["standard_error"][at] = _frictions(task, result)
     row |= _judged(task, tree, labels)
     if task.cross_checked and "p_value" in tree["agreement"]:
-        # Of driven records no such test is known.
+        # There is no such test for driven records.
         row["agreement_p_value"] = float(tree["agreement"].p_value)
     if task.name == "discover":
         row |= _of_search(tree, task.forces.symbols)
@@ -322,11 +322,11 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
 
 def _judged(task: Task, tree: xr.DataTree, labels: Mapping[str, str]) -> stored.Row:
     """Return the variables of `judged` for each model of the store, and the preferred model."""
-    table = judged.judged_of(tree)[list(JUDGED_VARIABLES)]
+    table = judged.judged_of(tree)[list(JUDGED_NAMES)]
     table = table.assign_coords(model=[labels[name] for name in table.model.values.tolist()])
     texts = {name: "" for name, of in table.data_vars.items() if of.dtype.kind in "UO"}
     table = table.reindex(model=task.labels, fill_value=texts)
-    values = {name: table[name].values for name in JUDGED_VARIABLES}
+    values = {name: table[name].values for name in JUDGED_NAMES}
     return values | {"preferred": labels[judged.preferred_of(tree)]}
 
 
@@ -347,7 +347,7 @@ def _of_search(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
     """Return the outcome of a search, and its effects with their p-values and competing effects."""
     steps = effects.steps_taken(tree)
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
-    # Competing effects that a store has by name, the most probable of each effect.
+    # Competing effects that are stored by name: the most probable of each effect.
     tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]
     return {
         SEARCH_OUTCOME: tree.attrs[SEARCH_OUTCOME],
@@ -367,10 +367,10 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
     options = sorted((name, repr(value)) for name, value in task.options.items())
     if task.name == "laws":
         asked += [list(task.speeds), sorted(task.measured.items())]
-    # Files say themselves when they change.
+    # Changes of files are recognised separately.
     held = [item for item in records if isinstance(item, xr.Dataset)]
     in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
-    # The function without its address in memory.
+    # Text of the function without its address in memory.
     inner = getattr(task.read, "func", task.read)
     given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
     read = f"{inner.__module__}.{inner.__qualname__} {given!r}"

@@ -314,18 +314,12 @@ def _unless_laws_predict_better(
     if not CLEARLY_BETTER * laws.rms < named_rms:
         return done, laws.rms, ()
     if np.isfinite(named_rms):
-        periods = [_samples_of_a_period(part.record) for part in later]
+        periods = [smoothing.samples_of_a_period(part.record) for part in later]
         p_value = diebold_mariano(named.residuals, laws.residuals, periods)
         if not p_value < LAWS_LEVEL:
             return done, laws.rms, ()
     start = done.models[0]
     return _best_by_holdout(search(done.fits, begin=start, most=0, tell=tell), tell), laws.rms, done.effects
-
-
-def _samples_of_a_period(record: xr.Dataset) -> int:
-    """Return the number of samples of a period of a decay."""
-    step = float(np.median(np.diff(record.time.values)))
-    return max(1, round(2.0 * np.pi / (smoothing.swing_frequency(record) * step)))
 
 
 def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:

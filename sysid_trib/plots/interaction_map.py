@@ -1,4 +1,4 @@
-"""Map of the force that depends on displacement and speed together, beyond both laws."""
+"""Map of the force that depends on displacement and speed together, in addition to both laws."""
 
 import numpy as np
 import xarray as xr
@@ -7,16 +7,16 @@ from matplotlib.figure import Figure
 from sysid_trib.plots.figure import ONE_COLUMN, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BAR_WIDTH, INK
 
-# Standard errors beyond which the map differs from zero.
+# Number of standard errors beyond which the map differs from zero.
 DIFFERS = 2.0
 FACE_NOT_VISITED = "0.9"
 
 
 @shows("laws", block="Position and speed together", groups=("interaction",))
 def interaction(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
-    """Force over the inertia that products of displacement and speed add to both laws.
+    """Force, divided by the inertia, that products of displacement and speed add to both laws.
 
-    Hatched: less than two standard errors from zero. Grey: the record does not swing there.
+    Hatched: less than two standard errors from zero. Grey: not visited by the motion of the record.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def interaction(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
     ax.contour(x, speed, force, levels=[0.0], colors=INK, linewidths=BAR_WIDTH)
     unclear = np.abs(force) < DIFFERS * data.standard_error.values.T
     if unclear.any():
-        # One level over the unknown places: it is drawn as hatches only.
+        # The uncertain cells are filled with one level, drawn as hatches only.
         ax.contourf(x, speed, unclear.astype(float), levels=[0.5, 1.5], colors="none", hatches=["////"])
     bar = figure.colorbar(shades, ax=ax, ticks=[-largest, 0.0, largest], format="%.2g")
     bar.set_label(f"force / inertia ({data.force.attrs['units'].replace('^2', '²')})")

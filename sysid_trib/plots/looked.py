@@ -1,4 +1,4 @@
-"""A record as it is: decays, spectrum, inputs; frequency and damping ratio against amplitude."""
+"""A record before identification: decays, spectrum, inputs; frequency and damping against amplitude."""
 
 from itertools import cycle
 from typing import Any
@@ -19,7 +19,7 @@ from sysid_trib.results.judged import kept_results, preferred_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
 
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
-# Room about the bands, in parts of their extent: single periods may scatter far beyond them.
+# Margin around the bands, as a fraction of their range: single periods may scatter far outside.
 MARGIN = 0.15
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
@@ -31,10 +31,10 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
     Parameters
     ----------
     data : Dataset or DataTree
-        Result of `backbone`, or a record; or a result of `identify`, whose model curves are drawn over those
-        of its record.
+        Result of `backbone`, or a record; or a result of `identify`: then the curves of its models are drawn
+        over those of the record.
     run : int
-        Which of several runs of a result, from 0.
+        Index of the run in a result, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
@@ -49,7 +49,7 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
 
 
 def curves_of(tree: xr.DataTree, run: int) -> tuple[xr.Dataset, xr.Dataset | None]:
-    """Return the backbone of a run in a result of `cross_check`, and its models' curves if any model is kept.
+    """Return the backbone of a run in a result of `cross_check`, and its models' curves if there are any.
 
     Raises
     ------
@@ -94,7 +94,8 @@ def draw_curve(
     for model, series in zip(labels, cycle(MODEL_LINES)):
         lines = models[name].sel(model=model)  # type: ignore[index]
         ax.plot(lines.amplitude, lines, **style.line(series), zorder=series["zorder"], label=model)
-    # All of the curve, and the band where it is narrow: an end of few periods would hide all else.
+    # The whole curve, but only the narrow part of the band: a band at an end of few periods would hide the
+    # rest.
     narrow = high - low <= 4.0 * np.median(high - low)
     bottom = min(float(low[narrow].min()), float(data[name].min()))
     top = max(float(high[narrow].max()), float(data[name].max()))
@@ -103,13 +104,13 @@ def draw_curve(
     style.logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))
 
 
-# Points of a long record that are drawn.
+# Largest number of drawn points of a long record.
 MOST_POINTS_DRAWN = 20_000
 
 
 @shows("look", of_record=look_at)
 def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """The record with its decays marked, amplitude over time, and the spectral density of each decay.
+    """The record with its decays marked, the amplitude over time, and the spectral density of each decay.
 
     Parameters
     ----------
@@ -146,7 +147,7 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     tree : DataTree
         Result of `identify` or `discover` of a driven record.
     run : int
-        Which of several runs, from 0.
+        Index of the run, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """

@@ -27,8 +27,8 @@ SIMULATED: dict[str, Any] = style.OPEN_MARKS | {"color": INK, "marker": "o", "li
 def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: float = FULL_WIDTH) -> Figure:
     """Errors of one-step predictions, and their autocorrelation with the band of white noise.
 
-    Below, the smoothed random force over time, and the record minus its predictions from some instants on,
-    with 95 % bands.
+    Below, the smoothed random force over time, and the record minus its predictions, which start at several
+    instants, with 95 % bands.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
 def _random_force(ax: Axes, data: xr.Dataset) -> None:
     """Draw the smoothed random force over time, with its band."""
     force, error = data.random_force.values, HALF_INTERVAL * data.random_force_standard_error.values
-    # First samples of the spans of equal force, which draw them all, and the last sample.
+    # First samples of the intervals of constant force, which define the whole curve, and the last sample.
     first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
     time, force, error = data.time.values[first], force[first], error[first]
     look: dict[str, Any] = {"step": "post", "color": BAND_COLOR, "linewidth": 0}
@@ -87,7 +87,7 @@ def _in_time(ax: Axes, data: xr.Dataset) -> None:
     width = factor * HALF_INTERVAL * data.innovation_standard_deviation.values
     band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
     curve(ax, time, innovation, {"color": BLUE, "marker": ".", "markersize": 1.5, "linestyle": ""})
-    # The first samples fix the start: their band is wider than all that follows.
+    # The first samples determine the start: their band is wider than all later ones.
     largest = 1.1 * max(np.abs(innovation).max(), float(np.median(width)))
     ax.set(xlabel="time (s)", ylabel=f"innovation ({unit})")
     ax.set(xlim=(time[0], time[-1]), ylim=(-largest, largest))
@@ -110,7 +110,7 @@ def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
 
 @shows("response")
 def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Amplitude with its 95 % band, and phase, against frequency; marks are motions that were simulated.
+    """Amplitude with its 95 % band, and phase, against frequency; marks are simulated motions.
 
     Parameters
     ----------
@@ -143,10 +143,11 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 
 @shows("plan")
 def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Expected entropy of the models and errors after each run, against release; where two models differ.
+    """Expected entropy of the models, and errors, after each run, against its release.
 
-    A line shows a wanted error. Without one and with a single model, the figure shows the largest ratio of
-    an error to its smallest value.
+    A horizontal line shows the required error. Without one, and with a single model, the figure shows the
+    largest ratio of an error to its smallest value. With several models, the last panel shows the log
+    likelihood ratio of two of them over time.
 
     Parameters
     ----------
@@ -155,13 +156,15 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    drawn = {"entropy left (nat)": data.entropy} if "parting" in data else {}
+    drawn = {"remaining entropy (nat)": data.entropy} if "parting" in data else {}
     wanted = data.wanted.to_series().dropna().to_dict()
     limits = {f"error of {style.in_latex(symbol)}": error for symbol, error in wanted.items()}
     errors = [data.standard_error.sel(force=symbol) for symbol in wanted]
     drawn |= dict(zip(limits, errors, strict=True))
     if not drawn:
-        drawn["largest error / least"] = (data.standard_error / data.standard_error.min("run")).max("force")
+        drawn["largest error / smallest"] = (data.standard_error / data.standard_error.min("run")).max(
+            "force"
+        )
     figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, row_height=2.4)
     for panel, (name, values) in zip(panels, drawn.items(), strict=False):
         _against_release(panel, data.assign(shown=values))
@@ -185,7 +188,7 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _against_release(ax: Axes, data: xr.Dataset) -> None:
-    """Draw the shown quantity of each run, a line per duration, and a ring about the best run."""
+    """Draw the shown quantity of each run, one line per duration, and a ring around the best run."""
     durations = np.unique(data.duration.values)
     for at, length in enumerate(durations):
         rows = data.isel(run=np.flatnonzero(data.duration.values == length)).sortby("amplitude")

@@ -1,4 +1,4 @@
-"""The figure that a tribologist publishes: the coefficient of friction against sliding speed."""
+"""Figure for publications in tribology: the coefficient of friction against sliding speed."""
 
 from typing import Any
 
@@ -15,10 +15,10 @@ from sysid_trib.results.law_curves import LAWS_SI
 
 @shows("laws", block="Friction against speed", groups=(LAWS_SI,))
 def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
-    """Coefficient of friction against sliding speed, or the friction where no load is known.
+    """Coefficient of friction against sliding speed, or the friction if no load is known.
 
-    The band holds the whole law over the visited range in 95 of 100 cases. Dashed: the continuation of the
-    law beyond the speeds of the record.
+    The band contains the whole law over the visited range with a probability of 95 %. Dashed: extrapolation
+    beyond the speeds of the record.
 
     Parameters
     ----------

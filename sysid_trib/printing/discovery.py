@@ -22,9 +22,9 @@ from sysid_trib.results.judged import (
 )
 from sysid_trib.results.variables import signal_units
 
-# Competing effects that are named, the most probable; a file has all. And pairs of them.
+# Largest number of named competing effects, the most probable ones, and of pairs of them; a file has all.
 COMPETING, COMPETING_PAIRS = 10, 3
-# Odds at which one of two is outside of their 95 % credible set.
+# Odds at which the less probable of two is outside of their 95 % credible set.
 OUTSIDE_OF_SET = 19.0
 DIFFER, MISSING, REMAINS = "Residual of the start model", "Missing effects", "Residual of the final model"
 CANDIDATES, SHOWS = "Models and candidates", "Detectable effects"
@@ -78,7 +78,7 @@ def _start(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
-    """Describe doubts on an effect, and what competes with it."""
+    """Describe doubts about an effect, and the competing effects."""
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     if not step.significant:
         yield f"In the final model, the coefficient of {symbol} is not significant."
@@ -135,7 +135,7 @@ def _probability(value: float) -> str:
 
 
 def remedy(tied: Sequence[Force]) -> str:
-    """Return the measurement that would separate forces, by how they differ."""
+    """Return the measurement that would separate forces, depending on how they differ."""
     if len({force.kind == "sensor" for force in tied}) > 1:
         what = "Another inertia, or a second sensor,"
         why = "the error of the sensor stays the same, but the coefficient of a force changes"
@@ -163,7 +163,7 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
             f"This record cannot separate the forces of a group, even at a coefficient of {effects.NAMED:g} "
             f"standard errors. The groups: {alike}."
         )
-    # The reason may name the record already.
+    # The reason may contain these words already.
     reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")
     for reason, untested in reasons[reasons != ""].groupby(reasons, sort=False):
         yield f"Not testable on this record: {', '.join(untested.index)} ({reason})."

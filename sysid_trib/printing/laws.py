@@ -1,4 +1,4 @@
-"""The laws in words, tables and plain data: friction against speed, restoring force against displacement."""
+"""The laws as sentences, tables and plain data: friction against speed, restoring force over displacement."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,12 +22,12 @@ RESTORING_TITLE = "Restoring force against displacement"
 SURENESS_TITLE = "Uncertainty"
 FORMULA_TITLE = "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
-# Formulas of a law that are printed.
+# Largest number of printed formulas of a law.
 FORMULAS_SHOWN = 4
-# Places at which a law is shown, in parts of the largest visited place; on each side if it is not odd.
+# Places at which a law is shown, as fractions of the largest visited place; both sides if it is not odd.
 SHOWN_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 SIDE_PARTS = (0.1, 0.4, 0.7, 1.0, 1.2)
-# A motion that is larger by this factor leaves the visited range.
+# A motion that exceeds the visited range by this factor leaves it.
 LARGER_MOTION = 1.02
 REMAINING = (
     "The residual is not a function of speed or displacement alone. It may come from a force with memory, "
@@ -64,14 +64,14 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
 
 
 def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """Yield the laws of each run that has its own."""
+    """Yield the laws of each run that has separate ones."""
     if OWN_LAWS not in tree.children:
         return
     own = tree[OWN_LAWS].to_dataset()
     for law in law_curves.laws_in(_preferred(tree)):
         curves = [law_curves.curve_of(own.sel(run=run), law) for run in own.run.values]
         if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
-            # All runs share this law.
+            # All runs have this law in common.
             continue
         word, unit_at, unit = _words(tree, law)
         both = bool(np.any(curves[0].places < 0.0))
@@ -95,7 +95,7 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """Yield the restoring force, where anything restores."""
+    """Yield the restoring force if there is one."""
     if law_curves.restores(_preferred(tree)):
         caption = _caption(tree, "restoring")
         yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
@@ -120,7 +120,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
             ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
-    # If curves do not follow it better.
+    # For curves, or if they do not follow the record better.
     return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
 
 
@@ -217,7 +217,7 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
 
 
 def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    """Return the friction as it is, the restoring force without its known part."""
+    """Return the whole friction, and the restoring force without its known part."""
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
@@ -275,7 +275,7 @@ def _power(tree: xr.DataTree, law: str) -> int:
 
 
 def _band(low: float, high: float) -> str:
-    """Return the ends of a band, to a tenth of its width."""
+    """Return the limits of a band, rounded to a tenth of its width."""
     width = abs(high - low)
     if not np.isfinite(width):
         return "-"
@@ -284,7 +284,7 @@ def _band(low: float, high: float) -> str:
 
 
 def _spans(spans: Sequence[tuple[float, float]], unit: str) -> str:
-    """Return the stretches of speeds or displacements as text."""
+    """Return the ranges of speeds or displacements as text."""
     texts = [f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}" for low, high in spans]
     return f"{' and '.join(texts)} {unit}"
 
@@ -315,7 +315,7 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _passivity(tree: xr.DataTree) -> str:
-    """Return the speeds at which the constraint of passivity acts."""
+    """Describe the speeds at which the passivity constraint is active."""
     result = _preferred(tree)
     acting = json.loads(tree["judged"].attrs[PASSIVE])
     if not acting:
@@ -398,7 +398,7 @@ def _formula_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Say whether the force is a sum of both laws, and which readings the record does not tell apart."""
+    """State whether the force is a sum of both laws, and which readings the record does not separate."""
     if "readings" in tree.children:
         yield from _reading_sentences(tree["readings"].to_dataset(), signal_units(tree))
     if "interaction" in tree.children:
@@ -413,7 +413,7 @@ def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
-    """Say which combination of a friction law and of products the record determines."""
+    """State which combination of a friction law and of products the record determines."""
     if bool(both.separated.item()):
         return
     size = max(abs(both["sum"].item()), 1e-300)
@@ -439,7 +439,7 @@ def _formula_text(formula: xr.Dataset) -> str:
 
 
 def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
-    """Return the terms of the sensor that were fitted, each run with its own."""
+    """Return the fitted terms of the sensor, with the values of each run."""
     result = tree[str(tree["judged"].model.values[-1])].to_dataset()
     library = library_of(result, whole=True)
     known = result.force.values.tolist()
@@ -548,7 +548,7 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Return the laws in SI units and the coefficient of friction, a row each place."""
+    """Return the laws in SI units and the coefficient of friction, one row per place."""
     for law in ("friction", "restoring", MU):
         if law not in data:
             continue
@@ -570,7 +570,7 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """Yield the preferred laws, and those of each run that has its own, a row each place."""
+    """Yield the preferred laws, and those of each run that has separate ones, one row per place."""
     result = _preferred(tree)
     preferred = judged.preferred_of(tree)
     yield from _rows_of_curves(tree, result, preferred)
@@ -583,7 +583,7 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 
 
 def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Iterator[dict[str, Any]]:
-    """Yield the laws of a dataset by the name of their method, a row each place."""
+    """Yield the laws of a dataset by the name of their method, one row per place."""
     for law in law_curves.laws_in(_preferred(tree)):
         variable = law_curves.VARIABLE_OF_LAW[law]
         curve = law_curves.curve_of(result, law)
@@ -607,7 +607,7 @@ def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Itera
 
 
 def laws_csv(tree: xr.DataTree) -> str:
-    """Return the preferred laws with their bands, a row each place."""
+    """Return the preferred laws with their bands, one row per place."""
     rows = list(_law_rows(tree))
     return layout.csv_of(list(rows[0]), rows)
 
@@ -648,7 +648,7 @@ def laws_latex(tree: xr.DataTree) -> str:
 
 
 def _unit(unit: str) -> str:
-    """Return a unit such as `rad/s^2` as LaTeX writes it."""
+    """Return a unit such as `rad/s^2` in LaTeX."""
     over, _, under = unit.rpartition("/s")
     if not over:
         return exported.unit_in_latex(unit)

@@ -1,4 +1,4 @@
-"""Blocks without a fit: the forces of a library, the contents of a record, and its backbone."""
+"""Blocks without a fit: forces of a library, contents of a record, and its backbone."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -16,7 +16,7 @@ from sysid_trib.printing import Block, layout
 from sysid_trib.records.roles import input_names
 from sysid_trib.results.backbone_rows import round_rows
 
-# Reference of the table of a library, and characters of its words: it has 100 columns.
+# Explanations for the table of a library, and the number of characters in its text columns (100 columns).
 NORMALISED = (
     "theta'' + w^2 (theta + sum of c h) = 0 with x = theta, v = theta'/w, tau = w t.\n"
     "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
@@ -33,7 +33,7 @@ def force_table(library: ForceLibrary, averages: xr.Dataset) -> Table:
     ----------
     library : ForceLibrary
     averages : Dataset
-        Of `signatures_of`.
+        Result of `signatures_of`.
     """
     rows = []
     for force in library:
@@ -49,7 +49,7 @@ def force_table(library: ForceLibrary, averages: xr.Dataset) -> Table:
 
 
 def equations_of(force: Force) -> list[str]:
-    """Return a force, its states and memory, and its shape parameters with their ranges, a line each."""
+    """Return a force, its states and memory, and its shape parameters with their ranges, one per line."""
     return [
         f"h = {force.formula.text}",
         *(f"d{name}/dtau = {formula.text}" for name, formula in force.state.items()),
@@ -62,13 +62,13 @@ def equations_of(force: Force) -> list[str]:
 
 
 def signature_text(force: Force, averages: xr.Dataset) -> tuple[str, str]:
-    """Return the signature as a closed form if it is one term, else its values at two amplitudes.
+    """Return the signature in closed form if it is one term, otherwise its values at two amplitudes.
 
     Parameters
     ----------
     force : Force
     averages : Dataset
-        Of the force, see `signatures_of`.
+        Averages of the force, see `signatures_of`.
     """
     return (
         _average_text(averages.sine.values, force.degree),
@@ -105,9 +105,9 @@ def _closed(value: float) -> str:
 POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or gains"}
 
 
-# Below this number of samples a period the weak form has few rows, and half-sines few samples.
+# Below this number of samples per period, the weak form has few equations, and half-sines few samples.
 FEW_SAMPLES = 20.0
-# A drift counts above this part of the last amplitude.
+# A drift is reported above this fraction of the last amplitude.
 DRIFTS = 0.1
 FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
@@ -129,7 +129,7 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str] = (), next_command: st
     sources : sequence of str
         Descriptions of the records.
     next_command : str
-        To copy; empty without one.
+        Command to copy; may be empty.
     """
     decays = _decays(tree)
     yield Block(list(dict.fromkeys(sources)))
@@ -158,13 +158,13 @@ def driven_look_blocks(
     Parameters
     ----------
     tree : DataTree
-        The records, with their inputs.
+        Records with their inputs.
     sources : sequence of str
         Descriptions of the records.
     models : Dataset
-        Of `fitting_models`.
+        Result of `fitting_models`.
     next_command : str
-        To copy.
+        Command to copy.
     """
     yield Block(list(dict.fromkeys(sources)))
     for node in tree.children.values():
@@ -261,7 +261,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
 
 
 def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
-    """Describe how systems explain the frequency, what the columns say, and a wrong scale."""
+    """Describe how systems explain the frequency, what the columns indicate, and a wrong scale."""
     attrs = {name: str(value) for name, value in decay.attrs.items()}
     said = []
     if ranked := attrs["predicted_by"]:
@@ -281,7 +281,7 @@ def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
 
 
 def _law(law: str, power: float) -> str:
-    """Describe the friction that a power of the amplitude in the rate of decay suggests."""
+    """Describe the friction indicated by the power of the amplitude in the decay rate."""
     if law == "sign(v)":
         return "the damping ratio is larger at small amplitudes, as with dry friction"
     if law == "v*abs(v)":

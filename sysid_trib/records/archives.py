@@ -30,7 +30,6 @@ VIDEO = slice(4, 8), b"ftyp"
 UNIVERSAL_FILE = re.compile(rb"\s*-1\s*\n\s*(\d+)[b\s]")
 # Names in archives that are documents.
 DOCUMENTS = {"word/": "a document of Word", "ppt/": "slides", "content.xml": "a file of OpenDocument"}
-MOST_LISTED = 5
 
 
 def refuse_other_kinds(path: Path, head: bytes) -> None:
@@ -67,7 +66,7 @@ def single_file(path: Path) -> zipfile.ZipInfo | None:
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
         raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
     # Those of the system that packed them are none of the user's.
-    files = [file for file in files if not re.match(r"__MACOSX/|(?:.*/)?\.", file.filename)]
+    files = [file for file in files if not re.match(r"__MACOSX/|(?:.*/)?\.[^/]*$", file.filename)]
     names = [file.filename for file in files]
     if any(entry.startswith("xl/") or entry.endswith(".npy") for entry in names):
         return None
@@ -75,7 +74,7 @@ def single_file(path: Path) -> zipfile.ZipInfo | None:
         if any(entry.startswith(mark) for entry in names):
             raise RecordError(f"{name}: this is {what}, not a table; {EXPORT}.")
     if len(files) != 1:
-        listed = ", ".join([*names[:MOST_LISTED], *["..."] * (len(names) > MOST_LISTED)]) or "no file"
+        listed = ", ".join([*names[:5], *["..."] * (len(names) > 5)]) or "no file"
         raise RecordError(f"{name}: this archive contains {listed}; {UNPACK}.")
     if files[0].flag_bits & 1:
         raise RecordError(f"{name}: this archive is locked by a password; unpack it.")

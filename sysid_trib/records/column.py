@@ -278,7 +278,7 @@ FRAMES = (24, 25, 30, 50, 60)
 
 
 def _parts_of_a_second(texts: list[str]) -> int:
-    """Return how many of the parts behind a third colon make a second."""
+    """Return the number of parts behind a third colon that make a second."""
     if {len(text) for text in texts} != {2}:
         return 1000
     count = 1 + max(map(int, texts))

@@ -173,12 +173,6 @@ def _refuse_texts(columns: list[Column], source: str) -> None:
     )
 
 
-# Labels of a column that says whose value is in each row, and the part of the rows that share their time.
-FEWEST_LABELS = 2
-MOST_LABELS = 12
-MOST_ROWS = 0.5
-
-
 def _refuse_long_format(table: FileTable, times: list[Column]) -> None:
     """Raise an error for a table whose rows are values of several sensors in turn, named in a column."""
     for labels in table.columns:
@@ -186,13 +180,14 @@ def _refuse_long_format(table: FileTable, times: list[Column]) -> None:
             continue
         rows = pd.DataFrame({"of": pd.Series(labels.cells).astype(str)})
         named = rows["of"].unique()
-        if not FEWEST_LABELS <= named.size <= MOST_LABELS or times[0].cells.size != len(rows):
+        # More texts are remarks.
+        if not 2 <= named.size <= LISTED or times[0].cells.size != len(rows):
             continue
         rows["time"] = times[0].cells
         # All sensors are read at each time, and each of them once.
-        shared = rows["time"].duplicated(keep=False).mean() > MOST_ROWS
-        in_turn = rows["of"].ne(rows["of"].shift()).mean() > MOST_ROWS
-        if shared and in_turn and not rows.duplicated().any():
+        of_several = rows["time"].duplicated(keep=False).mean() > 0.5
+        in_turn = rows["of"].ne(rows["of"].shift()).mean() > 0.5
+        if of_several and in_turn and not rows.duplicated().any():
             raise RecordError(
                 f"{table.source}: its rows are values of several sensors in turn (column {labels.name}: "
                 f"{', '.join(named)}); write one column per sensor and one row per time (a pivot table), or "

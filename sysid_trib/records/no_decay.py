@@ -24,10 +24,9 @@ class Cause(Enum):
     SEVERAL_MODES = auto()
 
 
-# Causes behind which several modes may be, if the spectrum shows several.
+# Causes behind which several modes may be, if the spectrum shows several; that of a clipped swing does.
 MAYBE_OF_MODES = frozenset(
     {
-        Cause.CLIPPED,
         Cause.COARSE_SAMPLING,
         Cause.FEW_HALF_PERIODS,
         Cause.GROWS,

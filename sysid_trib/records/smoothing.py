@@ -212,6 +212,20 @@ def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float
     return float(np.pi / np.median(halves.duration))
 
 
+def samples_of_a_period(decay: xr.Dataset) -> int:
+    """Return the samples of a period of a record, by its `swing_frequency` and its median time step.
+
+    Residuals are correlated over a period: it is the block of a Diebold-Mariano test.
+
+    Raises
+    ------
+    DecayError
+        No whole half period.
+    """
+    step = float(np.median(np.diff(decay.time.values)))
+    return max(1, round(2.0 * np.pi / (swing_frequency(decay) * step)))
+
+
 def first_frequency(runs: Sequence[xr.Dataset]) -> float:
     """Return the frequency from which fits of runs start: the median of their frequencies, rad/s.
 

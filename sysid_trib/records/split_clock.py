@@ -10,9 +10,6 @@ from sysid_trib.arrays import Array
 from sysid_trib.records.column import Column
 from sysid_trib.records.units import TIME_UNITS, plain_unit
 
-# Part of the rows of a clock in whole seconds that repeat the stamp before.
-MOSTLY = 0.5
-
 
 def with_joined_clock(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     """Return columns with one clock in place of whole seconds and their fraction, and a sentence on it.
@@ -42,7 +39,7 @@ def with_joined_clock(columns: Sequence[Column]) -> tuple[tuple[Column, ...], li
 def _joined(whole: Column, fraction: Column) -> Array | None:
     """Return the times (s) of whole seconds and their fraction; None if two columns are no such clock."""
     unit = TIME_UNITS.get(plain_unit(fraction.stated or fraction.base.split(" ")[-1]), 1.0)
-    seconds_by_name = TIME_UNITS.get(plain_unit(whole.base.split(" ")[-1])) == 1.0
+    seconds_by_name = TIME_UNITS.get(plain_unit(whole.stated or whole.base.split(" ")[-1])) == 1.0
     if not (whole.is_time or seconds_by_name) or unit >= 1.0 or not fraction.is_plain:
         return None
     if whole.cells.size != fraction.cells.size or not (whole.is_plain or whole.is_dated):
@@ -52,6 +49,7 @@ def _joined(whole: Column, fraction: Column) -> Array | None:
     both = np.concatenate((seconds - seconds[:1], parts))
     if not np.all(np.isfinite(both)) or np.any(both != np.round(both)):
         return None
-    repeats = np.mean(np.diff(seconds) == 0.0) > MOSTLY if seconds.size > 1 else False
+    # Most rows of whole seconds repeat the stamp before.
+    repeats = np.mean(np.diff(seconds) == 0.0) > 0.5 if seconds.size > 1 else False
     within = np.all((parts >= 0.0) & (parts * unit < 1.0)) and np.any(np.diff(parts) < 0.0)
     return seconds + parts * unit if repeats and within else None

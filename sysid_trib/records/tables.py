@@ -156,7 +156,7 @@ def read_table(path: Path) -> FileTable:
     """
     with _opened(path) as file:
         source = readable(path.name if str(path) != STANDARD_INPUT else file.name)
-        cells, units, notes, told = _contents(file)
+        cells, units, notes, sentences = _contents(file)
         arrays = {name: np.asarray(values) for name, values in cells.items()}
         longest = max((array.shape[0] for array in arrays.values() if array.ndim), default=0)
         text.check_width(file, len(cells), longest)
@@ -167,7 +167,7 @@ def read_table(path: Path) -> FileTable:
         columns, of_clock = with_joined_clock(columns)
         columns, said = in_order(columns)
         checksum = hashlib.sha256(file.read_bytes()).hexdigest()
-        said = [*told, *of_clock, *said, *_without_numbers(columns)]
+        said = [*sentences, *of_clock, *said, *_without_numbers(columns)]
         return FileTable(source, columns, tuple(notes), checksum, tuple(said))
 
 

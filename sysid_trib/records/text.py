@@ -241,13 +241,6 @@ def _quoted(cells: list[str], delimiter: str) -> list[str]:
     return [f'"{cell}"' if delimiter in cell else cell for cell in cells]
 
 
-# Largest number of columns of a table. A table with at most LYING_ROWS rows, and LYING_COLUMNS times as many
-# columns, lies on its side.
-MOST_COLUMNS = 4096
-LYING_ROWS = 12
-LYING_COLUMNS = 8
-
-
 def check_width(path: Path, columns: int, rows: int) -> None:
     """Raise an error for a table with far more columns than any record has, or one on its side.
 
@@ -256,11 +249,13 @@ def check_width(path: Path, columns: int, rows: int) -> None:
     RecordError
         There are too many columns; the message states their number.
     """
-    if columns > MOST_COLUMNS:
+    # The widest table that is looked at.
+    if columns > 4096:
         raise RecordError(
             f"{path.name}: has {columns:,} columns, where a record has a few: turn the table, or cut it."
         )
-    if rows <= LYING_ROWS and columns >= LYING_COLUMNS * max(rows, LYING_COLUMNS):
+    # No record has so few rows, and so many columns for each.
+    if rows <= 12 and columns >= 8 * max(rows, 8):
         raise RecordError(
             f"{path.name}: has {columns:,} columns and {rows} row{'s' * (rows != 1)}: time must run down the "
             "rows; turn the table (transpose it), so that each signal is a column."

@@ -90,8 +90,8 @@ def signal_unit(text: str) -> SignalUnit | None:
 
 # `0.01 deg`, `1/100 °`, `10^-3 rad`, `x1e-6 m`: a unit with a factor.
 _SCALED_UNIT = re.compile(
-    r"[x*×]?\s*(?:(?P<number>\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?:/(?P<divisor>\d+))?|10\^(?P<power>-?\d+))"
-    r"\s*[x*×·]?\s*(?P<unit>[^\d\s.,/].*)"
+    r"[x*×]?\s*(?:10\^(?P<power>-?\d+)|(?P<number>\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?:/(?P<divisor>\d+))?)"
+    r"\s*[x*×·]?\s*(?P<unit>[^\d\s.,/^].*)"
 )
 
 
@@ -144,7 +144,7 @@ def split_header(name: str) -> tuple[str, str]:
     Name and unit are in lower case; the name is without a group before it (`run.time`, `Run 1: Time`).
     """
     # Join blanks first: the time of the patterns is quadratic in consecutive blanks.
-    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(name.lower().split()).replace("μ", "µ"))
+    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(_unit_apart(name).lower().split()).replace("μ", "µ"))
     bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
         base = bracket[1]
@@ -156,6 +156,14 @@ def split_header(name: str) -> tuple[str, str]:
     if base in ("x", "y", "z") and groups and names_quantity(groups[-1].replace("_", " ")):
         base = f"{groups[-1]} {base}"
     return re.sub(r"^\d+\s+", "", base.replace("_", " ").strip()), unit
+
+
+def _unit_apart(name: str) -> str:
+    """Return `time_Ms` for `timeMs`, `angle_Deg` for `angleDeg`: a unit as the last word of a name."""
+    match = re.fullmatch(r"(.*[a-z])([A-Z][a-z]+)", name.strip())
+    if match is None or plain_unit(match[2]) not in _NAMING_UNITS | {"sec"}:
+        return name
+    return f"{match[1]}_{match[2]}"
 
 
 def _without_bracket(text: str) -> tuple[str, str]:

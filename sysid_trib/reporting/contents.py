@@ -1,4 +1,4 @@
-"""Contents of a page for each kind of result: the blocks of the command with --explain, and figures."""
+"""Contents of a page for each kind of result: blocks of the command with --explain, and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
@@ -31,18 +31,18 @@ from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.store import PREFERRED, Status, counts_of, of_model, reported_model
 from sysid_trib.results.variables import record_groups
 
-# A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
-# one caption, which includes the text of their footnotes, and are drawn by Matplotlib. A table has a title,
-# heads, rows, and the columns of numbers that are set to the right.
+# A part of a page in the form for `page.html`. A section has a title, sentences, tables and figures. Figures
+# have one caption, which includes the text of their footnotes, and are drawn by Matplotlib. A table has a
+# title, column heads, rows, and the numbers of the columns that are aligned to the right.
 Part = dict[str, Any]
 
-# After the caption of figures over time.
+# Appended to the caption of figures over time.
 DECIMATED = (
     "The curves are decimated: each is drawn by {points:,} of {samples:,} samples, the least and the largest "
     "of each stretch, so that none of its peaks is lost."
 )
 TITLE = "Forces of a free decay"
-# Title of the page and its blocks, by kind of result.
+# Title of the page and its blocks, for each kind of result.
 PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "identify": (TITLE, identification.estimate_blocks),
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
@@ -55,7 +55,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
 
 
 def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
-    """Return the title of the page of a result, sentences above all sections, and sections."""
+    """Return the title of a result's page, the sentences above all sections, and the sections."""
     tree = with_consequences(tree)
     title, blocks_of = PAGES[kind_of(tree)]
     return title, *sections_of(blocks_of(tree), _figures(tree))
@@ -69,14 +69,14 @@ def sections_of(
     Parameters
     ----------
     blocks : iterable of Block
-        Blocks; those of `--explain` are shown.
+        Blocks; those of `--explain` are included.
     figures : mapping of str to sequence of Part
-        By the titles of sections.
+        Figures by the titles of their sections.
 
     Raises
     ------
     ValueError
-        A figure is of a section that there is not.
+        A figure belongs to a section that does not exist.
     """
     shown = [block for block in blocks if Layer.EXPLAIN in block.layers]
     summary = [sentence for block in shown if not block.title for sentence in block.sentences]
@@ -107,7 +107,7 @@ def as_table(title: str, printed: Table) -> Part:
 
 
 def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
-    """Return the figures of a result by the title of the section that has them."""
+    """Return the figures of a result by the title of their section."""
     made: dict[str, list[Part]] = {}
     records = record_groups(tree)
     for figure in figures_of(kind_of(tree)):
@@ -124,9 +124,9 @@ def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
     return made
 
 
-# Rows of the page; the store has all of them.
+# Largest number of rows on the page; the store has all rows.
 MOST_ROWS = 1000
-# Labels that are no names of methods.
+# Labels that are not names of methods.
 BY_MODEL = {
     "before": "of the start model",
     "after": "of the final model",
@@ -142,13 +142,13 @@ def campaign_contents(
     Parameters
     ----------
     store : Dataset
-        As `campaign` returns it.
+        Result of `campaign`.
     compared : Dataset, optional
         Variation between its records; None if there are too few.
     conditions : DataFrame, optional
-        A row a record.
+        One row per record.
     command : str
-        Command that made it.
+        Command that made the store.
     """
     figures: dict[str, list[Part]] = {}
     if compared is not None and conditions is not None:
@@ -167,7 +167,7 @@ def campaign_contents(
 
 
 def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
-    """Return every quantity against one condition."""
+    """Return a section with all quantities against one condition."""
     caption = (
         f"Coefficients of all records against {name}, with standard errors; orange, by name where they are "
         f"few: more than {FAR:g} standard deviations from what the conditions let expect."
@@ -176,14 +176,14 @@ def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
 
 
 def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Part:
-    """Return every record a row, those that are farthest off first."""
+    """Return a table with one row per record, in the order of decreasing deviation."""
     known = pd.DataFrame(index=range(store.sizes["record"])) if conditions is None else conditions
     largest = np.zeros(store.sizes["record"])
     if compared is not None:
         z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
         largest[compared["at"].values] = z.max(axis=1)
     order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
-    # Read only the shown part of a large store.
+    # Only the displayed part of a large store is read.
     shown = store.isel(record=order)
     reported = reported_model(store)
     last = of_model(shown, reported).load()
@@ -260,7 +260,7 @@ def _search_text(record: xr.Dataset) -> str:
 
 
 def _thumbnail(record: xr.Dataset, name: str) -> str | Part:
-    """Return the record between its lowest and highest values, about its equilibrium."""
+    """Return the record between its lowest and highest values, relative to its equilibrium."""
     low, high = record.outline.transpose("edge", "part").values
     known = np.flatnonzero(np.isfinite(low))
     reach = float(np.max(np.abs([low[known], high[known]]), initial=0.0))

@@ -15,7 +15,7 @@ Result = TypeVar("Result", xr.Dataset, xr.DataTree)
 
 
 def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
-    """Return the covariance that a method states, of the coefficients and the asymptotic frequency."""
+    """Return the stated covariance of a method, of the coefficients and the asymptotic frequency."""
     symbols = list(kept)
     count = len(kept)
     covariance = np.empty((count + 1, count + 1))
@@ -37,17 +37,18 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
     Parameters
     ----------
     result : Dataset or DataTree
-        An identification, or a result that holds some.
+        An identification, or a result that contains some.
     omega0 : float, rad/s
         Frequency of the oscillator without contact.
     standard_error : float, rad/s
-        Its standard error.
+        Standard error of `omega0`.
 
     Returns
     -------
     Dataset or DataTree
-        The same with one force more (the library's force of formula `x`), which refers to `omega0`; the
-        others stay referred to the fitted frequency. One that has it already is returned as it is.
+        The same with one additional force (the library's force of formula `x`), which refers to `omega0`; the
+        others still refer to the fitted frequency. An identification that has this force is returned
+        unchanged.
 
     Raises
     ------
@@ -56,7 +57,7 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
 
     Notes
     -----
-    Le Bot et al. 2019, Sec. 2.3; errors of both frequencies propagated to first order.
+    Le Bot et al. 2019, Sec. 2.3; the errors of both frequencies are propagated to first order.
     """
     if isinstance(result, xr.DataTree):
         return _of_each(result, lambda own: with_contactless_frequency(own, omega0, standard_error))
@@ -96,25 +97,26 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
     Parameters
     ----------
     result : Dataset or DataTree
-        An identification, or a result that holds some.
+        An identification, or a result that contains some.
     relative_error : float
         Standard error of the factor by which the signal was calibrated, over the factor: 0.003.
 
     Returns
     -------
     Dataset or DataTree
-        The same with `covariance` and `standard_error` that hold it, and `error_of_calibration(force)`, its
-        part. Coefficients that are known, and forces of no degree in the signal as `sin(x) - x`, have none.
+        The same with this error in `covariance` and `standard_error`, and with `error_of_calibration(force)`.
+        Known coefficients, and forces without a degree in the signal such as `sin(x) - x`, have no such
+        error.
 
     Raises
     ------
     UsageError
-        No error from 0 to 1.
+        The error is not between 0 and 1.
 
     Notes
     -----
-    With s x in the place of x the coefficient of a force of degree p in x is s^(1-p) c: its relative error is
-    |1 - p| that of s, and those of two forces are wholly correlated.
+    With s x in place of x, the coefficient of a force of degree p in x is s^(1-p) c: its relative error is |1
+    - p| times that of s, and the errors of two forces are fully correlated.
     """
     if not 0.0 <= relative_error < 1.0:
         raise UsageError(f"The relative error of a scale is a number from 0 to 1, not {relative_error}.")

@@ -1,4 +1,4 @@
-"""Store of a campaign as it is read: the status of its records, and names of its variables."""
+"""Reading the store of a campaign: the status of its records, and names of its variables."""
 
 from collections import Counter
 from enum import IntEnum
@@ -8,18 +8,18 @@ import xarray as xr
 
 from sysid_trib.results.variables import RESULT_TABLES
 
-# Goes up with every change of the variables of a store.
+# Increase this with every change of the variables of a store.
 STORE_FORMAT = 5
 TIED = "tied"
 EFFECT_P_VALUE = "effect_p_value"
-# Variables of `judged` in a store. Those of each run are left out: records differ in their numbers of runs.
-JUDGED_VARIABLES = tuple(name for name, row in RESULT_TABLES["judged"].items() if row[0] == "model")
-# In place of the label of a model: that which each record prefers.
+# Variables of `judged` in a store. Those of single runs are omitted: records have different numbers of runs.
+JUDGED_NAMES = tuple(name for name, (dims, *_) in RESULT_TABLES["judged"].items() if dims == "model")
+# Label in place of a model: the preferred model of each record.
 PREFERRED = "preferred"
 
 
 class Status(IntEnum):
-    """Status of a record of a campaign; its name in small letters is that in texts."""
+    """Status of a record of a campaign; its name in lower case is used in texts."""
 
     WAITING = 0
     DONE = 1
@@ -70,7 +70,7 @@ def of_model(store: xr.Dataset, label: str) -> xr.Dataset:
     store : Dataset
         Store of a campaign.
     label : str
-        Label of a model, or `PREFERRED`; a record without a result prefers none, and has the first.
+        Label of a model, or `PREFERRED`; for a record without a result, this is the first model.
     """
     if label != PREFERRED:
         return store.sel(model=label)
@@ -81,8 +81,8 @@ def of_model(store: xr.Dataset, label: str) -> xr.Dataset:
 def reported_model(store: xr.Dataset) -> str:
     """Return the label of the identification that a campaign compares between records.
 
-    Among the methods that identify most forces, this is the one that most records prefer, or else the last.
-    Of laws it is the preferred one of each record.
+    Among the methods that identify most forces, this is the one preferred in most records, or else the last.
+    For laws it is the preferred method of each record.
     """
     if store.attrs.get("task") == "laws":
         return PREFERRED

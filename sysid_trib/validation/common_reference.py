@@ -17,8 +17,8 @@ ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
 def comparable(*results: xr.Dataset) -> list[str]:
     """Return the symbols of the forces in which identifications are compared, in the first's order.
 
-    Each has them in its model, and one at least leaves them free: what is fixed, tied or at a bound adds no
-    difference of its own.
+    All have these forces in their models, and at least one leaves them free: values that are fixed, tied or
+    at a bound contribute no difference.
     """
     in_models = [forces_in_model(result) for result in results]
     constrained = [_constrained(result) for result in results]
@@ -31,7 +31,7 @@ def comparable(*results: xr.Dataset) -> list[str]:
 
 
 def held(result: xr.Dataset) -> Mask:
-    """Return true where a coefficient is fixed, (force,): it stays as it is at every reference frequency."""
+    """Return true if a coefficient is fixed, (force,): it is the same at every reference frequency."""
     if "constraint" not in result.coords:
         return np.zeros(result.sizes["force"], dtype=bool)
     return np.asarray(result.constraint.values == "fixed", dtype=bool)
@@ -67,12 +67,12 @@ def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float)
     Parameters
     ----------
     result, kept, frequency
-        As of `comparison_values`.
+        As in `comparison_values`.
 
     Returns
     -------
     (quantity, force + 1) array of float
-        Over the forces in the model (see `forces_in_model`), in their order, and the frequency.
+        Derivatives by the forces in the model (see `forces_in_model`), in order, and by the frequency.
     """
     symbols = forces_in_model(result)
     coefficients = result.coefficient.sel(force=symbols).values
@@ -89,7 +89,7 @@ def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float)
 
 
 def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Return the factors of coefficients to a reference frequency (rad/s); 1 for forces that keep their own.
+    """Return the factors of coefficients for a reference frequency (rad/s); 1 for forces with their own.
 
     See `rescaling_factors`.
     """

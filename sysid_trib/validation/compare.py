@@ -166,9 +166,7 @@ def _compared(
         subject = "this record" if len(runs) == 1 else "these runs together"
         label, tried = next(iter(by_label.items()))
         raise DecayError(f"No method can identify {subject}. {label}: {tried.row['reason']}.")
-    medians = [(np.median(np.diff(of.extremum_time)), np.median(np.diff(run.time))) for run, *_, of in parts]
-    # Samples per period.
-    blocks = [max(1, round(2.0 * half_period / step)) for half_period, step in medians]
+    blocks = [smoothing.samples_of_a_period(run) for run in runs]
     table = holdout.method_table(by_label, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
