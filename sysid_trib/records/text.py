@@ -349,7 +349,7 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 # The last cells of a row may be empty.
                 cells = line.rstrip("\r\n").count(delimiter) if delimiter else 0
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
-                goes_on = goes_on or (cells > 0 and below.count(delimiter or "") == cells)
+                goes_on = goes_on or (whole and cells > 0 and below.count(delimiter or "") == cells)
                 # A line such as `data:` below a setting.
                 goes_on = goes_on and not below.rstrip().endswith(":")
                 # A single number above the header is not a row.
