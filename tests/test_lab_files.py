@@ -26,7 +26,7 @@ def test_every_kind_is_read_as_what_it_is(name, tmp_path):
     assert drawn(name, tmp_path, seed=1, number=0)[1] == ""
 
 
-def test_what_a_drive_held_before_it_was_switched_off_is_no_decay(tmp_path):
+def test_a_motion_before_the_drive_is_switched_off_is_no_decay(tmp_path):
     assert drawn("drive_switched_off", tmp_path, seed=11, number=0)[1] == ""
 
 
