@@ -409,7 +409,8 @@ def _as_record(
             f"{quantity}_bias": 0.0,
             NOISE_IS_WHITE_IN: "measured",
         }
-        said = f"integrated {'once' if times == 1 else 'twice'}, without drift"
+        how_often = "once" if times == 1 else "twice"
+        said = f"integrated {how_often}, without drift and without a period at both ends"
         record.attrs |= made | {"integration": said}
         record[quantity] = ("time", values, {"units": units, "long_name": f"{quantity} of the mode"})
         values = as_position(time, values, 1.0 / frequency, made)
