@@ -75,6 +75,20 @@ def test_offset_hum_and_a_late_blow_change_nothing():
     assert listed.attrs["start"] == pytest.approx(0.4, abs=5e-3)
 
 
+def test_a_drift_of_the_sensors_is_subtracted(record):
+    """As of a charge amplifier after a blow."""
+    time = record.time.values
+    drifting = record.copy(deep=True)
+    drifting.signal.values += 0.8 * time + 0.3 * np.sin(2.0 * np.pi * 0.3 * time)
+    separate = st.one_mode(drifting, 1)
+    assert "a slow drift of acc1 and acc2 and acc3 subtracted" in separate.attrs["separation"]
+    assert "exceeds the white noise" not in separate.attrs["separation"]
+    assert holds(st.backbone(st.free_decay(separate)), Law(), 0.05) == {
+        "frequency": True,
+        "damping_ratio": True,
+    }
+
+
 def test_the_shape_is_that_of_the_mode(separate):
     assert separate.shape.values == pytest.approx([0.5, 1.0, -0.8], abs=2e-3)
     assert separate.attrs["angle_column"] == "acc2"

@@ -7,7 +7,7 @@ import numpy as np
 from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.records.ringing import (
     MOST_CANCELLING,
     Component,
@@ -27,6 +27,8 @@ BLOW_BLOCKS, SECOND_BLOW = 200, 3.0
 # and the number of those whose median it exceeds so many times.
 LINE_BIN, LARGEST_OF_BINS, MEDIAN_BINS, ABOVE_MEDIAN = 0.005, 4, 60, 5.0
 LOWEST_LINE = 8
+# Degree of the polynomial in time that is the drift of a sensor: slower than the lowest line.
+DRIFT_DEGREE = 8
 # Logarithm of one over the probability that noise makes one line of a spectrum so high.
 CERTAIN_LINE = 30.0
 # Rounds of search, fits in each, the lines that one round takes at most, and those that are kept in all.
@@ -76,6 +78,8 @@ class Ringing:
         RMS of what they leave.
     second_blow : int or None
         Sample at which the signals jump again; what comes after it is left out.
+    drifts : (sensor,) array of bool
+        Whether a slow drift of the sensor was subtracted.
     """
 
     onset: int
@@ -87,6 +91,7 @@ class Ringing:
     kinds: tuple[str, ...]
     residual: Array
     second_blow: int | None
+    drifts: Mask
 
     @property
     def duration(self) -> float:
@@ -117,8 +122,12 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
     onset, start, second = _free_part(signals)
     noise = np.maximum(_white_noise(signals[:, start:second]), LEAST_NOISE * np.ptp(signals, axis=1))
     signals = signals[:, start:second] - _offset(signals[:, start:second])[:, None]
-    components = _components(signals, interval, noise)
-    rest = signals - sum((component.signal() for component in components), np.zeros_like(signals))
+    components, rest = _components_and_rest(signals, interval, noise)
+    drift = _drift(rest)
+    drifts = np.std(drift, axis=1) > noise
+    if drifts.any():
+        signals = signals - drift
+        components, rest = _components_and_rest(signals, interval, noise)
     return Ringing(
         onset=onset,
         start=start,
@@ -129,7 +138,14 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
         kinds=tuple(_kinds(components, interval)),
         residual=np.sqrt(np.mean(rest**2, axis=1)),
         second_blow=second,
+        drifts=drifts,
     )
+
+
+def _components_and_rest(signals: Array, interval: float, noise: Array) -> tuple[list[Component], Array]:
+    """Return every oscillation above the noise, and the signals without them, (sensor, sample)."""
+    components = _components(signals, interval, noise)
+    return components, signals - sum((component.signal() for component in components), np.zeros_like(signals))
 
 
 def _components(signals: Array, interval: float, noise: Array) -> list[Component]:
@@ -196,6 +212,13 @@ def _offset(signals: Array) -> Array:
     last = signals[:, signals.shape[1] // 2 :]
     window = np.hanning(last.shape[1])
     return np.asarray(last @ window / window.sum())
+
+
+def _drift(rest: Array) -> Array:
+    """Return the slow drift of signals without their oscillations, (sensor, sample): a polynomial in time."""
+    time = np.linspace(-1.0, 1.0, rest.shape[1])
+    columns = np.linalg.qr(np.polynomial.legendre.legvander(time, DRIFT_DEGREE))[0]
+    return np.asarray(rest @ columns @ columns.T)
 
 
 def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dict[float, float]:

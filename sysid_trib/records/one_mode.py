@@ -441,6 +441,9 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
     if separate.neighbours:
         said[-1] += f", {separate.neighbours} of them fitted together with it"
+    if ringing.drifts.any():
+        drifting = [name for name, drifts in zip(names, ringing.drifts.tolist(), strict=True) if drifts]
+        said.append(f"a slow drift of {' and '.join(drifting)} subtracted")
     said += _close_modes(ringing, place)
     if (rise := rise_of(history_of(own, ringing))) is not None:
         units = str(sensors.signal.attrs["units"])
