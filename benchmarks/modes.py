@@ -291,13 +291,13 @@ def mode_of_known_forces(seed: int) -> xr.Dataset:
 
 
 def verdict_on_mode(seed: int, known: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
-    """The verdict of `discover` that starts from some of the forces, and the forces that it adds."""
+    """The outcome of `discover` that starts from some of the forces, and the forces that it adds."""
     library = st.load_library()
     start = replace(library, forces=tuple(force for force in library if force.symbol in known))
     found = st.discover(mode_of_known_forces(seed), start)
     steps = found["steps"].to_dataset()
     added = steps.symbol.values.tolist() if steps.sizes.get("step") else []
-    return str(found.attrs["verdict"]), tuple(added)
+    return str(found.attrs["search_outcome"]), tuple(added)
 
 
 def judged(asked: Namespace) -> None:

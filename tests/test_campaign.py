@@ -210,10 +210,10 @@ def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
     assert run(*asked, "-o", stores[0]).status == 0
     assert st.campaigns.open_store(stores[0]).named.item() == "drag"
     ending = run(*asked, "--max-effects", "0", "-o", stores[1])
-    assert "1 unknown effect." in ending.out
+    assert "Outcomes of the searches: 1 unknown effect." in ending.out
     assert st.campaigns.open_store(stores[1]).named.item() == ""
     ending = run(*asked, "--time-limit", "1e-6", "-o", stores[2])
-    assert "(its search ended before it had converged)" in ending.out
+    assert "; 1 ended before the search had converged." in ending.out
 
 
 def test_a_folder_is_refused_before_a_store_is_made(tmp_path):

@@ -10,13 +10,14 @@ from numpy import pi
 from scipy.special import beta, dawsn, j1
 
 from sysid_trib import Model, load_library
-from sysid_trib.cycles.signatures import averages, exactly_dependent
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.notation import reference_powers
 from sysid_trib.methods import Averaging
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.simulate import simulate
 from sysid_trib.simulation.trajectory import trajectory
+from sysid_trib.validation.separability import exactly_dependent
 
 SIX = load_library()
 CANDIDATES = load_library("candidate_effects")

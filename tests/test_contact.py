@@ -21,7 +21,7 @@ def test_look_says_what_was_understood_and_what_comes_next(tmp_path):
     assert ending.status == 0
     assert "displacement in mm from column Displacement (mm); 100 Hz clock." in ending.out
     assert re.search(r"the local damping ratio (?:is|(?:rises|falls) from) 0\.62 %", ending.out)
-    power = float(re.search("amplitude to the power (.+?): nearest to viscous friction", ending.out)[1])
+    power = float(re.search("amplitude to the power (.+?); viscous friction gives", ending.out)[1])
     assert abs(power) < 0.1
     assert ending.out.splitlines()[-1].startswith(f"Next: sysid-trib identify '{path}'")
     facts = json.loads(run("look", path, "--json").out)

@@ -75,7 +75,7 @@ def story(tree):
 
 def test_twin_is_explained_by_its_two_elastic_forces(twin):
     tree, found = twin
-    assert found["verdict"] == "explained"
+    assert (found["verdict"], found["search_outcome"]) == ("explained", "explained")
     assert [step["symbol"] for step in found["steps"]] == ["nu", "epsilon"]
     for step in found["steps"]:
         assert abs(step["coefficient"] - FIVE[step["symbol"]]) < 4.5 * step["standard_error"]
@@ -166,7 +166,8 @@ def test_nothing_is_missing(plain):
 def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
     ending = small(folder, folder / "even.csv", "--json", "-o", tmp_path / "even.nc")
     found = json.loads(ending.out)
-    assert found["verdict"] == "unknown effect"
+    assert found["search_outcome"] == "unknown effect"
+    assert found["verdict"] == found["judged"]["after"]["verdict"]
     assert found["omnibus"]["p_value"] < 0.01
     told = story(load(tmp_path / "even.nc"))
     assert re.search(
@@ -214,3 +215,17 @@ def test_bad_candidates(folder, tmp_path):
     ending = run("discover", folder / "plain.csv", "--library", same, "--candidates", same)
     assert ending.status == 2
     assert "The library has no candidate" in ending.complaint
+
+
+def test_the_table_of_effects_says_what_its_columns_are(twin):
+    tables = [
+        block for block in discovery.discovery_blocks(twin[0]) if block.title != "Models and candidates"
+    ]
+    effects = [b for b in tables if b.table is not None and "fitted / noise" in map(str, heads(b.table))]
+    assert len(effects) == 2
+    for block in effects:
+        assert "on the fitted part (fitted) and on the last third (held out)" in block.caption
+
+
+def heads(table):
+    return [column.header for column in table.columns]

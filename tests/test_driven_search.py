@@ -52,7 +52,7 @@ def test_a_search_begins_with_what_drives_and_finds_the_cubic_spring(driven):
     tree = st.discover(driven, max_effects=1)
     assert tree["before"].force.values.tolist() == ["gain", "zeta"]
     assert tree["steps"].symbol.values.tolist() == ["epsilon"]
-    assert tree.attrs["verdict"] == "explained"
+    assert tree.attrs["search_outcome"] == "explained"
     # No spline knows the noise of a driven motion: it is said how much of it is left, and that this is white.
     said = verdict_sentences(tree)[0]
     assert said.startswith("Explained: with epsilon the residual is 0.")

@@ -47,6 +47,19 @@ def whole(decay, original, tolerance):
     assert "cut nothing" in decay.attrs["free_decay"]
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, r"equilibrium \S+ ± \S+ rad, subtracted"),
+        ({"equilibrium": 0.001}, "0.001 rad as given"),
+    ],
+)
+def test_the_equilibrium_that_was_subtracted_is_stated(options, said):
+    time = np.arange(0.0, 8.0, 0.01)
+    decay = free_decay(record(time, linear(time)), **options)
+    assert re.search(said, decay.attrs["free_decay"])
+
+
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(
     phase=st.floats(-np.pi, np.pi),

@@ -293,7 +293,7 @@ def defined(tree):
             yield node.name
         elif isinstance(node, ast.Assign | ast.AnnAssign):
             names = [n.id for n in ast.walk(node) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
-            yield from (name for name in names if not name.islower())
+            yield from (name for name in names if not name.islower() and name != "_")
 
 
 def test_caches_are_bounded():

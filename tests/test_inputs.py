@@ -10,7 +10,7 @@ import pytest
 import scipy
 import xarray as xr
 from command_line import run, write_table
-from helpers import decay, scores
+from helpers import decay, emps_record, scores
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -278,14 +278,7 @@ def test_an_input_of_another_length_or_kind_is_refused() -> None:
 
 @pytest.mark.slow
 def test_the_friction_of_a_measured_axis_is_that_of_its_publication(data_folder) -> None:
-    record = st.read_record(
-        data_folder / "emps" / "DATA_EMPS.mat",
-        angle="qm",
-        time="t",
-        units="m",
-        input="gtau*vir",
-        between="linear",
-    )
+    record = emps_record(data_folder, "gtau*vir")
     forces = st.forces.ForceLibrary(
         "", (*INPUTS.select(["gain", "free_axis", "bias"]), *DRIVEN.select(["zeta", "lambda"]))
     )

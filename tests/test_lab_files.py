@@ -10,6 +10,11 @@ tracker_polar arduino_log arduino_plotter lvm lvm_no_times clock_times comment_r
 run_pairs sentinels wrapped_counts drifting_zero beats json_lines fortran bars scope_tek
 phyphox_absolute numbered_runs typographer units_in_cells ruled driven
 scope_keysight physics_toolbox repeated_header hum excel.xlsx excel_times.xlsx two_tables.xlsx groups.h5
+tdms_text run_headings units_odd_marks unit_factors identical_columns nan_column struct_array.mat
+channels.json quantities.nc one.zip several.zip archive.tar.gz row_per_run time_row_angle_row long_format
+sheet_per_run.xlsx sec_and_usec graphtec benchlink rigol serial_noise excel_formulas hexadecimal hours
+time_named_with_unit uff58 sound.wav book.ods protocol.docx protocol.pdf kinovea
+percent_signs date_time_columns_ms utf16_iso
 """
 
 

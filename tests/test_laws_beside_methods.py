@@ -63,7 +63,7 @@ def test_a_campaign_keeps_friction_and_its_coefficient_at_speeds(tmp_path):
     sizes = (1.0, 1.5)
     records = [record(seed, size) for seed, size in enumerate(sizes)]
     store = st.campaign(records, task, output=tmp_path / "laws.zarr", workers=0)
-    kept = store.sel(model="preferred")
+    kept = store.sel(model=store.preferred)
     one = parse_library({"force": [{"symbol": "friction", "formula": FRICTION}]}, "one")["friction"]
     for at, size in enumerate(sizes):
         law = size * W**2 * one.value(0.0 * np.array(speeds), np.array(speeds) / W)

@@ -225,3 +225,14 @@ def test_latex_and_json_of_one_method_alone(tree):
     assert "Averaging failed: no envelope. The laws are those of direct alone." in said
     assert list(laws_json(alone)["methods"]) == ["direct"]
     assert r"\toprule" in laws_latex(alone)
+
+
+def test_formulas_within_the_band_stand_in_a_table_with_their_residuals(tree):
+    """One long line with all formulas of a law was not read."""
+    blocks = [block for block in laws_blocks(tree) if block.caption.startswith("Formulas within the band")]
+    assert len(blocks) == 2
+    for block, law in zip(blocks, ("friction", "restoring"), strict=True):
+        heads = [str(column.header) for column in block.table.columns]
+        assert heads == ["formula", *(["residual"] if "held_out_rms" in tree[f"{law}_formulas"] else [])]
+        count = min(4, tree[f"{law}_formulas"].sizes["alternative"])
+        assert block.table.row_count == count > 0

@@ -18,7 +18,7 @@ def coefficients(found: dict, symbol: str) -> list[float]:
 
 
 def centre(found: dict) -> float:
-    return float(found["record"]["free_decay"].split("centred on ")[1].split()[0])
+    return float(found["record"]["free_decay"].split("equilibrium ")[1].split()[0])
 
 
 def refuted(found: dict) -> bool:

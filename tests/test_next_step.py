@@ -155,7 +155,7 @@ def test_an_effect_that_no_candidate_names_does_not_lead_to_the_same_search():
     tree = searched_in_vain().copy()
     given = DiscoverOptions(forces="zeta", plot=Path("figures"))
     keep_next(tree, given)
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert not tree.attrs["next"].startswith("sysid-trib discover")
 
 

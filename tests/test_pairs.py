@@ -60,6 +60,6 @@ def test_friction_of_three_kinds_is_told_apart(seed):
     tree = discover(run, library("zeta"), ForceLibrary("every", (*CONTACT, *EFFECTS)))
     steps = tree["steps"].to_dataset()
     sets = [set(credible_set(steps.isel(step=at))) for at in range(steps.attrs["count"])]
-    assert tree.attrs["verdict"] == "explained"
+    assert tree.attrs["search_outcome"] == "explained"
     assert len(sets) == 3
     assert all(any(name in of_effect for of_effect in sets) for name in ("delta", "epsilon", "dahl"))

@@ -5,10 +5,10 @@ from hypothesis import given, strategies as st
 from scipy.special import beta
 
 from sysid_trib import Model, load_library
-from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.library import parse_library
+from sysid_trib.questions.averaged_motion import predict_envelope
 from sysid_trib.simulation.simulate import simulate
 
 W = 9.91

@@ -156,7 +156,9 @@ def test_a_disk_that_fills_up_leaves_the_older_file(tmp_path, monkeypatch, fault
     target = tmp_path / name
     target.write_text("older")
     monkeypatch.setattr(os, "fsync", fault)
-    with pytest.raises(RecordError, match=rf"{name}: cannot be written \(.*{reason}"):
+    with pytest.raises(
+        RecordError, match=rf"{name}: cannot be written \(.*{reason}.*\); choose another place\.$"
+    ):
         write(target)
     assert [p.name for p in tmp_path.iterdir()] == [name]
     assert target.read_text() == "older"

@@ -88,6 +88,15 @@ def test_answers_of_identify_and_what_is_none(samples):
     assert difference(first, other).attrs["first_method"] == "direct"
 
 
+def test_samples_that_differ_in_no_single_coefficient_are_described_in_two_sentences():
+    tree = held_against([RUN.decay(1)], [MORE_FRICTION.decay(2)], LIBRARY, Direct())
+    tree.attrs["verdict"] = "together they differ"
+    tree["differs"] = tree.differs & False
+    first = " ".join(s for block in difference_blocks(tree)[:2] for s in block.sentences)
+    assert "for 5 degrees of freedom" in first
+    assert "the records do not determine in which coefficients. These differences explain it" in first
+
+
 def test_equal_samples_do_not_differ():
     first, second = identified(RUN, 100, 200)
     assert difference(first, second, level=1e-5).attrs["verdict"] == "no difference"
@@ -130,7 +139,7 @@ def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     ending = command("difference", a, b, "--csv", table, "--latex", tex, "-o", out, "--plot", str(tmp_path))
     assert ending.status == 0, ending.err
     first = ending.out.splitlines()[0]
-    assert "where all others are equal it is zeta by (-4." in first or first.startswith("zeta differs:")
+    assert "if the others are zero: zeta by (-4." in first or first.startswith("zeta differs:")
     assert (tmp_path / "difference.pdf").exists()
     assert "first minus second,zeta" in (tmp_path / "d.csv").read_text()
     assert "difference" in (tmp_path / "d.tex").read_text()

@@ -11,17 +11,15 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import beta
 
 from sysid_trib import load_library
-from sysid_trib.cycles.signatures import (
-    averages,
+from sysid_trib.cycles.signatures import averages, signature, tabulated_averages
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.forces.library import parse_library
+from sysid_trib.validation.separability import (
     exactly_dependent,
     indistinguishable,
     inseparable,
-    signature,
-    tabulated_averages,
     without_signature,
 )
-from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.library import parse_library
 
 A = np.array([0.005, 0.03, 0.1, 0.2, 0.7, 1.5])
 

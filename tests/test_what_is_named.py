@@ -60,7 +60,7 @@ def test_a_ripple_of_the_angle_is_not_explained_by_what_a_random_force_leaves():
     ripple = library_of_formulas(zeta="2*v", ripple="sin(40*x)")
     angle = trajectory(Model(ripple, {"zeta": 3e-3, "ripple": 2e-3}, W), TIME, 0.3, 0.0).angle
     tree = discover(decay(TIME, angle, 1), library("zeta"), library("freeplay", "quintic", "epsilon"))
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert discovery_json(tree)["noise_p_value"] < 0.01
     assert verdict_sentences(tree)[0].startswith("Unknown effect")
 
@@ -70,7 +70,7 @@ def test_an_effect_that_the_limit_leaves_out_is_not_unknown():
     run = with_effect({"cubic_damping": 0.2, "even_spring": 1e-2}, seed=8)
     few = EFFECTS.select(["cubic_damping", "even_spring", "bias"])
     tree = discover(run, BASE, few, max_effects=1)
-    assert tree.attrs["verdict"] == "explained"
+    assert tree.attrs["search_outcome"] == "explained"
     (named,) = tree["steps"].symbol.values
     assert {named, tree.attrs["closing_effect"]} == {"cubic_damping", "even_spring"}
     assert discovery_json(tree)["closing_effect"] == tree.attrs["closing_effect"]
@@ -82,7 +82,7 @@ def test_what_the_limit_and_the_library_leave_out_is_unknown():
     run = with_effect({"cubic_damping": 0.2, "even_spring": 1e-2, "inertia": 0.5}, seed=8)
     few = EFFECTS.select(["cubic_damping", "even_spring"])
     tree = discover(run, BASE, few, max_effects=1)
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert tree.attrs["closing_effect"] == ""
 
 
@@ -137,7 +137,7 @@ def test_a_held_force_stays_and_the_rest_is_found(found):
     values = dict(zip(after.force.values, after.coefficient.values, strict=True))
     errors = dict(zip(after.force.values, after.standard_error.values, strict=True))
     assert found["steps"].symbol.values.tolist() == ["lambda"]
-    assert found.attrs["verdict"] == "explained"
+    assert found.attrs["search_outcome"] == "explained"
     assert (values["gravity"], errors["gravity"]) == (1.0, 0.0)
     assert after.constraint.sel(force="gravity").item() == "fixed"
     assert abs(values["lambda"] - FORCES["lambda"]) < 3.0 * errors["lambda"]
