@@ -28,7 +28,7 @@ BLOW_BLOCKS, SECOND_BLOW = 200, 3.0
 LINE_BIN, LARGEST_OF_BINS, MEDIAN_BINS, ABOVE_MEDIAN = 0.005, 4, 60, 5.0
 LOWEST_LINE = 8
 # Degree of the polynomial in time that is the drift of a sensor: slower than the lowest line.
-DRIFT_DEGREE = 8
+SENSOR_DRIFT_DEGREE = 8
 # It is one if it is this part of the residual of all lines: otherwise lines are not fitted well.
 DRIFT_OF_RESIDUAL = 0.7
 # Logarithm of one over the probability that noise alone makes a line of a spectrum this high.
@@ -221,7 +221,7 @@ def _offset(signals: Array) -> Array:
 def _drift(rest: Array) -> Array:
     """Return the slow drift of signals without their oscillations, (sensor, sample): a polynomial in time."""
     time = np.linspace(-1.0, 1.0, rest.shape[1])
-    columns = np.linalg.qr(np.polynomial.legendre.legvander(time, DRIFT_DEGREE))[0]
+    columns = np.linalg.qr(np.polynomial.legendre.legvander(time, SENSOR_DRIFT_DEGREE))[0]
     return np.asarray(rest @ columns @ columns.T)
 
 
