@@ -101,7 +101,7 @@ def emps_record(folder: Path, input: str) -> xr.Dataset:
 
 
 def density_that_wanders(levels: float, noise: float, time: Array, w: float) -> float:
-    """Density of a random force that lets an angle wander by so many noise levels until the end."""
+    """Density of a random force that lets an angle drift by this number of noise levels until the end."""
     return RandomForce.density_of(2.0 * (levels * noise) ** 2 / (w * time[-1]), w)
 
 

@@ -88,7 +88,7 @@ FORCES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("forces", FORCES.values(), ids=FORCES)
-def test_bands_hold_the_curves_of_the_motion_without_noise(forces):
+def test_bands_contain_the_curves_of_the_motion_without_noise(forces):
     clean = motion(forces)
     truth = st.backbone(st.free_decay(clean))
     found = st.backbone(decay_of(clean, seed=1))
@@ -96,7 +96,7 @@ def test_bands_hold_the_curves_of_the_motion_without_noise(forces):
         assert holds(found, truth, name), name
 
 
-def test_bands_hold_with_a_random_force():
+def test_bands_contain_the_curves_with_a_random_force():
     forces = [("2*v", 4e-3), ("x**3", -0.1)]
     truth = st.backbone(st.free_decay(motion(forces)))
     found = st.backbone(decay_of(motion(forces, random_force=3e-6, seed=3)))
@@ -192,7 +192,7 @@ LOOKED = {
 
 
 @pytest.mark.parametrize(("forces", "start", "options"), LOOKED.values(), ids=LOOKED)
-def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path):
+def test_look_states_the_forces_that_the_backbone_indicates(forces, start, options, tmp_path):
     record = tmp_path / "record.csv"
     table = (
         measured(motion(forces, start=start)).angle.to_dataframe().rename(columns={"angle": "angle (rad)"})
@@ -202,6 +202,6 @@ def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path
     assert ending.status == 0, ending.err
     following = ending.out.splitlines()[-1]
     assert following.endswith(options)
-    # What swings is what the user says.
+    # The user states the kind of oscillator.
     if "--system" in options:
         assert run("look", record, "--system", "ship").out.splitlines()[-1].endswith("--system ship")

@@ -1,4 +1,4 @@
-"""A sensor of coarse steps: its rounding is neither a force nor white noise."""
+"""A sensor with coarse steps: its rounding error is neither a force nor white noise."""
 
 import numpy as np
 import pytest

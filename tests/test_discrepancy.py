@@ -1,4 +1,4 @@
-"""The search: what is hidden is named, what is not there is not, and the evidence decides."""
+"""The search: hidden effects are named, absent effects are not, and the evidence decides."""
 
 import json
 from dataclasses import asdict, replace
@@ -39,13 +39,13 @@ from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.effects import shapes_of
 from sysid_trib.validation.holdout import split
 
-# What imitates each other least, and quickly follows a path.
+# Effects that differ most from each other, and whose paths are quickly computed.
 FEW = EFFECTS.select(["cubic_damping", "inertia", "even_spring", "stiffness_drift", "bias", "sensor_curve"])
 
 
 @pytest.mark.in_full
 def test_the_omnibus_test_keeps_its_level_on_short_records():
-    """Thirty columns beside ninety rows explain more of noise than a chi-square."""
+    """Thirty columns explain more of the noise in ninety rows than a chi-square distribution predicts."""
     time = np.arange(267) / 50.0
     before, p_values = exact(model_of({"zeta": 0.01}), time), []
     for seed in range(40):
@@ -132,7 +132,7 @@ def test_two_missing_effects_are_both_named():
     found = searched([with_two()], FEW)
     assert set(found.effects) == {"cubic_damping", "even_spring"}
     assert outcome_of(found) == "explained"
-    # In the order of what each explains; each model is likelier than the one before.
+    # In the order of explained deviance; each model is more likely than the previous one.
     deviance = [model.deviance for model in found.models]
     assert deviance[0] - deviance[1] > deviance[1] - deviance[2] > 0.0
 
@@ -160,8 +160,8 @@ def test_a_search_ends_at_its_time_limit():
         discover(run, BASE, FEW, time_limit=0.0)
 
 
-def test_shapes_are_told_with_their_errors():
-    """One at an end of its range has none that the record tells."""
+def test_shape_parameters_are_stated_with_their_errors():
+    """The record determines no error of a shape parameter at an end of its range."""
     shapes = {"power_damping.p": 1.7}
     run = with_effect({"power_damping": 0.02}, seed=2, base={"zeta": 4e-3}, shapes=shapes)
     tree = discover(run, library("zeta"), EFFECTS.select(["power_damping"]))
@@ -225,7 +225,7 @@ MISSING = {
 
 
 @pytest.mark.in_full
-def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
+def test_increased_errors_of_an_incomplete_model_cover_better():
     """With errors by the noise alone, about half of the 95 % intervals cover."""
     library, inside = BASE.select(KNOWN), []
     for seed, (symbol, coefficient) in enumerate(MISSING.items()):

@@ -270,7 +270,7 @@ def functions():
     return [(name, node) for name, node in walked if isinstance(node, ast.FunctionDef)]
 
 
-def test_what_is_decided_has_one_home():
+def test_each_decision_is_made_in_one_place():
     defined_in = {
         (node.name.strip("_"), name)
         for name, (tree, _) in modules().items()

@@ -111,7 +111,7 @@ HEAVY = ("numpy", "scipy", "pandas", "xarray", "matplotlib", "pysindy", "numba")
 
 
 def test_nothing_heavy_is_imported_before_the_first_word(tmp_path):
-    # The progress of each command begins before its imports: at that point none of these may be there.
+    # The progress of a command starts before its imports: at that point none of these may be imported.
     script = f"""
 import sys
 from contextlib import contextmanager

@@ -11,7 +11,7 @@ import xarray as xr
 from command_line import linear, run, write_csv
 
 import sysid_trib as st
-from sysid_trib.campaigns.task import Task
+from sysid_trib.campaigns.task import Task, empty_row
 from sysid_trib.discovery import judged_models
 from sysid_trib.errors import RecordError
 from sysid_trib.records.inputs import KnownInput
@@ -89,7 +89,7 @@ TASKS = {
 @pytest.mark.parametrize(
     "name", ["identify", *(pytest.param(name, marks=pytest.mark.slow) for name in [*TASKS][1:])]
 )
-def test_a_row_is_what_the_single_call_judges(name, tmp_path):
+def test_a_row_equals_the_judgement_of_the_single_call(name, tmp_path):
     task, alone = TASKS[name]
     record = decay()
     result = alone(record)
@@ -196,7 +196,7 @@ def test_a_store_of_another_format_gets_one_sentence(which, tmp_path):
     assert f"format {STORE_FORMAT}; run the campaign again" in ending.complaint
 
 
-def test_speeds_that_no_record_visits_are_said(tmp_path):
+def test_speeds_that_no_record_visits_are_reported(tmp_path):
     file = write_csv(tmp_path / "r.csv", TIME, linear(TIME, 0.01))
     words = ("campaign", file, "--task", "laws", "--workers", "0")
     ending = run(*words, "--speeds", "0.5,50", "-o", tmp_path / "a.zarr")
@@ -222,3 +222,16 @@ def test_a_model_to_which_nothing_is_added_is_judged_once(monkeypatch):
     before, after = (tree["judged"].to_dataset().sel(model=name, drop=True) for name in ("before", "after"))
     xr.testing.assert_equal(before.drop_vars("held_out_rms"), after.drop_vars("held_out_rms"))
     assert tree["judged"].attrs["preferred"] == "after"
+
+
+def test_the_variables_of_a_row_depend_on_its_task_alone():
+    def names(task):
+        return set(empty_row(task))
+
+    checked, methods = Task("identify", LIBRARY), Task("identify", LIBRARY, METHODS)
+    assert names(checked) - names(methods) == {"agreement_p_value"}
+    # The order in which tasks are asked changes nothing.
+    assert names(checked) - names(methods) == {"agreement_p_value"}
+    assert names(TASKS["discover"][0]) - names(methods) == {
+        *("search_outcome", "converged", "named", "tied", "effect_p_value")
+    }

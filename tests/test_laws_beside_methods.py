@@ -1,4 +1,4 @@
-"""Laws beside named forces: a row of `compare`, and the friction at chosen speeds in a campaign."""
+"""Laws together with named forces: a row of `compare`, and friction at chosen speeds in a campaign."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 
 W, NOISE = 9.0, 3e-4
-# Its viscous part falls at high speed.
+# The viscous part of this friction decreases at high speed.
 FRICTION = "3e-4*sign(v) + 0.004*v + 0.01*v/(1 + (v/0.05)**4)"
 
 

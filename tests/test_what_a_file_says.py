@@ -1,5 +1,6 @@
 """Sentences on what a file holds: copies, columns without numbers, sheets, too few samples, units, causes."""
 
+import pickle
 import re
 import zipfile
 
@@ -16,6 +17,7 @@ from sysid_trib.records.free_decay import swing_within
 from sysid_trib.records.no_decay import Cause, NoDecayError
 from sysid_trib.records.read import read_record, read_records
 from sysid_trib.records.reading import Reading
+from sysid_trib.records.sensors import ClippedError
 
 TIME = np.arange(0.0, 20.0, 0.01)
 RNG = np.random.default_rng(3)
@@ -92,6 +94,14 @@ def test_an_error_states_reason_remedy_and_how_to_use_the_record_uncut():
         "needed, in a record of three periods; record longer or widen the window, or name the forces that "
         "act (--forces) to use it uncut."
     )
+
+
+def test_the_error_comes_whole_from_another_process():
+    error = NoDecayError("r.csv", no_decay.grows(3.0))
+    returned = pickle.loads(pickle.dumps(error))
+    assert str(returned) == str(error)
+    assert returned.reason == error.reason
+    assert pickle.loads(pickle.dumps(ClippedError("all clipped", "rate"))).quantity == "rate"
 
 
 @pytest.mark.parametrize(

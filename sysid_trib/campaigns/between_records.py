@@ -24,7 +24,7 @@ def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None,
     try:
         table = pd.DataFrame({} if conditions is None else conditions).reset_index(drop=True)
     except ValueError as error:
-        raise UsageError(f"The conditions are no table: {error}.") from None
+        raise UsageError(f"The conditions are not a table: {error}.") from None
     if len(table.columns) and len(table) != runs:
         raise UsageError(f"The conditions have {len(table)} rows for {runs} runs; give one row a run.")
     for name in table:
@@ -68,8 +68,8 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
     table : DataFrame
         Conditions with separable effects.
     collinear : dict of str to str
-        Each of the other conditions, and those with which it is confounded: `'load'`, or `'load', 'speed'
-        together`.
+        Each of the other conditions, and those with which it is confounded:
+        `'load'`, or `'load', 'speed' together`.
     """
     kept: list[str] = []
     collinear = {}

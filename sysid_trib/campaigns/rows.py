@@ -1,6 +1,6 @@
 """Rows of a store, one per record; and rows on disk: chunks, checksums, one writer.
 
-Zarr itself takes each chunk through threads of its own, which takes ten times as long as the file does.
+Zarr itself takes each chunk through its own threads, which takes ten times as long as the file does.
 """
 
 import errno
@@ -27,13 +27,15 @@ Row: TypeAlias = dict[str, Any]
 EDGES = ("lowest", "highest")
 # Number of parts of a record's time: enough to show its decay, its end and foreign samples.
 OUTLINE_PARTS = 60
-OF_SEARCH = {TIED, EFFECT_P_VALUE, SEARCH_OUTCOME, "named", "converged"}
-OF_CROSS_CHECK = {"agreement_p_value"}
+# Variables of `discover` alone, and of a cross-check alone.
+OF_SEARCH = frozenset({TIED, EFFECT_P_VALUE, SEARCH_OUTCOME, "named", "converged"})
+OF_CROSS_CHECK = frozenset({"agreement_p_value"})
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
 
-# Units in the tables of results that a store says otherwise: each record has its own signal; a text has none.
+# Units in the tables of results that differ in a store: each record has its own signal unit; a text has no
+# unit.
 UNITS_IN_STORE = {"rad": "see signal_units", "text": ""}
 # Dimensions other than the record, unit and meaning of each variable.
 VARIABLES = {

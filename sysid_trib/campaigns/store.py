@@ -311,7 +311,7 @@ def _readable(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise RecordError(
-            f"{path}: cannot be made, or is no store of a campaign ({error.strerror or error}); choose "
+            f"{path}: cannot be created, or is not a store of a campaign ({error.strerror or error}); choose "
             "another with -o."
         ) from None
     # Reading a damaged store can raise any exception.

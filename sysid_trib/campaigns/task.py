@@ -233,8 +233,11 @@ class Task:
 def empty_row(task: Task) -> stored.Row:
     """Return a row without a result: nan, and empty texts."""
     sizes = {dim: len(names) for dim, names in task.axes.items()} | {"part": stored.OUTLINE_PARTS}
-    without = set() if task.name == "discover" else stored.OF_SEARCH
-    without |= set() if task.cross_checked else stored.OF_CROSS_CHECK
+    without: set[str] = set()
+    if task.name != "discover":
+        without.update(stored.OF_SEARCH)
+    if not task.cross_checked:
+        without.update(stored.OF_CROSS_CHECK)
     return {name: stored.empty(name, sizes) for name in stored.VARIABLES if name not in without}
 
 

@@ -91,7 +91,7 @@ def _task(given: CampaignOptions) -> task.Task:
         "laws": [*GROUPS["search"], *(option for option in GROUPS["model"] if option not in GROUPS["laws"])],
     }.get(name, [*GROUPS["search"], *OF_LAWS])
     if idle := given.changed(idle_options):
-        raise UsageError(f"{idle[0]} is no option of --task {name}; leave it out, or give another task.")
+        raise UsageError(f"{idle[0]} is not an option of --task {name}; omit it, or give another task.")
     if name == "laws":
         return _task_of_laws(given, read)
     if name == "discover":

@@ -121,11 +121,12 @@ def backbone(decay: RecordLike) -> xr.Dataset:
     -------
     Dataset
         Over ``amplitude`` (in the unit of the decay, increasing): ``frequency`` (rad/s), ``damping_ratio``,
-        and the forces averaged over a cycle, in the unit of the decay: ``dissipative_force`` = damping ratio
-        * amplitude, ``elastic_force`` = (frequency/``smallest_amplitude_frequency`` - 1) * amplitude. Over
-        ``time``: ``amplitude_over_time``. Each has a ``..._standard_error``, and ``..._low`` and
-        ``..._high``, the ends of a band that contains the whole curve in 95 % of records. Over ``period``,
-        the values of single periods: ``period_amplitude``, ``period_frequency``, ``period_damping_ratio``.
+        and the forces averaged over a cycle, in the unit of the decay: ``dissipative_force`` =
+        damping ratio * amplitude, ``elastic_force`` = (frequency/``smallest_amplitude_frequency`` - 1) *
+        amplitude. Over ``time``: ``amplitude_over_time``. Each has a ``..._standard_error``, and ``..._low``
+        and ``..._high``, the ends of a band that contains the whole curve in 95 % of records. Over
+        ``period``, the values of single periods: ``period_amplitude``, ``period_frequency``,
+        ``period_damping_ratio``.
 
     Raises
     ------

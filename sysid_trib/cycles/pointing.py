@@ -68,9 +68,9 @@ class ElasticModel:
     errors : float
         Errors of the curve in the same measure; smaller residuals do not distinguish models.
     within_band : bool
-        Whether the model stays within the band of the curve, apart from the error of averages.
+        True if the model stays within the band of the curve, apart from the error of averages.
     scale : Scale or None
-        Factor on the signal with which held forces predict much better; None if there is none.
+        Factor on the signal with which fixed forces predict much better; None if there is no such factor.
     """
 
     free: tuple[Force, ...]

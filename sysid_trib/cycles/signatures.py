@@ -52,9 +52,9 @@ def signature(
     Returns
     -------
     Dataset
-        `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if that is an array. da/d(w t)
-        = coefficient * sine; relative frequency shift = coefficient * cosine / a. A history-dependent force
-        is averaged over its steady cycle. Inputs are zero.
+        `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if that is an array.
+        da/d(w t) = coefficient * sine; relative frequency shift = coefficient * cosine / a. A
+        history-dependent force is averaged over its steady cycle. Inputs are zero.
 
     Raises
     ------

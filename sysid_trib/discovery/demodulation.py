@@ -52,7 +52,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     trends = []
     for name, power in SHAPES.items():
         rate = tau - tau.min() if power is None else amplitude**power
-        # Allow a step between runs, which have offsets of their own.
+        # A step between runs is possible, because these have separate offsets.
         integral = cumulative_trapezoid(rate, tau, initial=0.0)
         values, remaining = _fitted_trend(np.column_stack([plain, integral]), value, error)
         trends.append((remaining, values[-2] + values[-1] * rate, name.replace("larger", "large")))

@@ -72,7 +72,7 @@ def discover(
         Reference frequency w, which is then held; otherwise it is fitted.
     constraints : mapping of str to float
         Coefficients of forces of the model that are always present, such as a pendulum's `{"gravity": 1.0}`.
-        A search supports no bounds and no ties. Coefficients that a user's library states are held too.
+        A search supports neither bounds nor ties. Coefficients stated in a user's library are fixed, too.
     max_effects : int, optional
         Largest number of added effects, instead of that of the settings.
     holdout : record, or several of them
@@ -177,7 +177,7 @@ class SearchPlan:
     Attributes
     ----------
     reference_frequency : float or None, rad/s
-        Reference frequency, which is held; with None it is fitted.
+        Reference frequency, which is fixed; with None it is fitted.
     refit : bool
         Whether the models are fitted again to the whole runs.
     time_limit : float, s

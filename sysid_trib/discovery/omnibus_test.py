@@ -167,7 +167,7 @@ def _strongest_line(residuals: Sequence[Array]) -> float:
 
 
 def _largest_part(residuals: Sequence[Array]) -> float:
-    """Return the p-value of the largest mean square in parts of one period, two, four, ...
+    """Return the p-value of the largest mean square over sections of one period, two, four, ...
 
     A force that starts late or ends early leaves a larger residual there, if it is attributed to a random
     force.

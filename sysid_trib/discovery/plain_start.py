@@ -66,9 +66,9 @@ def plain_start(
     library : ForceLibrary
         The forces of the start model.
     constraints : mapping of str to float
-        Coefficients that are held.
+        Coefficients that are fixed.
     reference_frequency : float or None, rad/s
-        Reference frequency w, if it is held.
+        Reference frequency w, if it is fixed.
     start : FittedModel
         The start model of the search, whose paths contain the records.
     """

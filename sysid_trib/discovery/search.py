@@ -169,7 +169,7 @@ def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> S
 
 
 def with_steps(search: Search, tell: Tell = silent) -> Search:
-    """Return the search with models of none, one, two, ... of its effects, and the candidates with each."""
+    """Return the search with models of zero, one, two, ... of its effects, and the candidates with each."""
     models = nested_models(search.models[-1], search.effects)
     tell("candidates with each model")
     before = [search.fits.screened(model) for model in models[:-1]]

@@ -69,7 +69,7 @@ def start_forces(
             raise UsageError(f"No force '{symbol}' of the model can be held; there are {', '.join(able)}.")
     free = [force for force in model if force.symbol not in fix]
     if not free:
-        raise UsageError("Every force of the start model is held; give one that is fitted, a viscous one.")
+        raise UsageError("Every force of the start model is fixed; add one that is fitted, such as zeta.")
     held = [(TrialEffect(f, default_shapes(f)), float(fix[f.symbol])) for f in model if f.symbol in fix]
     return model, free, held
 

@@ -249,7 +249,7 @@ def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
     names = [word for word in words if word in known]
     strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
     if strangers:
-        wrong = f"The tie '{name}={text}' contains '{strangers[0]}', which is no parameter"
+        wrong = f"The tie '{name}={text}' contains '{strangers[0]}', which is not a parameter"
         raise UsageError(f"{wrong}; there are {', '.join(known)}.")
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")

@@ -29,8 +29,8 @@ def library(
     inputs : iterable of str, optional
         Names of the known inputs that the formulas contain; `u` need not be named.
     **formulas : str, Force or mapping
-        A formula by the symbol of its force, `zeta="2*v"`; or a table as in a library file, `mine={"formula":
-        "z", "state": {"z": "v - z"}}`; or a `Force`, which gets this symbol.
+        A formula by the symbol of its force, `zeta="2*v"`; or a table as in a library file,
+        `mine={"formula": "z", "state": {"z": "v - z"}}`; or a `Force`, which gets this symbol.
 
     Returns
     -------
@@ -121,7 +121,7 @@ def _part(given: LibraryLike, channels: list[str]) -> ForceLibrary:
     if isinstance(given, Mapping):
         return ForceLibrary("", tuple(_forces(given, channels)), MADE_IN_PYTHON)
     raise UsageError(
-        f"A library is made of formulas, forces and libraries, not of {_kind(given)}; write "
+        f"A library consists of formulas, forces and libraries, not of {_kind(given)}; write "
         "st.library(zeta='2*v')."
     )
 

@@ -150,7 +150,7 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
         if path.stat().st_size > MAX_BYTES:
             raise LibraryError(f"{path.name}: larger than {MAX_BYTES:,} bytes; a library is a short text.")
         return library_of_text(path.read_text(encoding="utf-8"), path.name)
-    # TOML, text and integers of too many digits alike.
+    # Covers invalid TOML, invalid text, and integers with too many digits.
     except (OSError, ValueError, RecursionError) as error:
         if isinstance(error, LibraryError):
             raise

@@ -42,7 +42,7 @@ def forces_to_identify(
         library = library.select(s for s in library.symbols if s != stiffness.symbol)
     if all(force.kind == "sensor" for force in library):
         raise DecayError(
-            "No force is left to identify, only the frequency; offer at least one force (--forces)."
+            "There is no force to identify, only the frequency; offer at least one force (--forces)."
         )
     return library
 

@@ -33,7 +33,7 @@ def check_random_force(option: RandomForceOption) -> None:
         if option not in OPTIONS:
             raise UsageError(f"random_force='{option}' must be one of {', '.join(OPTIONS)}, or a density.")
     elif not (np.isfinite(option) and option >= 0.0):
-        raise UsageError(f"random_force={option} is no density; give {DENSITY_UNITS}, 'auto' or 'off'.")
+        raise UsageError(f"random_force={option} is not a density; give {DENSITY_UNITS}, 'auto' or 'off'.")
 
 
 def is_fitted(option: RandomForceOption) -> bool:

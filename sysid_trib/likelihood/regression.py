@@ -228,7 +228,7 @@ def begin(
         The forces to identify.
     constraints : ConstraintMap
     reference_frequency : float or None, rad/s
-        Reference frequency, which is held; with None it is fitted.
+        Reference frequency, which is fixed; with None it is fitted.
     shapes : mapping of str to float
 
     Returns

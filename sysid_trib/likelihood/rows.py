@@ -154,7 +154,7 @@ class Solution:
     lags : int
         Number of lags over which the covariance allows for correlated residuals.
     constraints : ConstraintMap
-        Constraints, in which coefficients at a bound are held.
+        Constraints; coefficients at a bound are fixed there.
     """
 
     rows: Rows

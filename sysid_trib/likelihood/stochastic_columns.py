@@ -46,7 +46,7 @@ def regress_stochastic(
     constraints : ConstraintMap
         Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, which is held.
+        A number is the one-sided density, which is fixed.
 
     Returns
     -------
@@ -219,8 +219,8 @@ def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
 
     Notes
     -----
-    For an oscillator with white acceleration of (two-sided) spectral density q, and white noise of density r
-    = variance * step, the error of the best smoother in x has the spectral density 1/((1 - k^2)^2/q + 1/r)
+    For an oscillator with white acceleration of (two-sided) spectral density q, and white noise of density
+    r = variance * step, the error of the best smoother in x has the spectral density 1/((1 - k^2)^2/q + 1/r)
     (Wiener 1949), with k the frequency. The integral of k^2 times this density over dk/(2 pi) is q / (2
     sqrt(2 (sqrt(1 + q/r) - 1))), which is sqrt(q r)/2 for small q.
     """

@@ -128,7 +128,7 @@ def with_noises(
     constraints : ConstraintMap
         Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, which is held.
+        A number is the one-sided density, which is fixed.
     colour : bool
         Whether the colour of the sensor's noise is estimated again.
 

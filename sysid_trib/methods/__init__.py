@@ -96,8 +96,8 @@ def _of_package(entry: EntryPoint) -> type[Any]:
     if isinstance(kind, type) and hasattr(kind, "identify"):
         return kind
     raise UsageError(
-        f"The entry point '{entry.name}' of {plugins.METHOD_PLUGINS} is no method: it must be a class with "
-        "identify(decay, library)."
+        f"The entry point '{entry.name}' of {plugins.METHOD_PLUGINS} is not a method: it must be a class "
+        "with identify(decay, library)."
     )
 
 
@@ -117,7 +117,7 @@ def method_of(result: xr.Dataset) -> Any:
     kinds = {kind.__name__.lower(): kind for kind in every_kind()}
     name = result.attrs["method"]
     if name not in kinds:
-        raise UsageError(f"'{name}' is no method that is installed; run it yourself on the record.")
+        raise UsageError(f"'{name}' is not an installed method; run it yourself on the record.")
     options = json.loads(result.attrs["options"])
     # A result does not store an optimiser or a start model: the method is returned without it.
     kept = {k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)}

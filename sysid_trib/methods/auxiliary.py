@@ -323,7 +323,7 @@ def random_force_ratio(
     measured : Dataset
         Envelope of these half periods.
     option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, which is held.
+        A number is the one-sided density, which is fixed.
 
     Returns
     -------

@@ -58,12 +58,12 @@ class Averaging(Constrained):
     weighted : bool
         Generalised least squares with the covariance of the half-sine fits (never with `last`).
     shapes : Mapping of str to float
-        Values of shape parameters, which are held.
+        Values of shape parameters, which are fixed.
     curve : {"half-sines", "analytic-signal"}
         Curve that gives the extrema (see `envelope`).
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` estimates a white random acceleration in each run in addition to the sensor's noise, by
-        the restricted likelihood of the equations; a number is its one-sided density, which is held. `auto`
+        the restricted likelihood of the equations; a number is its one-sided density, which is fixed. `auto`
         leaves the choice to `identify`. Not available for the paper's rule.
     constraints : mapping of str to float, (float, float) or str
         `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: fixed values of coefficients and shape
@@ -284,19 +284,19 @@ class FrequencyShift:
     Parameters
     ----------
     reference_frequency : float, rad/s
-        Frequency w without contact, which is held: coefficients refer to it, and the library's force of
+        Frequency w without contact, which is fixed: coefficients refer to it, and the library's force of
         formula `x` is identified. Without it, coefficients refer to the fitted undamped w.
     correct : bool
         Whether indirect inference removes the bias of half-sines and averaging.
     shapes : Mapping of str to float
-        Values of shape parameters, which are held.
+        Values of shape parameters, which are fixed.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         As in `Averaging`.
 
     Notes
     -----
-    Solid, viscous and quadratic friction are fitted to the envelope too. They serve the simulation and w_inf
-    = w sqrt(1 + alpha - zeta^2), and are not reported.
+    Solid, viscous and quadratic friction are fitted to the envelope too. They serve the simulation and
+    w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
     """
 
     scope: ClassVar = MethodScope(

@@ -36,7 +36,7 @@ class ClassicalMethod:
         Whether indirect inference removes the bias of half-sines and of the relation.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         Whether the errors are those of a motion with a random force: `estimated` estimates the force from the
-        extrema; a number is its one-sided density, which is held; `auto` leaves the choice to `identify`.
+        extrema; a number is its one-sided density, which is fixed; `auto` leaves the choice to `identify`.
     """
 
     scope: ClassVar[MethodScope]

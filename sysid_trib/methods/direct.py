@@ -48,7 +48,7 @@ class Direct(Constrained):
     Parameters
     ----------
     reference_frequency : float, rad/s, optional
-        Reference frequency w, which is held; the library's force of formula `x` is then identified too.
+        Reference frequency w, which is fixed; the library's force of formula `x` is then identified too.
         Without it, w is fitted and that force is left out.
     optimizer : pysindy optimiser, optional
         Selects the forces that are kept; their coefficients are then refined. Columns are scaled to their RMS
@@ -61,7 +61,7 @@ class Direct(Constrained):
         Whether the nonlinear columns are computed along the motion of the identified model (refined
         instrumental variables, Young 2011), which removes the bias of smoothed columns.
     shapes : mapping of str to float
-        Values of shape parameters, which are held.
+        Values of shape parameters, which are fixed.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` estimates a white random acceleration in each run in addition to the sensor's noise, and
         the colour of this noise, by the restricted likelihood of the rows. A number is the one-sided density,

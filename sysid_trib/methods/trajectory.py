@@ -41,7 +41,7 @@ class Trajectory(Constrained):
     Parameters
     ----------
     reference_frequency : float, rad/s, optional
-        Reference frequency w, which is held; the library's force of formula `x` is then identified too.
+        Reference frequency w, which is fixed; the library's force of formula `x` is then identified too.
         Without it, w is fitted and that force is left out.
     noise : {"white", "coloured"}
         `coloured` whitens residuals and sensitivities by an autoregression, whose order is chosen by the
@@ -54,7 +54,7 @@ class Trajectory(Constrained):
         Values of held shape parameters, and first estimates of fitted ones.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         `estimated` estimates a white random acceleration in each run in addition to the sensor's noise; a
-        number is its one-sided density, which is held; `auto` leaves the choice to `identify`. The
+        number is its one-sided density, which is fixed; `auto` leaves the choice to `identify`. The
         innovations are then fitted (see `random_motion`).
     own : tuple of str
         Forces with a separate coefficient in each run, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the
@@ -108,7 +108,7 @@ class Trajectory(Constrained):
                 "random_force= needs noise='white'; the fit then determines the colour of the noise."
             )
         if not self.warm_up >= 0.0:
-            raise UsageError(f"warm_up={self.warm_up} is no time; give seconds, zero or more.")
+            raise UsageError(f"warm_up={self.warm_up} is not a time; give seconds, zero or more.")
         if self.starts not in KINDS_OF_STARTS:
             raise UsageError(f"starts='{self.starts}' is neither 'fitted' nor 'measured'.")
         if self.noise not in ("white", "coloured"):

@@ -63,9 +63,9 @@ class LinearModel:
     ) -> "LinearModel":
         """Return the model with one more state, last, whose path is zero and which no parameter changes.
 
-        `transition` : (step,) factor from this state to its next value. `diffusion` : (step, state + 1, state
-        + 1) diffusion of all states. `shown` : derivative of the sensor's reading by this state. `first` :
-        covariance of the first values of all states, as in the class.
+        `transition` : (step,) factor from this state to its next value. `diffusion` :
+        (step, state + 1, state + 1) diffusion of all states. `shown` : derivative of the sensor's reading by
+        this state. `first` : covariance of the first values of all states, as in the class.
         """
         behind = (0, 1)
         whole = np.pad(self.steps.transition, ((0, 0), behind, behind))

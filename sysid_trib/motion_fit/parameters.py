@@ -28,7 +28,7 @@ class Parameters:
     library : ForceLibrary
         The forces, with one coefficient each.
     reference_frequency : float or None
-        Reference frequency w (rad/s) if it is held; None if it is a parameter.
+        Reference frequency w (rad/s) if it is fixed; None if it is a parameter.
     fit_shapes : tuple of str
         Shape parameters that are fitted.
     shapes : mapping of str to float
@@ -63,7 +63,7 @@ class Parameters:
         for name in constraints.bounds:
             if name in shapes and name not in fitted:
                 raise UsageError(
-                    f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes."
+                    f"Shape parameter {name} is fixed, so its bound has no effect; name it in fit_shapes."
                 )
         held = {**self.shapes, **{name: value for name, value in constraints.fixed.items() if name in shapes}}
         whole = replace(self, fit_shapes=fitted, shapes=held)
@@ -123,7 +123,7 @@ class Parameters:
         Parameters
         ----------
         values : mapping of str to float
-            Common parameters by name; a missing coefficient is 0, a missing shape is held or nan.
+            Common parameters by name; a missing coefficient is 0, a missing shape is fixed or nan.
         per_run : (run, 3) array of float
             Angle (rad), rate (rad/s) and offset (rad) of each run.
         """

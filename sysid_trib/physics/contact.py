@@ -199,8 +199,9 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     Dataset
         `ratio` and its standard error, `slip_ratio` = -3 pi/4, `allowance` (a tenth of it, the error of six
         forces for a slipping contact), `z` and `p_value` of the difference, with both errors, and
-        `significance` of delta (its magnitude over its error). attrs: `verdict`, which is `compatible`, `not
-        compatible` or `undecided` (the errors allow both), and `numerator`, `denominator`, their symbols.
+        `significance` of delta (its magnitude over its error). attrs: `verdict`, which is `compatible`,
+        `not compatible` or `undecided` (the errors allow both), and `numerator`, `denominator`, their
+        symbols.
 
     Raises
     ------

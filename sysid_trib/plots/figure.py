@@ -123,7 +123,7 @@ class Declared:
         """State that a result lacks the data of the figure, and which figures it has."""
         kind = kind_of(tree)
         if not kind:
-            return f"plots.{self.name} shows {self._shown()}; this is none."
+            return f"plots.{self.name} shows {self._shown()}; this object is not such a result."
         others = [figure.name for figure in figures_of(kind) if any(True for _ in figure.drawings(tree))]
         instead = f"; its figures are {', '.join(others)}" if others else ""
         return f"plots.{self.name} shows {self._shown()}; this is {OF_KIND[kind]}{instead}."

@@ -42,7 +42,7 @@ def model_code(result: xr.Dataset, language: str) -> str:
     """
     if language not in FUNCTION_NAMES:
         offered = ", ".join((*FUNCTION_NAMES, *PARAMETER_LANGUAGES))
-        raise UsageError(f"'{language}' is no language of export; choose {offered}.")
+        raise UsageError(f"'{language}' is not a language of export; choose {offered}.")
     _check_is_equation(result)
     model = model_of(result).bound
     functions = FUNCTION_NAMES[language]
@@ -87,8 +87,8 @@ def _check_is_equation(result: xr.Dataset) -> None:
         )
     if hysteretic := [force.symbol for force in model.forces if force.memory]:
         raise UsageError(
-            f"{', '.join(hysteretic)} keeps values from its reversals, so the model is no equation in x, v "
-            "and states; use sysid-trib simulate, or predict in Python."
+            f"{', '.join(hysteretic)} keeps values from its reversals, so the model is not an equation in x, "
+            "v and states; use sysid-trib simulate, or predict in Python."
         )
 
 

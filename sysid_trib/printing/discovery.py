@@ -153,7 +153,7 @@ def remedy(tied: Sequence[Force]) -> str:
 
 
 def _detectability(tree: xr.DataTree) -> Iterator[str]:
-    """Describe candidates that look alike, cannot be tested, or were not offered."""
+    """Describe candidates that are inseparable, cannot be tested, or were not offered."""
     candidates = tree["detectability_after"].to_dataset()
     symbols = candidates.candidate.values.tolist()
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()

@@ -43,10 +43,10 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
     Returns
     -------
     Dataset
-        `amplitude(time)` (rad), `frequency(time)` (rad/s), `phase(time)` (rad, zero at time[0], so that theta
-        = a cos phase) and the scalar `arrest_time` (s, on the clock of `time`; NaN if the decay does not
-        end). After the arrest, the amplitude is zero, and frequency and phase are NaN. An arrest after the
-        last time is predicted too, unless a formula contains `t`.
+        `amplitude(time)` (rad), `frequency(time)` (rad/s), `phase(time)` (rad, zero at time[0], so that
+        theta = a cos phase) and the scalar `arrest_time` (s, on the clock of `time`; NaN if the decay does
+        not end). After the arrest, the amplitude is zero, and frequency and phase are NaN. An arrest after
+        the last time is predicted too, unless a formula contains `t`.
 
     Raises
     ------

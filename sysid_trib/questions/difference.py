@@ -81,9 +81,9 @@ def difference(
         `stiffness_difference`, the ratio of stiffnesses at vanishing amplitude minus 1, with its standard
         error (if the second sample has no contact, it is the paper's alpha, which is defined by frequencies,
         up to the square of zeta); `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`;
-        `reference_frequency` (rad/s). Attributes: `verdict`, one of `coefficients differ`, `together they
-        differ`, `no difference`; `at_a_bound`, coefficients at a bound in one of the runs, which are not
-        tested. For records also the groups of `held_against`.
+        `reference_frequency` (rad/s). Attributes: `verdict`, one of `coefficients differ`,
+        `together they differ`, `no difference`; `at_a_bound`, coefficients at a bound in one of the runs,
+        which are not tested. For records also the groups of `held_against`.
 
     Raises
     ------

@@ -42,8 +42,8 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
         `friction_second` with standard errors, `friction_difference` first - second, its `_standard_error`,
         `_low`, `_high` (a simultaneous 95 % band), `_covariance`, `friction_z`, `friction_differs` (the band
         excludes zero), and the scalar `friction_p_value` of no difference anywhere. The same for
-        `restoring(displacement)`. Attributes: `verdict`, one of `friction differs`, `restoring force
-        differs`, `both laws differ`, `no difference`; `first_record`, `first_method`, ...
+        `restoring(displacement)`. Attributes: `verdict`, one of `friction differs`,
+        `restoring force differs`, `both laws differ`, `no difference`; `first_record`, `first_method`, ...
 
     Raises
     ------

@@ -175,9 +175,9 @@ def _planned(
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
-    """Raise an error for a wanted error that is not positive, or of a parameter that is held or unknown."""
+    """Raise an error for a wanted error that is not positive, or of a parameter that is fixed or unknown."""
     if not known.fitted:
-        raise UsageError("All coefficients of this model are held: no run changes an error.")
+        raise UsageError("All coefficients of this model are fixed: no run changes an error.")
     for symbol, error in wanted.items():
         if symbol in names and symbol not in known.model.coefficients:
             raise UsageError(
@@ -188,7 +188,7 @@ def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str
             there = ", ".join(known.fitted)
             raise UsageError(f"There is no coefficient '{symbol}' in this model, which has {there}.")
         if symbol not in known.fitted:
-            raise UsageError(f"The coefficient '{symbol}' is held in this model: no run changes its error.")
+            raise UsageError(f"The coefficient '{symbol}' is fixed in this model: no run changes its error.")
         if not error > 0.0:
             raise UsageError(f"The wanted error of '{symbol}', {error:g}, must be positive.")
 

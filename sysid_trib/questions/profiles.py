@@ -57,7 +57,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     Raises
     ------
     UsageError
-        A name is not a parameter of the model, or the parameter is held or tied.
+        A name is not a parameter of the model, or the parameter is fixed or tied.
     DecayError
         There is a random force, or no motion follows the record.
 
@@ -186,11 +186,11 @@ def _error(likelihood: Fit, name: str) -> float:
     parameters = likelihood.parameters
     if name not in parameters.common:
         known = [*parameters.library.symbols, *parameters.library.shape_values()]
-        raise UsageError(f"'{name}' is no parameter of this model; there are {', '.join(known)}.")
+        raise UsageError(f"'{name}' is not a parameter of this model; there are {', '.join(known)}.")
     at = parameters.index(name)
     error = float(np.sqrt(likelihood.covariance[at, at]))
     if at not in parameters.free or not (np.isfinite(error) and error > 0.0):
-        raise UsageError(f"{name} is held or tied: there is no profile of it.")
+        raise UsageError(f"{name} is fixed or tied, so it has no profile.")
     return error
 
 

@@ -64,8 +64,8 @@ def single_file(path: Path) -> zipfile.ZipInfo | None:
         with zipfile.ZipFile(path) as archive:
             files = [member for member in archive.infolist() if not member.is_dir()]
     except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError) as error:
-        raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
-    # Those of the system that packed them are none of the user's.
+        raise RecordError(f"{name}: cannot be read, it seems damaged or cut off ({error}).") from None
+    # Files added by the operating system when packing are not the user's.
     files = [file for file in files if not re.match(r"__MACOSX/|(?:.*/)?\.[^/]*$", file.filename)]
     names = [file.filename for file in files]
     if any(entry.startswith("xl/") or entry.endswith(".npy") for entry in names):

@@ -101,7 +101,7 @@ def unit_of(
         raise _contradicted(column, stated.text, "units", how.units, known)
     if given and not given.known and given.quantity == "angle":
         # With an unknown unit of an angle, no coefficient would have the correct size.
-        wrong = f"{table.source}: --units '{how.units}' is no known unit of an angle"
+        wrong = f"{table.source}: --units '{how.units}' is not a known unit of an angle"
         raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
     unit = given or stated
     why = ""

@@ -111,7 +111,7 @@ def read_clock(
     given = stamps[rows]
     if given.size < 2:
         raise RecordError(f"{source}: a single sample is not a record.")
-    sentences: list[str] = []
+    given, sentences = _without_overflow(given)
     back = np.zeros(0, dtype=np.int64)
     steps = np.diff(given)
     even = None
@@ -150,6 +150,28 @@ def read_clock(
     rate = f"{1.0 / signal.usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
     return Clock(time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate), counted_from)
+
+
+def _without_overflow(given: Array) -> tuple[Array, list[str]]:
+    """Return stamps of a counter that starts anew at the end of its range as one clock, and a sentence."""
+    steps = np.diff(given)
+    back = np.flatnonzero(steps < 0.0)
+    if not back.size or np.any(given < 0.0) or np.any(given != np.round(given)):
+        return given, []
+    usual = float(np.median(steps))
+    for bits in (16, 24, 32):
+        turn = 2.0**bits
+        lasts = turn + steps[back]
+        # A counter starts anew within a few steps of its end.
+        if given.max() < turn and np.all((lasts > 0.0) & (lasts <= 10.0 * usual)):
+            times = "once" if back.size == 1 else f"{back.size} times"
+            said = (
+                f"the clock starts anew {times} after {turn:.0f}, as a counter of {bits} bits: put together"
+            )
+            starts = np.zeros(given.size)
+            starts[back + 1] = turn
+            return given + np.cumsum(starts), [said]
+    return given, []
 
 
 def are_whole(stamps: Array) -> bool:

@@ -273,17 +273,13 @@ def _of_the_day(texts: list[str]) -> Array | None:
     return seconds + DAY * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * DAY)
 
 
-# Frames a second of video.
-FRAMES = (24, 25, 30, 50, 60)
-
-
 def _parts_of_a_second(texts: list[str]) -> int:
     """Return the number of parts behind a third colon that make a second."""
     if {len(text) for text in texts} != {2}:
         return 1000
     count = 1 + max(map(int, texts))
-    # Every frame is there.
-    return count if count in FRAMES and len({*texts}) == count else 100
+    # Frames of video, if every one is there.
+    return count if count in (24, 25, 30, 50, 60) and len({*texts}) == count else 100
 
 
 def _seconds(match: "re.Match[str]", parts: int) -> float:

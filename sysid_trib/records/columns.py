@@ -27,7 +27,7 @@ class ChosenColumns(NamedTuple):
         Its times, if there are any.
     signal : Column
     reason : str
-        Why it is this signal; empty where there is no other.
+        Reason for the choice of this signal; empty if there is no other column.
     copies : tuple of str
         Names of columns with the same numbers.
     """
@@ -255,7 +255,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     # Columns that are looked at.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
     swings = {signal: swing for signal, swing in made.items() if swing is not None}
-    # If each of them contains a text, the error says where.
+    # If each of them contains a text, the error states where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
     return ChosenColumns(own[chosen], chosen, why)
 

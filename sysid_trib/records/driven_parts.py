@@ -129,7 +129,7 @@ def _own_quantity_at_samples(record: xr.Dataset) -> xr.Dataset:
 
 
 def _own_quantity_apart(part: xr.Dataset) -> xr.Dataset:
-    """Put a measured rate or acceleration on a time axis of its own."""
+    """Put a measured rate or acceleration on a separate time axis."""
     own = part.get(MEASURED_ITSELF)
     if own is None or own.dims != ("time",):
         return part

@@ -137,6 +137,10 @@ def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
                 yield from _json_columns(item, f"{name}.{key}" if name else key)
     elif isinstance(value, list) and value:
         objects, rows = (all(isinstance(item, kind) for item in value) for kind in (dict, list))
+        if objects and all(any(isinstance(part, list) for part in item.values()) for item in value):
+            for index, item in enumerate(value):
+                yield from _json_columns(item, f"{name or 'data'}[{index}]")
+            return
         frame = pd.json_normalize(value) if objects else pd.DataFrame(value)
         # Rows, or a few columns.
         frame = frame.T if rows and len(frame) < frame.shape[1] else frame

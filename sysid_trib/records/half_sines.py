@@ -127,10 +127,10 @@ def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     Returns
     -------
     Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over
-    ``instant``, the half periods except the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1]
-    + b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] -
-    t[i-1]); each with its ``..._standard_error``. Scalar: ``white_noise`` of one sample. Amplitudes have the
-    unit of the decay.
+    ``instant``, the half periods except the first and last: ``instant_time`` = t[i],
+    ``amplitude`` = (b[i+1] + b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]),
+    ``frequency`` = 2 pi/(t[i+1] - t[i-1]); each with its ``..._standard_error``. Scalar: ``white_noise`` of
+    one sample. Amplitudes have the unit of the decay.
 
     Raises
     ------

@@ -27,8 +27,8 @@ def as_record(given: Any) -> Any:
     given : Dataset, DataArray, pandas Series or DataFrame, dict, (t, angle), or (sample, 2) array
         An object over time, or with a column of times. In a DataFrame or dict of columns, the signal is the
         column `angle`, or the only one that is an angle, or the only one. An array has samples along one
-        dimension; the other contains times and angles. Names may state units as in files, `time (ms)`, `angle
-        (deg)`. Any other object is returned unchanged.
+        dimension; the other contains times and angles. Names may state units as in files, `time (ms)`,
+        `angle (deg)`. Any other object is returned unchanged.
 
     Raises
     ------
@@ -72,7 +72,7 @@ def is_pair(given: Any) -> bool:
 
 
 def _is_column(given: Any) -> bool:
-    """Return true if an object is a column of numbers or dates, and not a record by itself."""
+    """Return true if an object is a single column of numbers or dates instead of a record."""
     if isinstance(given, np.ndarray | xr.DataArray):
         return given.ndim == 1
     if isinstance(given, pd.Series | pd.Index):

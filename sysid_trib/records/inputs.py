@@ -36,7 +36,7 @@ class KnownInput:
     elapsed : (sample,) array of float, s
         Time since the first sample of the record, increasing.
     values : (sample,) array of float
-        Values at the samples; the last one is held beyond the record.
+        Values at the samples; the last value continues beyond the record.
     between : str
         `linear`, `held` (such as the output of a converter), or a spline: `cubic`, or `smooth` (of degree 7,
         for a signal that was measured without aliasing).

@@ -50,11 +50,11 @@ class NoDecay:
     ----------
     cause : Cause
     what : str
-        What is wrong, in brief.
+        Short description of the problem.
     remedy : str
-        What to do.
+        Advice.
     needed : str
-        What a free decay needs; may be empty.
+        Requirements of a free decay; may be empty.
     uncut : str
         How the record can be used all the same; may be empty.
     """
@@ -79,7 +79,7 @@ class NoDecayError(DecayError):
     source : str
         Name of the record.
     reason : NoDecay
-        Why it is none.
+        Reason why it is not a free decay.
     """
 
     def __init__(self, source: str, reason: NoDecay) -> None:
@@ -87,6 +87,10 @@ class NoDecayError(DecayError):
         super().__init__(f"{source}: {reason.text}; {reason.remedy}{uncut}.")
         self.source = source
         self.reason = reason
+
+    def __reduce__(self) -> tuple[type["NoDecayError"], tuple[str, NoDecay]]:
+        """Return the class and its arguments, for another process."""
+        return NoDecayError, (self.source, self.reason)
 
 
 def still() -> NoDecay:
@@ -138,13 +142,13 @@ def few_half_periods(count: int, period: float) -> NoDecay:
 
 
 def grows(percent: float) -> NoDecay:
-    """Describe an oscillation that grows by so many percent a period."""
+    """Describe an oscillation that grows by this percentage per period."""
     what = f"the oscillation grows by {percent:.2g} % a period"
     return NoDecay(Cause.GROWS, what, "a free decay is needed", uncut=AS_IT_IS)
 
 
 def does_not_decay(amplitude: float, percent: float) -> NoDecay:
-    """Describe an oscillation whose first amplitude changes by so many percent a period."""
+    """Describe an oscillation whose first amplitude changes by this percentage per period."""
     what = (
         f"the oscillation does not decay: its amplitude, {amplitude:.3g} at first, changes by "
         f"{percent:+.2g} % a period"

@@ -95,7 +95,7 @@ class Reading:
             if (value := getattr(self, name)) is not None:
                 text = name.replace("_", " ")
                 if not isinstance(value, Real):
-                    raise UsageError(f"{text} {value!r} is no number: give one.")
+                    raise UsageError(f"{text} {value!r} is not a number; give a number.")
                 if not low <= float(value) <= high:
                     raise UsageError(f"{text} {value:g}: give {what}.")
         if (self.signal == ACCELEROMETER) != (self.distance is not None):

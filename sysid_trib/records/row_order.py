@@ -32,7 +32,7 @@ def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     columns = tuple(columns)
     if head := _bare_head(columns):
         columns = tuple(_with_rows(column, slice(1, None)) for column in columns)
-        said.append(f"the first row ({head}) left out: it is no sample")
+        said.append(f"the first row ({head}) omitted: it is not a sample")
     time = _time_in_no_order(columns)
     if time is None:
         return columns, said

@@ -44,6 +44,10 @@ class ClippedError(DecayError):
         super().__init__(message)
         self.quantity = quantity
 
+    def __reduce__(self) -> tuple[type["ClippedError"], tuple[str, str]]:
+        """Return the class and its arguments, for another process."""
+        return ClippedError, (str(self), self.quantity)
+
 
 def read_sensors(
     path: str | os.PathLike[str],

@@ -316,6 +316,6 @@ def _noise(tau: bytes, angle: bytes) -> float:
 
 
 # Every method and verdict asks for the noise of the same record, or of its few runs: cache the last ones.
-# A long record has a cache of its own, so that records simulated from it do not displace it.
+# A long record has a separate cache, so that records simulated from it do not displace it.
 _about_spline = lru_cache(4)(_noise)
 _about_long_spline = lru_cache(1)(_noise)

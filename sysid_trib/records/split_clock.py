@@ -27,7 +27,7 @@ def with_joined_clock(columns: Sequence[Column]) -> tuple[tuple[Column, ...], li
         kind, instant = whole.first_instant
         cells = seconds
         if kind == "dates":
-            # What an instant of another file is compared with.
+            # Dates, so that instants of other files can be compared.
             nanoseconds = np.round((seconds - whole.numbers[0]) * 1e9).astype("m8[ns]")
             cells = np.datetime64(instant, "ns") + nanoseconds
         clock = replace(whole, name=name, cells=cells, base="time", stated="s")

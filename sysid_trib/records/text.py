@@ -38,7 +38,7 @@ _WRITTEN_OTHERWISE = (
     (r"(?<![\d.,])[+-]?\d{1,3}(?:,\d{3})+(?=\.\d)", "[;\t]", None, ",", ""),
     (r"(?<![\d.,])[+-]?\d{1,3}(?:\.\d{3})+(?=,\d)", "[;\t]", None, r"\.", ""),
     (r"(?:^|(?<=[;\t\"]))[ ]*[+-]?\d{1,3}(?: \d{3})+(?=[.,;\t\"\r\n]|$)", "[;\t]", None, " ", ""),
-    # `+ 0.12` in a cell of its own.
+    # `+ 0.12` in a separate cell.
     (r"(?:^|(?<=[;\t,\"]))[ ]*[+-] +(?=[\d.])", "[;\t,]", None, " ", ""),
     # `"0,12"` between commas, and Fortran's `1.5D-02`.
     (r"\"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\"", "", r"\"[+-]?\d*\.\d+\"", ",", "."),
@@ -346,7 +346,10 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 fields = _fields(line, delimiter)
                 # Cells may be empty, except the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
+                # The last cells of a row may be empty.
+                cells = line.rstrip("\r\n").count(delimiter) if delimiter else 0
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
+                goes_on = goes_on or (whole and cells > 0 and below.count(delimiter or "") == cells)
                 # A line such as `data:` below a setting.
                 goes_on = goes_on and not below.rstrip().endswith(":")
                 # A single number above the header is not a row.

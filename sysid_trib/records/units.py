@@ -96,7 +96,7 @@ _SCALED_UNIT = re.compile(
 
 
 def _scaled_unit(match: "re.Match[str]", text: str) -> SignalUnit | None:
-    """Return a unit with a factor; that of a displacement stays as it is."""
+    """Return a unit with a factor; the unit of a displacement is unchanged."""
     unit = signal_unit(match["unit"])
     number = float(match["number"] or 10.0 ** int(match["power"])) / float(match["divisor"] or 1.0)
     if unit is None or not unit.known or not 0.0 < number < np.inf:

@@ -19,7 +19,7 @@ VERDICTS = ("explained", "explained with a random force", "approximate", "not ex
 EXPLAINED_VERDICTS = ("explained", "explained with a random force")
 UNEXPLAINED = ("approximate", "not explained")
 JUDGED = "judged"
-# Attribute of a discovery: what its search says; the verdict on its final model is the judge's.
+# Attribute of a discovery: outcome of its search; the verdict on its final model is that of the judge.
 SEARCH_OUTCOME = "search_outcome"
 SEARCH_OUTCOMES = ("explained", "unknown effect", "nothing missing")
 

@@ -33,7 +33,7 @@ def check_is_model(tree: xr.DataTree, source: str = "This") -> None:
     tree : DataTree
         Any result.
     source : str
-        What it is, the beginning of the sentence: its file, for example.
+        Description of the object, which begins the sentence: its file, for example.
 
     Raises
     ------

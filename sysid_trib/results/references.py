@@ -115,8 +115,8 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
 
     Notes
     -----
-    With s x in place of x, the coefficient of a force of degree p in x is s^(1-p) c: its relative error is |1
-    - p| times that of s, and the errors of two forces are fully correlated.
+    With s x in place of x, the coefficient of a force of degree p in x is s^(1-p) c: its relative error is
+    |1 - p| times that of s, and the errors of two forces are fully correlated.
     """
     if not 0.0 <= relative_error < 1.0:
         raise UsageError(f"The relative error of a scale is a number from 0 to 1, not {relative_error}.")

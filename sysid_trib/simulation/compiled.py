@@ -57,7 +57,7 @@ class _RebuiltCache(FunctionCache):
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        # If the disk is full, each process compiles for itself.
+        # If the disk is full, each process compiles the functions again.
         with suppress(Exception):
             super().save_overload(sig, data)
 

@@ -71,7 +71,7 @@ def simulate(
         )
     time = np.asarray(time, dtype=float)
     if not (np.isfinite(random_force) and random_force >= 0.0):
-        raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")
+        raise UsageError(f"random_force={random_force} is not a density; give (rad/s^2)^2/Hz, zero or more.")
     if not all(model.coefficients.values()):
         model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
     given = dict(inputs or {}) | ({} if known_input is None else {INPUT: known_input})

@@ -87,7 +87,7 @@ class LawFit:
 
     @property
     def is_white(self) -> bool:
-        """True if the residual is nothing but noise."""
+        """True if the residual is only noise."""
         return bool(self._residuals.p_value.item() >= WHITE_LEVEL)
 
     @property

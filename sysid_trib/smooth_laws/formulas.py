@@ -76,7 +76,7 @@ def law_formulas(
     w = result.reference_frequency.item()
     at = np.flatnonzero(result[f"{variable}_visited"].values)
     if not np.any(part[f"{law}_standard_error"].values > 0.0):
-        raise DecayError(f"The {law} law of this identification has no error: it is held, or there is none.")
+        raise DecayError(f"The {law} law of this identification has no error: it is fixed, or it is absent.")
     problem = _LawProblem(
         places=places,
         of=of,

@@ -45,9 +45,10 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
     Returns
     -------
     Dataset or None
-        If the sum is rejected and products of both follow the record better: the map `force(displacement,
-        speed)` (rad/s^2) of the products' contribution, with its `standard_error` and the points that the
-        runs visit (`visited`); `p_value`; `residual_before` and `residual_after` (rad). Otherwise None.
+        If the sum is rejected and products of both follow the record better: the map
+        `force(displacement, speed)` (rad/s^2) of the products' contribution, with its `standard_error` and
+        the points that the runs visit (`visited`); `p_value`; `residual_before` and `residual_after` (rad).
+        Otherwise None.
     """
     whole = with_products(fit)
     if whole is None:

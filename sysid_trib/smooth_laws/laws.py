@@ -140,7 +140,7 @@ def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, .
     if misspelt := [name for name in own if name not in offered]:
         raise UsageError(f"'{misspelt[0]}' cannot be each run's own; there are {', '.join(offered)}.")
     if own and runs < 2:
-        raise UsageError(f"Each run's own {own[0]} takes several runs, and this is one; leave it out.")
+        raise UsageError(f"Separate {own[0]} for each run needs several runs, but there is one; omit it.")
     return tuple(dict.fromkeys(own))
 
 

@@ -27,8 +27,6 @@ from sysid_trib.validation.holdout import MethodResult, in_all_runs
 from sysid_trib.validation.method_labels import by_unique_label
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
-# Variables of each method that the group `judged` contains, and the table of methods therefore omits.
-JUDGED_VARIABLES = ["residual_rms", "residual_over_noise", "failure"]
 Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 
 
@@ -224,7 +222,8 @@ def _judged(
         replaced={"held_out_rms": of_known.holdout_rms.values, "failure": of_known.failure.values},
     )
     there = [label for label in table.model.values if label in known]
-    return table.drop_vars(JUDGED_VARIABLES), judged.sel(model=there)
+    # The group `judged` contains these variables of each method: the table of methods omits them.
+    return table.drop_vars(["residual_rms", "residual_over_noise", "failure"]), judged.sel(model=there)
 
 
 def _try_method(

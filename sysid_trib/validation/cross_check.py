@@ -92,8 +92,8 @@ def cross_check(
     `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. For several runs also `run_tested_rms`, ... of
     each run. Its attributes name the `preferred` method, and the `verdict` on it.
 
-    `agreement` contains over `quantity` (each force, and the asymptotic frequency) the `difference` first -
-    second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
+    `agreement` contains over `quantity` (each force, and the asymptotic frequency) the `difference`
+    first - second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
     `degrees_of_freedom`, `p_value`. Its attributes are the `verdict` (agree, disagree, unknown) and the
     forces that the methods cannot separate in principle.
 

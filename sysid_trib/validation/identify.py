@@ -139,7 +139,7 @@ def usual_methods(
     reference_frequency : float, rad/s, optional
         Reference frequency, which is then held; otherwise it is fitted.
     shapes : dict of str to float, optional
-        Shape parameters, which are held.
+        Shape parameters, which are fixed.
     own : tuple of str
         Forces with a separate coefficient in each run, for driven records.
     warm_up : float, s
@@ -210,7 +210,7 @@ def identified_and_judged(
     methods : mapping of str to method
         By the names that their identifications get.
     made_by : str
-        What asks for it.
+        Name of the caller.
 
     Returns
     -------

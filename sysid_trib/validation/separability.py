@@ -123,7 +123,7 @@ def _signature_table(
 ) -> tuple[list[Force], Array]:
     """Return the forces, and a matrix with their signatures (sine above cosine) as columns."""
     if not 0.0 <= low < high < np.inf:
-        raise UsageError(f"Amplitudes from {low:g} to {high:g} rad are no range; give 0 <= low < high.")
+        raise UsageError(f"Amplitudes from {low:g} to {high:g} rad are not a range; give 0 <= low < high.")
     amplitude = np.linspace(low, high, AMPLITUDES)
     # Use instants independent of the amplitude: t*v and v must not be dependent because one record relates t
     # to a.

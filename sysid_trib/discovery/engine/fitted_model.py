@@ -112,7 +112,7 @@ class FittedModel:
 
     @property
     def stiffness_error(self) -> float:
-        """Standard error of the stiffness; 0 where the frequency is held."""
+        """Standard error of the stiffness; 0 if the frequency is fixed."""
         at = len(self.trials)
         return float(np.sqrt(self.likelihood.covariance[at, at])) if self.frequency_free else 0.0
 

@@ -84,7 +84,7 @@ def fit_start_model(
         Runs with `angle(time)`.
     forces : sequence of Force
     frequency : float or None, rad/s
-        The reference frequency, which is held; with None it is fitted.
+        The reference frequency, which is fixed; with None it is fitted.
     settings : Settings
     held : Terms
         Forces that are always present, with their coefficients.

@@ -145,7 +145,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     -----
     The derivatives follow from a motion that is slightly larger, and from one that is slightly ahead: only
     these two changes of a swing last. A state depends on the history of the motion and is not a spring. A
-    linear force may oscillate by itself; then means over a period are taken.
+    linear force may oscillate without excitation; then means over a period are taken.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
     linear, values = is_linear(force), values_along(motion, force, [shapes])

@@ -64,7 +64,7 @@ class Settings:
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
             raise UsageError(
-                f"A level of {self.level:g} is no probability; give one between 0 and 1, such as 0.01."
+                f"A level of {self.level:g} is not a probability; give one between 0 and 1, such as 0.01."
             )
         if self.max_effects < 0:
             raise UsageError(f"At most {self.max_effects} effects cannot be added; give 0 or more.")
