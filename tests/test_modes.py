@@ -1,6 +1,7 @@
 """Several modes in one decay: listed, separated, combined over sensors; and the texts of the commands."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,9 @@ import sysid_trib as st
 from benchmarks.coupled_modes import random_decay
 from benchmarks.modes import (
     LINEAR,
+    SHAPES as BEAM_SHAPES,
+    W0,
+    Z0,
     Law,
     beam,
     close_modes,
@@ -47,6 +51,15 @@ def written(folder, record, name="blow.csv"):
     """Sensors as a file."""
     heads = ["time (s)", *(f"{sensor} (m/s^2)" for sensor in record.sensor.values)]
     return write_table(folder / name, ",".join(heads), record.time.values, *record.signal.values)
+
+
+def linear_beam():
+    """A beam without friction in its joints, struck at 0.05 s."""
+    source = beam()
+    clock = source.time - source.blow
+    of_beam = (W0 / (2.0 * np.pi), Z0, 62.0)
+    clean = BEAM_SHAPES @ np.array([linear(clock, *of_mode) for of_mode in (of_beam, *LINEAR)])
+    return replace(source, clean=clean)
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +176,47 @@ def test_a_second_blow_ends_the_record():
     listed = st.modes(record)
     assert "the signals jump at 2." in listed.attrs["second_blow"]
     assert listed.frequency.values == pytest.approx([80.0, 211.0], rel=1e-3)
+
+
+EARLIER_LEFT_OUT = "as after a second blow, or at the end of a long one: earlier samples are left out"
+
+
+def with_another_blow(source, delay, size=1.0):
+    """A beam that is struck again after a delay (s)."""
+    samples = round(delay / (source.time[1] - source.time[0]))
+    again = np.zeros_like(source.clean)
+    again[:, samples:] = size * source.clean[:, :-samples]
+    return replace(source, clean=source.clean + again).record(0)
+
+
+@pytest.mark.parametrize(("delay", "size"), [(0.03, 1.0), (0.03, 0.1), (0.01, 1.0), (0.03, 5.0), (0.5, 1.0)])
+def test_a_part_before_a_second_blow_soon_after_is_left_out(delay, size):
+    record = with_another_blow(linear_beam(), delay, size)
+    separate = st.one_mode(record, 1)
+    said = separate.attrs["separation"]
+    assert EARLIER_LEFT_OUT in said
+    assert float(said.split("jump at ")[1].split()[0]) == pytest.approx(0.05 + delay, abs=2e-4)
+    assert "exceeds the white noise" not in said
+    curves = st.backbone(st.free_decay(separate))
+    error = np.abs(curves.frequency.values - W0 * np.sqrt(1.0 - Z0**2))
+    assert np.all(error < half_width(curves, "frequency"))
+
+
+def test_a_weak_second_blow_late_ends_the_record():
+    listed = st.modes(with_another_blow(linear_beam(), 2.5, 0.1))
+    assert listed.attrs["second_blow"] == (
+        "the signals jump at 2.55 s, as after a second blow: later samples are left out"
+    )
+
+
+def test_three_blows_and_a_single_wrong_sample():
+    source = linear_beam()
+    record = with_another_blow(source, 0.02)
+    record.signal[:] += with_another_blow(source, 0.05).signal.values - source.record(0).signal.values
+    assert st.modes(record).attrs["second_blow"] == f"the signals jump at 0.1001 s, {EARLIER_LEFT_OUT}"
+    wrong = source.record(0)
+    wrong.signal[1, 5000] += 20.0
+    assert st.modes(wrong).attrs["second_blow"] == ""
 
 
 def test_a_clipped_sensor_is_omitted_and_reported(record):

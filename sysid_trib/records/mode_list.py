@@ -22,7 +22,7 @@ from sysid_trib.records.mode_search import (
     amplitude_at,
     central_frequency,
     find_ringing,
-    second_blow_at,
+    other_blows,
     too_close,
     unresolved,
 )
@@ -92,15 +92,14 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
         "noise": variable("sensor", ringing.noise, "standard deviation of the white noise", units),
         "residual": variable("sensor", ringing.residual, "RMS residual of all modes", units),
     }
-    second = ringing.second_blow
-    start = float(sensors.time.values[0] + ringing.start * ringing.interval)
+    start = float(sensors.time.values[0] + ringing.part.start * ringing.interval)
     attrs = dict(sensors.attrs) | {
         "start": start,
         "lines": _listed(ringing, "line"),
         "harmonics": _listed(ringing, "harmonic"),
         "close_modes": list(_close_modes(ringing)),
         "influences": list(_influences(histories, ringing.modes, units)),
-        "second_blow": "" if second is None else second_blow_at(float(sensors.time.values[second])),
+        "second_blow": "; ".join(other_blows(ringing.part, sensors.time.values)),
     }
     return xr.Dataset(data, {"mode": np.arange(1, len(histories) + 1), "sensor": names}, attrs)
 

@@ -8,6 +8,7 @@ from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d, median_filter
 
 from sysid_trib.arrays import Array, Mask
+from sysid_trib.records.blows import FreePart, free_part, without_jumps
 from sysid_trib.records.ringing import (
     MOST_CANCELLING,
     Component,
@@ -18,11 +19,6 @@ from sysid_trib.records.ringing import (
     with_common_part,
 )
 
-# The blow starts where the signals first reach this fraction of their largest value. The ringing is free
-# after this number of samples, or this fraction of the record.
-ONSET, BLOW_SAMPLES, BLOW_PART = 0.1, 3, 5e-4
-# Number of parts of a record in which a second blow is searched, and the least jump of the signals at it.
-BLOW_BLOCKS, SECOND_BLOW = 200, 3.0
 # Bins of the spectrum on a logarithmic axis: their width, the number of bins on either side of which a line
 # is the largest, and the number of bins whose median it exceeds by this factor.
 LINE_BIN, LARGEST_OF_BINS, MEDIAN_BINS, ABOVE_MEDIAN = 0.005, 4, 60, 5.0
@@ -58,6 +54,10 @@ CLOSE_FREQUENCIES, CLOSE_WITH_SHAPES = 0.07, 0.033
 FEWEST_BEATS = 3.0
 # Noise of a signal, over its range, below which modes are not separated.
 LEAST_NOISE = 1e-7
+# Another blow is searched if the residual exceeds the white noise this much. It is one if the part of the
+# record without it has a mean square of the residual, in excess of that of the noise, which was at least this
+# large and falls to at most this fraction.
+RESIDUAL_OF_BLOW, LEAST_EXCESS, LEFT_OF_EXCESS, MOST_SEARCHES = 1.2, 0.2, 0.25, 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,8 @@ class Ringing:
 
     Attributes
     ----------
-    onset, start : int
-        Sample at which the blow starts, and first sample of the free ringing.
+    part : FreePart
+        Part of the record in which the structure rings freely.
     interval : float, s
     signals : (sensor, sample) array of float
         Signals from the start of the ringing, about their offsets.
@@ -79,21 +79,17 @@ class Ringing:
         Kind of each: ``mode``, ``harmonic``, ``line`` (steady), ``weak``.
     residual : (sensor,) array of float
         RMS residual of all components.
-    second_blow : int or None
-        Sample at which the signals jump again; later samples are left out.
     drifts : (sensor,) array of bool
         Whether a slow drift of the sensor was subtracted.
     """
 
-    onset: int
-    start: int
+    part: FreePart
     interval: float
     signals: Array
     noise: Array
     components: tuple[Component, ...]
     kinds: tuple[str, ...]
     residual: Array
-    second_blow: int | None
     drifts: Mask
 
     @property
@@ -122,9 +118,33 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
     interval : float, s
         Interval of the samples.
     """
-    onset, start, second = _free_part(signals)
-    noise = np.maximum(_white_noise(signals[:, start:second]), LEAST_NOISE * np.ptp(signals, axis=1))
-    signals = signals[:, start:second] - _offset(signals[:, start:second])[:, None]
+    ringing, rest = _ringing_of(signals, interval, free_part(signals))
+    for _ in range(MOST_SEARCHES):
+        if np.all(ringing.residual < RESIDUAL_OF_BLOW * ringing.noise):
+            break
+        part = without_jumps(ringing.part, ringing.signals)
+        if part.samples < FEWEST_RINGING or part == ringing.part:
+            break
+        first = part.start - ringing.part.start
+        before = _excess(rest[:, first : first + part.samples], ringing.noise)
+        shorter, rest = _ringing_of(signals, interval, part)
+        if before < LEAST_EXCESS or _excess(rest, ringing.noise) > LEFT_OF_EXCESS * before:
+            break
+        ringing = shorter
+    return ringing
+
+
+def _excess(residual: Array, noise: Array) -> float:
+    """Return the mean square of a residual over that of the noise, less 1."""
+    return float(np.mean((residual / noise[:, None]) ** 2)) - 1.0
+
+
+def _ringing_of(signals: Array, interval: float, part: FreePart) -> tuple[Ringing, Array]:
+    """Find the oscillations in a part of signals; also return the signals without them."""
+    size = np.ptp(signals, axis=1)
+    signals = signals[:, part.start : part.stop]
+    noise = np.maximum(_white_noise(signals), LEAST_NOISE * size)
+    signals = signals - _offset(signals)[:, None]
     components, rest = _components_and_rest(signals, interval, noise)
     drift = _drift(rest)
     size = np.std(drift, axis=1)
@@ -132,18 +152,17 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
     if drifts.any():
         signals = signals - np.where(drifts[:, None], drift, 0.0)
         components, rest = _components_and_rest(signals, interval, noise)
-    return Ringing(
-        onset=onset,
-        start=start,
+    ringing = Ringing(
+        part=part,
         interval=interval,
         signals=signals,
         noise=noise,
         components=tuple(components),
         kinds=tuple(_kinds(components, interval)),
         residual=np.sqrt(np.mean(rest**2, axis=1)),
-        second_blow=second,
         drifts=drifts,
     )
+    return ringing, rest
 
 
 def _components_and_rest(signals: Array, interval: float, noise: Array) -> tuple[list[Component], Array]:
@@ -180,27 +199,6 @@ def _components(signals: Array, interval: float, noise: Array) -> list[Component
         if component is not None
     ]
     return sorted(seen, key=lambda component: central_frequency(component, interval))
-
-
-def _free_part(signals: Array) -> tuple[int, int, int | None]:
-    """Return the first sample of the blow, of the free ringing, and of a second blow, if there is one."""
-    middle = np.median(signals, axis=1)[:, None]
-    size = np.abs(signals - middle)
-    size = np.max(size / np.maximum(np.max(size, axis=1), 1e-300)[:, None], axis=0)
-    onset = int(np.argmax(size > ONSET))
-    start = onset + max(BLOW_SAMPLES, round(BLOW_PART * size.size))
-    block = max(8, size.size // BLOW_BLOCKS)
-    count = (size.size - start) // block
-    if count < 4:
-        return onset, start, None
-    largest = size[start : start + count * block].reshape(count, block).max(axis=1)
-    before = np.maximum.accumulate(largest[::-1])[::-1]
-    floor = 10.0 * float(np.median(largest[-max(2, count // 20) :]))
-    for at in range(2, count):
-        recent = largest[max(0, at - 4) : at].max()
-        if largest[at] > SECOND_BLOW * recent and largest[at] > floor and before[at] > ONSET:
-            return onset, start, start + (at - 1) * block
-    return onset, start, None
 
 
 def _white_noise(signals: Array) -> Array:
@@ -348,9 +346,19 @@ def unresolved(component: Component, ringing: Ringing) -> list[Component]:
     ]
 
 
-def second_blow_at(time: float) -> str:
-    """Describe a jump of the signals at a time (s)."""
-    return f"the signals jump at {time:.4g} s, as after a second blow: later samples are left out"
+def other_blows(part: FreePart, time: Array) -> list[str]:
+    """Describe the blows, in a record of these times (s), beside the one of a part."""
+    said = []
+    if part.later:
+        said.append(
+            f"the signals jump at {time[part.onset]:.4g} s, as after a second blow, or at the end of a long "
+            "one: earlier samples are left out"
+        )
+    if part.stop < time.size:
+        said.append(
+            f"the signals jump at {time[part.stop]:.4g} s, as after a second blow: later samples are left out"
+        )
+    return said
 
 
 def _kinds(components: Sequence[Component], interval: float) -> list[str]:

@@ -18,7 +18,7 @@ from sysid_trib.records.mode_search import (
     central_frequency,
     find_ringing,
     is_multiple,
-    second_blow_at,
+    other_blows,
     too_close,
     unresolved,
 )
@@ -381,7 +381,7 @@ def _as_record(
     own, names = ringing.components[place], [str(name) for name in sensors.sensor.values]
     quantity, units = str(sensors.attrs["quantity"]), str(sensors.signal.attrs["units"])
     step = ringing.interval * separate.every
-    time = sensors.time.values[0] + (ringing.start + separate.first) * ringing.interval
+    time = sensors.time.values[0] + (ringing.part.start + separate.first) * ringing.interval
     time = time + step * np.arange(separate.signal.size)
     frequency = central_frequency(own, ringing.interval)
     position = str(sensors.attrs["position"])
@@ -435,9 +435,7 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
     others = sum(kind in ("mode", "line") for kind in ringing.kinds) - (
         ringing.kinds[place] in ("mode", "line")
     )
-    said = []
-    if ringing.second_blow is not None:
-        said.append(second_blow_at(float(sensors.time.values[ringing.second_blow])))
+    said = other_blows(ringing.part, sensors.time.values)
     if others:
         said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
     if separate.neighbours:
@@ -461,7 +459,9 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         said.append(
             f"the last {after:.3g} s left out, in which it is less than {LEAST_OVER_NOISE:g} times the noise"
         )
-    said.append(f"free from {1e3 * (ringing.start - ringing.onset) * interval:.2g} ms after the blow on")
+    said.append(
+        f"free from {1e3 * (ringing.part.start - ringing.part.onset) * interval:.2g} ms after the blow on"
+    )
     if len(names) > 1:
         shape = ", ".join(
             f"{name} {value:.3f}" for name, value in zip(names, separate.shape.real, strict=True)
