@@ -17,7 +17,7 @@ MUCH_LONGER = 1.5
 # Order of the linear prediction, number of samples processed at once, and ridge over the mean square.
 PREDICTION_ORDER, SAMPLES_A_BLOCK, PREDICTION_RIDGE = 40, 65_536, 1e-12
 # A blow makes errors of the prediction whose RMS over as many samples exceeds its running median this much.
-# Noise alone exceeds it less than 2 times in 100,000 samples.
+# Noise alone stays below 2 medians in 100,000 samples of one sensor.
 RUNNING_MEDIAN, LARGE_ERROR = 601, 3.0
 
 
