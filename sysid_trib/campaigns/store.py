@@ -311,8 +311,8 @@ def _readable(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise RecordError(
-            f"{path}: cannot be created, or is not the store of a campaign ({error.strerror or error}); choose "
-            "another with -o."
+            f"{path}: cannot be created, or is not the store of a campaign ({error.strerror or error}); "
+            "choose another with -o."
         ) from None
     # Reading a damaged store can raise any exception.
     except Exception as error:
