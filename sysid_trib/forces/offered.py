@@ -71,7 +71,8 @@ def _same(force: Force, other: Force) -> bool:
     """Return true if two forces are the same function."""
     if force.kind != other.kind:
         return False
-    if force.memoryless and not force.shape and force.kind == "force" and not force.channels:
+    plain = force.memoryless and not (force.shape or force.channels or force.uses)
+    if plain and force.kind == "force":
         return other.matches(force.formula.text)
     texts = [
         (f.formula.text, *(p.text for table in (f.state, f.memory) for p in table.values()))

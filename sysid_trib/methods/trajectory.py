@@ -152,7 +152,7 @@ class Trajectory(Constrained):
         """
         runs = as_runs(decay, driven=True)
         library = library.with_own(self.own, len(runs))
-        problem = self._problem(runs, library)
+        problem = self.problem(runs, library)
         # In its own quantity the record is fitted by the free motion alone.
         stochastic_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
         stochastic_too = stochastic_too and not self.warm_up
@@ -161,14 +161,14 @@ class Trajectory(Constrained):
             # Direct takes samples at rest as well, and the coefficients in formulas from round to round.
             begun = replace(self, start=_regressed_start(problem))
         quick = _quick(self, problem, runs) if begun.start is None or stochastic_too else None
-        first = _first_values(begun, problem, quick)
+        first = first_values(begun, problem, quick)
         if stochastic_too:
             return stochastic_identification(self, *_with_random_force(self, problem, first, quick))
         fit = self._fitted_freely(problem, first)
         parameters = fit.parameters
         while stopped := stopped_by_bounds(fit):
             fit = fitted(replace(fit.problem, parameters=fit.parameters.fix(stopped)), fit.values)
-        return _identification(self, fit, fit.with_free(parameters))
+        return identification_of_fit(self, fit, fit.with_free(parameters))
 
     def likelihood(self, decay: Decays, library: ForceLibrary, near: xr.Dataset) -> Fit:
         """Return likelihood of the free motion about its best fit; a parameter at a bound is not held there.
@@ -176,15 +176,16 @@ class Trajectory(Constrained):
         The fit starts from a result: a motion that stops may have a minimum for each number of swings.
         """
         runs = as_runs(decay, driven=True)
-        problem = self._problem(runs, library.with_own(self.own, len(runs)))
-        first = _first_values(self, problem, near)
+        problem = self.problem(runs, library.with_own(self.own, len(runs)))
+        first = first_values(self, problem, near)
         fit = self._fitted_freely(problem, first)
         # In strong noise the result may be nearer than the fit over a growing window.
         fit = min(fit, fitted(fit.problem, first), key=lambda tried: float(tried.residual @ tried.residual))
         _residuals(fit)
         return fit.in_its_noise()
 
-    def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
+    def problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
+        """Return the records and parameters of the fit of forces to runs."""
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         records = tuple(WhitenedRecord.of_decay(run, offered, self.warm_up) for run in runs)
         constraints = Constraints(self.constraints).of_each_run(self.own, len(runs))
@@ -274,7 +275,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
         return None
 
 
-def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
+def first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
     """Return the first guess of all parameters: from the start model, or from direct identification."""
     parameters = problem.parameters
     start = method.start if quick is None else method.start or model_of(quick)
@@ -343,7 +344,7 @@ def _residuals(fit: Fit) -> list[Array]:
     return counted
 
 
-def _identification(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
+def identification_of_fit(method: Trajectory, fit: Fit, unbounded: Fit) -> xr.Dataset:
     """Return a fit as an identification, with the errors of the one in which no bound holds a parameter."""
     problem, parameters = fit.problem, fit.parameters
     residuals, runs = _residuals(fit), problem.runs

@@ -301,14 +301,17 @@ def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
 def _described(record: xr.Dataset, said: Sequence[str]) -> xr.Dataset:
     """Add to a part the sentence on it."""
     time, known = record.time.values, inputs_of(record)
-    between = sorted({given.between for given in known.values()})
-    units = []
+    units, kinds = list[str](), dict[str, list[str]]()
     for name, given in known.items():
+        kinds.setdefault(given.between, []).append(name)
         constant = f", constant at {given.values[0]:g}" if is_constant(given.values) else ""
         units.append(f"{name} ({record[name].attrs.get('units', 'unit not stated')}{constant})")
     step = float(np.median(np.diff(time)))
+    between = " and ".join(kinds)
+    if len(kinds) > 1:
+        between = "; ".join(f"{', '.join(names)} {word}" for word, names in kinds.items())
     text = (
         f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "
-        f"inputs {', '.join(units)}, {' and '.join(between)} between samples"
+        f"inputs {', '.join(units)}{'; ' if len(kinds) > 1 else ', '}{between} between samples"
     )
     return record.assign_attrs(free_decay="; ".join([text, *said]) + ".")

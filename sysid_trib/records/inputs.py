@@ -203,6 +203,15 @@ def usual_between(values: Array) -> str:
     return "held" if np.mean(isolated) > 0.8 and (leaps or levels <= MOST_LEVELS) else "smooth"
 
 
+def between_of(values: Array, asked: str | None) -> str:
+    """Return the interpolation of an input: the requested one, except for a switch, which is held.
+
+    A switch of two values has none between them, whatever is between the samples of the other inputs.
+    """
+    usual = usual_between(values)
+    return usual if asked is None or (usual == "held" and np.unique(values).size == 2) else asked
+
+
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
     """Return the inputs of a record for the forces of a library.
 

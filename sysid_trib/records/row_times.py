@@ -24,7 +24,7 @@ from sysid_trib.records.clock import (
     seconds_between,
 )
 from sysid_trib.records.column import DAY, Column
-from sysid_trib.records.inputs import usual_between
+from sysid_trib.records.inputs import between_of
 from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.roles import ROLE
 from sysid_trib.records.tables import FileTable, read_table
@@ -273,7 +273,7 @@ def with_inputs(
         if not np.all(np.isfinite(values)):
             wrong = f"{table.source}: the input {name} is not a number at each time"
             raise RecordError(f"{wrong}; fill it, or cut (--window).")
-        between = how.between or usual_between(values)
+        between = between_of(values, how.between)
         attrs: dict[str, Any] = {"role": ROLE, "between": between, "long_name": f"input {name}"}
         if unit is not None:
             is_angle = unit.position == "rad"

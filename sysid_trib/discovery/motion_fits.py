@@ -1,0 +1,396 @@
+"""Fits of forces to the motions of driven runs, their errors, and the prediction of runs that are left out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from time import monotonic
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+import xarray as xr
+
+from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces.force import ForceLibrary
+from sysid_trib.forces.selection import forces_to_identify
+from sysid_trib.likelihood.sensor_noise import white_p_value
+from sysid_trib.methods.trajectory import Trajectory, first_values
+from sysid_trib.motion_fit.least_squares import FEWEST_CLUSTERS, PARTS_OF_RUNS, Fit, fitted, grown
+from sysid_trib.motion_fit.moving_samples import MovingSamples, points_of, regressed
+from sysid_trib.motion_fit.parameters import PER_RUN
+from sysid_trib.motion_fit.problem import FitProblem
+from sysid_trib.records.smoothing import first_frequency, nominal_frequency
+from sysid_trib.simulation.model import FREQUENCY, Model
+
+# Samples of a run, and of a period of small swings, that a search keeps.
+SAMPLES_OF_A_RUN, SAMPLES_OF_A_PERIOD = 300, 30
+# Relative step at which a fit of a search ends, and its largest number of evaluations.
+ROUGHLY, FEW_EVALUATIONS = 1e-4, 15
+# A column is not testable if this part of it, or less, is outside of the columns of the model.
+LEAST_OUTSIDE = 1e-3
+
+
+class Gain(NamedTuple):
+    """A candidate by one linear step from a model.
+
+    Attributes
+    ----------
+    coefficient, error : float
+    p_value : float
+        Corrected for the number of candidates.
+    fall : float
+        Part of the sum of squares that it explains.
+    outside : float
+        Part of its column outside of the columns of the model.
+    direction : (sample,) array of float
+        This part, of length 1.
+    step : mapping of str to float
+        Values of all common parameters after the step.
+    """
+
+    coefficient: float
+    error: float
+    p_value: float
+    fall: float
+    outside: float
+    direction: Array
+    step: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class MotionModel:
+    """A model with some effects, fitted to all runs.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Candidates that it has, in the order in which they were added.
+    fit : Fit
+    tests : int
+        Number of candidates.
+    level : float
+        Significance level.
+    """
+
+    effects: tuple[str, ...]
+    fit: Fit
+    tests: int
+    level: float
+
+    @cached_property
+    def values(self) -> dict[str, float]:
+        """Return the common parameters by their names."""
+        return dict(zip(self.fit.parameters.common, self.fit.values.tolist(), strict=False))
+
+    @property
+    def per_run(self) -> Array:
+        """Angle (rad), rate (rad/s) and zero (rad) of each run, (run, 3)."""
+        return self.fit.parameters.per_run(self.fit.values)
+
+    @cached_property
+    def residuals(self) -> list[Array]:
+        """Return motion minus record of each run, (sample,) array of float each, rad."""
+        return np.split(self.fit.residual, _ends(self.fit, 1))
+
+    @property
+    def rms(self) -> float:
+        """RMS of the residual, rad."""
+        return root_mean_square(self.fit.residual)
+
+    @cached_property
+    def noise_p_value(self) -> float:
+        """P-value that the residual of every run is white noise."""
+        return min(1.0, len(self.residuals) * min(map(white_p_value, self.residuals)))
+
+    @property
+    def is_complete(self) -> bool:
+        """Return true if the residual is noise."""
+        return self.noise_p_value >= self.level
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of all parameters, by the noise, or by the scatter between runs if there is more."""
+        return self.covariance_of(self.fit)
+
+    def covariance_of(self, fit: Fit) -> Array:
+        """Return the covariance of all parameters of a fit near this one, by the noise of this one."""
+        if not self.is_complete:
+            return fit.clustered_covariance
+        freedom = max(1, len(fit.residual) - len(fit.parameters.free))
+        return np.asarray(fit.residual @ fit.residual / freedom * fit.covariance)
+
+    def error(self, name: str) -> float:
+        """Return the standard error of a parameter."""
+        at = self.fit.parameters.index(name)
+        return float(np.sqrt(self.covariance[at, at]))
+
+    def p_value(self, symbol: str) -> float:
+        """Return the p-value of an effect at its shapes, corrected for the number of candidates."""
+        parameters = self.fit.parameters
+        shapes = {k: v for k, v in self.values.items() if k.startswith(f"{symbol}.")}
+        at_shapes = replace(self.fit.problem, parameters=parameters.fix(shapes))
+        kept = np.isin(parameters.free, at_shapes.parameters.free)
+        fit = replace(self.fit, problem=at_shapes, sensitivity=self.fit.sensitivity[:, kept])
+        at = parameters.index(symbol)
+        return self.p_value_of(self.values[symbol], float(np.sqrt(self.covariance_of(fit)[at, at])))
+
+    def p_value_of(self, coefficient: float, error: float) -> float:
+        """Return the p-value of a coefficient with an error, corrected for the number of candidates."""
+        if not error > 0.0:
+            return 1.0
+        z = abs(coefficient) / error
+        tail = scipy.stats.norm.sf(z) if self.is_complete else scipy.stats.t.sf(z, self.clusters - 1)
+        return min(1.0, self.tests * 2.0 * float(tail))
+
+    @property
+    def threshold(self) -> float:
+        """Coefficient over its error of the significance level, corrected for the number of candidates."""
+        tail = self.level / (2.0 * self.tests)
+        if self.is_complete:
+            return float(scipy.stats.norm.isf(tail))
+        return float(scipy.stats.t.isf(tail, self.clusters - 1))
+
+    @property
+    def clusters(self) -> int:
+        """Number of independent parts by whose scatter errors are told: the runs, or parts of few runs."""
+        runs = len(self.fit.problem.records)
+        return runs if runs >= FEWEST_CLUSTERS else runs * -(-PARTS_OF_RUNS // runs)
+
+    @cached_property
+    def left_out_squares(self) -> Array:
+        """Return the squares of the residual of each cluster, predicted by the others, (cluster,).
+
+        To first order, the start of each run fitted (PRESS; Allen 1974).
+        """
+        fit, parameters = self.fit, self.fit.parameters
+        names = [parameters.names[at] for at in parameters.free]
+        common = [at for at, name in enumerate(names) if name in parameters.common]
+        parts = self.clusters // len(fit.problem.records)
+        table, ends = fit.sensitivity / _size(fit.sensitivity), _ends(fit, 1)
+        clusters = list[tuple[Array, Array]]()
+        pairs = zip(np.split(table, ends), np.split(fit.residual, ends), strict=True)
+        for run, (rows, residual) in enumerate(pairs):
+            own = [at for at, name in enumerate(names) if name in _names_of_run(run)]
+            basis, _ = np.linalg.qr(rows[:, own])
+            rest = rows[:, common] - basis @ (basis.T @ rows[:, common])
+            residual = residual - basis @ (basis.T @ residual)
+            clusters += zip(np.array_split(rest, parts), np.array_split(residual, parts), strict=True)
+        whole = np.sum([rows.T @ rows for rows, _ in clusters], axis=0)
+        # A parameter that one cluster alone determines stays where it is.
+        ridge = 1e-9 * np.trace(whole) / max(1, len(whole)) * np.eye(len(whole))
+        squares = []
+        for rows, residual in clusters:
+            change = np.linalg.pinv(whole - rows.T @ rows + ridge, hermitian=True) @ (rows.T @ residual)
+            squares.append(float(np.sum((residual + rows @ change) ** 2)))
+        return np.array(squares)
+
+    @property
+    def left_out_rms(self) -> float:
+        """RMS of the residual predicted by the other clusters, rad."""
+        return float(np.sqrt(np.sum(self.left_out_squares) / len(self.fit.residual)))
+
+
+def _size(table: Array) -> Array:
+    """Return the norm of each column, 1 of an empty one."""
+    size = np.linalg.norm(table, axis=0)
+    return np.where(size > 0.0, size, 1.0)
+
+
+def _ends(fit: Fit, parts: int) -> list[int]:
+    """Return the samples at which parts of runs end, the last one left out."""
+    counts = [len(record.time) - record.uncounted for record in fit.problem.records]
+    lengths = [len(part) for count in counts for part in np.array_split(np.arange(count), parts)]
+    return np.cumsum(lengths)[:-1].tolist()
+
+
+def _names_of_run(run: int) -> list[str]:
+    return [f"{name} of run {run}" for name in PER_RUN]
+
+
+def thinned(run: xr.Dataset, frequency: float) -> xr.Dataset:
+    """Return a run with fewer samples, as `decimated` says: a fit takes as long as it has samples.
+
+    `frequency` : of small swings, rad/s.
+    """
+    time = run.time.values.astype(float)
+    per_period = 2.0 * np.pi / (frequency * float(np.median(np.diff(time))))
+    step = int(max(1, min(len(time) // SAMPLES_OF_A_RUN, per_period // SAMPLES_OF_A_PERIOD)))
+    fewer = run.isel(time=slice(None, None, step))
+    said = f"{len(time)} samples to {fewer.sizes['time']}, by single samples"
+    return fewer if step == 1 else fewer.assign_attrs(decimated=said, decimation=float(step))
+
+
+@dataclass
+class MotionFits:
+    """Fits of a start model with candidates to driven runs.
+
+    Attributes
+    ----------
+    runs : sequence of Dataset
+    start, offered : ForceLibrary
+        The forces of the start model, and the candidates.
+    fixed : mapping of str to float
+        Coefficients that are held.
+    frequency : float or None, rad/s
+        w, where it is held.
+    level : float
+    deadline : float
+        By `time.monotonic`: after it no model is fitted.
+    kept : dict of frozenset of str to MotionModel
+        Fitted models by their effects; None where the fit failed.
+    failed : list of str
+    """
+
+    runs: Sequence[xr.Dataset]
+    start: ForceLibrary
+    offered: ForceLibrary
+    fixed: Mapping[str, float]
+    frequency: float | None
+    level: float
+    deadline: float
+    kept: dict[frozenset[str], MotionModel | None] = field(default_factory=dict)
+    failed: list[str] = field(default_factory=list)
+
+    @property
+    def out_of_time(self) -> bool:
+        """True if the deadline has passed."""
+        return monotonic() > self.deadline
+
+    @cached_property
+    def whole(self) -> ForceLibrary:
+        """All forces: those of the start model, then the candidates."""
+        both = replace(self.start, forces=(*self.start, *self.offered))
+        return forces_to_identify(both, self.frequency, sensors=True)
+
+    @cached_property
+    def _points(self) -> MovingSamples:
+        return points_of(self.runs, self.whole)
+
+    def method(self, effects: Sequence[str]) -> Trajectory:
+        """Return the method that fits the start model with some effects, their shapes too."""
+        shapes = tuple(name for name in self.whole.shape_values() if name.partition(".")[0] in effects)
+        return Trajectory(
+            self.frequency, random_force="off", constraints=dict(self.fixed), fit_shapes=shapes
+        )
+
+    def library(self, effects: Sequence[str]) -> ForceLibrary:
+        """Return the start model's forces and some effects."""
+        return self.whole.select([*self.start.symbols, *effects])
+
+    def _problem(self, effects: Sequence[str], library: ForceLibrary) -> FitProblem:
+        problem = self.method(effects).problem(self.runs, library)
+        # A control loop uses the sensor: its zero is a force of the library, or there is none.
+        zeros = {f"{PER_RUN[-1]} of run {run}": 0.0 for run in range(len(self.runs))}
+        return replace(problem, parameters=problem.parameters.fix(zeros))
+
+    def first(self) -> MotionModel:
+        """Fit the start model.
+
+        Raises
+        ------
+        DecayError
+            No motion of it follows the records.
+        """
+        problem = self._problem((), self.library(()))
+        begun = replace(self.method(()), start=self._regressed(()))
+        fit = fitted(problem, grown(problem, first_values(begun, problem, None)), tolerance=ROUGHLY)
+        model = self.kept[frozenset()] = self._model((), fit)
+        return model
+
+    def _model(self, effects: Sequence[str], fit: Fit) -> MotionModel:
+        return MotionModel(tuple(effects), fit, len(self.offered), self.level)
+
+    def _regressed(self, effects: Sequence[str]) -> Model:
+        """Return the model of a regression over the moving samples."""
+        library = self.library(effects)
+        found = regressed(self._points, library, self.fixed)
+        coefficients = {symbol: found.coefficients.get(symbol, 0.0) for symbol in library.symbols}
+        return Model(library, coefficients, self.frequency or found.frequency)
+
+    def of(
+        self, effects: Sequence[str], near: MotionModel, step: Mapping[str, float] | None = None
+    ) -> MotionModel | None:
+        """Fit the start model with effects, once; None if the fit fails or the coefficients are unphysical.
+
+        It starts near another model or at the regression, whichever motion is nearer to the records: with
+        friction that sticks, the sum of squares has many minima.
+
+        Parameters
+        ----------
+        effects : sequence of str
+        near : MotionModel
+        step : mapping of str to float, optional
+            Common parameters in place of those of the near model.
+        """
+        key = frozenset(effects)
+        if key in self.kept or self.out_of_time:
+            return self.kept.get(key)
+        problem = self._problem(effects, self.library(effects))
+        places = [{**problem.parameters.library.shape_values(), **near.values, **(step or {})}]
+        with np.errstate(all="ignore"):
+            try:
+                model = self._regressed(effects)
+                places.append({**places[0], **model.coefficients, FREQUENCY: model.reference_frequency})
+                starts = [problem.parameters.pack(place, near.per_run) for place in places]
+                starts = [problem.parameters.expand(start[problem.parameters.free]) for start in starts]
+                begin = min(starts, key=lambda start: _squares(problem, start))
+                fit = fitted(problem, begin, tolerance=ROUGHLY, most_evaluations=FEW_EVALUATIONS)
+            except (SysidTribError, np.linalg.LinAlgError, ValueError):
+                self.failed += [symbol for symbol in effects if symbol not in near.effects]
+                self.kept[key] = None
+                return None
+        model_with = self._model(effects, fit)
+        passive = [symbol for symbol in effects if self.whole[symbol].passive]
+        physical = all(model_with.values[symbol] > 0.0 for symbol in passive)
+        self.kept[key] = model_with if physical else None
+        return self.kept[key]
+
+    def gains(self, model: MotionModel) -> dict[str, Gain]:
+        """Return the candidates by one linear step each from a model; those that are not testable left out."""
+        added = [symbol for symbol in self.offered.symbols if symbol not in model.effects]
+        problem = self._problem(model.effects, self.library([*model.effects, *added]))
+        parameters, values = problem.parameters, problem.parameters.library.shape_values() | model.values
+        here = parameters.pack(values, model.per_run)
+        residuals = problem.residuals(here)
+        table, residual = problem.white_sensitivity(here, residuals), problem.white(residuals)
+        names = [parameters.names[at] for at in parameters.free]
+        kept = [at for at, name in enumerate(names) if name not in added]
+        size = _size(table)
+        basis, singular, _ = np.linalg.svd((table / size)[:, kept], full_matrices=False)
+        basis = basis[:, singular > 1e-7 * singular[0]]
+        found = dict[str, Gain]()
+        for symbol in added:
+            at = names.index(symbol)
+            column = table[:, at] / size[at]
+            rest = column - basis @ (basis.T @ column)
+            outside = float(np.linalg.norm(rest))
+            if outside > LEAST_OUTSIDE and np.all(np.isfinite(column)):
+                places = [*kept, at]
+                step = -np.linalg.lstsq(table[:, places] / size[places], residual, rcond=1e-9)[0]
+                step = step / size[places]
+                after = dict(zip([names[place] for place in places], step.tolist(), strict=True))
+                held = {other: 0.0 for other in added if other != symbol}
+                linear = Fit(
+                    replace(problem, parameters=parameters.fix(held)),
+                    parameters.expand(here[parameters.free]),
+                    residual + table[:, places] @ step,
+                    table[:, sorted(places)],
+                )
+                own = parameters.index(symbol)
+                error = float(np.sqrt(model.covariance_of(linear)[own, own]))
+                moved = {k: value + after.get(k, 0.0) for k, value in values.items()} | {symbol: after[symbol]}
+                fall = 1.0 - float(linear.residual @ linear.residual / (residual @ residual))
+                p_value = model.p_value_of(after[symbol], error)
+                found[symbol] = Gain(after[symbol], error, p_value, fall, outside, rest / outside, moved)
+        return found
+
+
+def _squares(problem: FitProblem, values: Array) -> float:
+    residual = problem.white(problem.residuals(values))
+    return float(np.nan_to_num(residual @ residual, nan=np.inf))
+
+
+def swing_frequency_of(runs: Sequence[xr.Dataset]) -> float:
+    """Return the frequency (rad/s) by which the samples of driven runs are counted."""
+    return nominal_frequency(first_frequency(runs))
