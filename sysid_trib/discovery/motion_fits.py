@@ -24,7 +24,7 @@ from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.simulation.model import FREQUENCY, Model
 
 # Samples of a run, and of a period of small swings, that a search keeps.
-SAMPLES_OF_A_RUN, SAMPLES_OF_A_PERIOD = 300, 30
+SAMPLES_OF_A_RUN, SAMPLES_OF_A_PERIOD = 1500, 30
 # Relative step at which a fit of a search ends, and its largest number of evaluations.
 ROUGHLY, FEW_EVALUATIONS = 1e-4, 15
 # A column is not testable if this part of it, or less, is outside of the columns of the model.

@@ -107,6 +107,8 @@ def _additions(fits: MotionFits, model: MotionModel, most: int) -> list[MotionMo
         better = move is not None and move.left_out_rms < model.left_out_rms
         if move is not None and better and move.p_value(symbol) < fits.level:
             moves.append(move)
+            if move.is_complete:
+                break
     return moves
 
 
