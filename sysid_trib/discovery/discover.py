@@ -19,7 +19,7 @@ from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.law_rival import LawPrediction, held_out_by_laws
-from sysid_trib.discovery.motion_fits import MotionFits, swing_frequency_of, thinned
+from sysid_trib.discovery.motion_fits import MotionFits, decimated_run, swing_frequency_of
 from sysid_trib.discovery.motion_groups import groups_of_motions, held_out_of
 from sysid_trib.discovery.motion_search import search_by_motions
 from sysid_trib.discovery.plain_start import PlainStart, plain_start, residual_of_motions
@@ -141,7 +141,9 @@ def discover(
             "forces, and compare the residuals."
         )
     how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
-    together = replace(model, forces=(*model, *(force for force in offered if force.symbol not in model.symbols)))
+    together = replace(
+        model, forces=(*model, *(force for force in offered if force.symbol not in model.symbols))
+    )
     if together.used and all(map(inputs_of, as_runs(runs, driven=True))):
         return _discovery_by_motions(runs, model, offered, constraints, unseen, how)
     if together.used:
@@ -289,10 +291,10 @@ def _discovery_by_motions(
         )
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     frequency = how.reference_frequency or swing_frequency_of(whole)
-    seen = [thinned(run, frequency) for run in whole]
-    level, fixed = how.settings.level, Constraints(constraints).fixed
-    fits = MotionFits(seen, model, offered, fixed, how.reference_frequency, level, deadline)
-    done = search_by_motions(fits, how.settings.max_effects, how.tell)
+    seen = [decimated_run(run, frequency, how.settings.samples_per_period) for run in whole]
+    fixed = Constraints(constraints).fixed
+    fits = MotionFits(seen, model, offered, fixed, how.reference_frequency, how.settings, deadline)
+    done = search_by_motions(fits, how.tell)
     how.tell("difference of model and record")
     groups = groups_of_motions(done, offered, whole, unseen)
     # The models are fitted to all of the runs from the start.

@@ -1,4 +1,4 @@
-"""Fits of forces to the motions of driven runs, their errors, and the prediction of runs that are left out."""
+"""Fits of forces to motions of driven runs, their errors, and the prediction of what is left out."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -11,24 +11,30 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.discovery.engine.trials import Settings
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.methods.trajectory import Trajectory, first_values
-from sysid_trib.motion_fit.least_squares import FEWEST_CLUSTERS, PARTS_OF_RUNS, Fit, fitted, grown
+from sysid_trib.motion_fit.least_squares import (
+    FEWEST_CLUSTERS,
+    PARTS_OF_RUNS,
+    SINGULAR_PART,
+    Fit,
+    fitted,
+    grown,
+)
 from sysid_trib.motion_fit.moving_samples import MovingSamples, points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.motion_fit.problem import FitProblem
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
 from sysid_trib.simulation.model import FREQUENCY, Model
 
-# Samples of a run, and of a period of small swings, that a search keeps.
-SAMPLES_OF_A_RUN, SAMPLES_OF_A_PERIOD = 1500, 30
+# Samples that a search keeps of a run, if a period still has those of the settings.
+KEPT_SAMPLES = 1500
 # Relative step at which a fit of a search ends, and its largest number of evaluations.
-ROUGHLY, FEW_EVALUATIONS = 1e-4, 15
-# A column is not testable if this part of it, or less, is outside of the columns of the model.
-LEAST_OUTSIDE = 1e-3
+SEARCH_TOLERANCE, SEARCH_EVALUATIONS = 1e-4, 15
 
 
 class Gain(NamedTuple):
@@ -117,8 +123,8 @@ class MotionModel:
         """Return the covariance of all parameters of a fit near this one, by the noise of this one."""
         if not self.is_complete:
             return fit.clustered_covariance
-        freedom = max(1, len(fit.residual) - len(fit.parameters.free))
-        return np.asarray(fit.residual @ fit.residual / freedom * fit.covariance)
+        degrees_of_freedom = max(1, len(fit.residual) - len(fit.parameters.free))
+        return np.asarray(fit.residual @ fit.residual / degrees_of_freedom * fit.covariance)
 
     def error(self, name: str) -> float:
         """Return the standard error of a parameter."""
@@ -153,7 +159,7 @@ class MotionModel:
 
     @property
     def clusters(self) -> int:
-        """Number of independent parts by whose scatter errors are told: the runs, or parts of few runs."""
+        """Number of independent parts whose scatter determines the errors: the runs, or parts of few runs."""
         runs = len(self.fit.problem.records)
         return runs if runs >= FEWEST_CLUSTERS else runs * -(-PARTS_OF_RUNS // runs)
 
@@ -208,17 +214,25 @@ def _names_of_run(run: int) -> list[str]:
     return [f"{name} of run {run}" for name in PER_RUN]
 
 
-def thinned(run: xr.Dataset, frequency: float) -> xr.Dataset:
-    """Return a run with fewer samples, as `decimated` says: a fit takes as long as it has samples.
+def decimated_run(run: xr.Dataset, frequency: float, per_period: int) -> xr.Dataset:
+    """Return a run with fewer samples, as its attribute `decimated` says: they determine the time of a fit.
 
-    `frequency` : of small swings, rad/s.
+    Parameters
+    ----------
+    run : Dataset
+    frequency : float, rad/s
+        Of small swings.
+    per_period : int
+        Samples of a period of it that remain at least.
     """
     time = run.time.values.astype(float)
-    per_period = 2.0 * np.pi / (frequency * float(np.median(np.diff(time))))
-    step = int(max(1, min(len(time) // SAMPLES_OF_A_RUN, per_period // SAMPLES_OF_A_PERIOD)))
+    period = 2.0 * np.pi / (frequency * float(np.median(np.diff(time))))
+    step = int(max(1, min(len(time) // KEPT_SAMPLES, period // per_period)))
+    if step == 1:
+        return run
     fewer = run.isel(time=slice(None, None, step))
     said = f"{len(time)} samples to {fewer.sizes['time']}, by single samples"
-    return fewer if step == 1 else fewer.assign_attrs(decimated=said, decimation=float(step))
+    return fewer.assign_attrs(decimated=said, decimation=float(step))
 
 
 @dataclass
@@ -234,7 +248,7 @@ class MotionFits:
         Coefficients that are held.
     frequency : float or None, rad/s
         w, where it is held.
-    level : float
+    settings : Settings
     deadline : float
         By `time.monotonic`: after it no model is fitted.
     kept : dict of frozenset of str to MotionModel
@@ -247,7 +261,7 @@ class MotionFits:
     offered: ForceLibrary
     fixed: Mapping[str, float]
     frequency: float | None
-    level: float
+    settings: Settings
     deadline: float
     kept: dict[frozenset[str], MotionModel | None] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
@@ -270,9 +284,7 @@ class MotionFits:
     def method(self, effects: Sequence[str]) -> Trajectory:
         """Return the method that fits the start model with some effects, their shapes too."""
         shapes = tuple(name for name in self.whole.shape_values() if name.partition(".")[0] in effects)
-        return Trajectory(
-            self.frequency, random_force="off", constraints=dict(self.fixed), fit_shapes=shapes
-        )
+        return Trajectory(self.frequency, random_force="off", constraints=dict(self.fixed), fit_shapes=shapes)
 
     def library(self, effects: Sequence[str]) -> ForceLibrary:
         """Return the start model's forces and some effects."""
@@ -294,19 +306,19 @@ class MotionFits:
         """
         problem = self._problem((), self.library(()))
         begun = replace(self.method(()), start=self._regressed(()))
-        fit = fitted(problem, grown(problem, first_values(begun, problem, None)), tolerance=ROUGHLY)
+        fit = fitted(problem, grown(problem, first_values(begun, problem, None)), tolerance=SEARCH_TOLERANCE)
         model = self.kept[frozenset()] = self._model((), fit)
         return model
 
     def _model(self, effects: Sequence[str], fit: Fit) -> MotionModel:
-        return MotionModel(tuple(effects), fit, len(self.offered), self.level)
+        return MotionModel(tuple(effects), fit, len(self.offered), self.settings.level)
 
     def _regressed(self, effects: Sequence[str]) -> Model:
         """Return the model of a regression over the moving samples."""
         library = self.library(effects)
-        found = regressed(self._points, library, self.fixed)
-        coefficients = {symbol: found.coefficients.get(symbol, 0.0) for symbol in library.symbols}
-        return Model(library, coefficients, self.frequency or found.frequency)
+        regression = regressed(self._points, library, self.fixed)
+        coefficients = {symbol: regression.coefficients.get(symbol, 0.0) for symbol in library.symbols}
+        return Model(library, coefficients, self.frequency or regression.frequency)
 
     def of(
         self, effects: Sequence[str], near: MotionModel, step: Mapping[str, float] | None = None
@@ -335,7 +347,7 @@ class MotionFits:
                 starts = [problem.parameters.pack(place, near.per_run) for place in places]
                 starts = [problem.parameters.expand(start[problem.parameters.free]) for start in starts]
                 begin = min(starts, key=lambda start: _squares(problem, start))
-                fit = fitted(problem, begin, tolerance=ROUGHLY, most_evaluations=FEW_EVALUATIONS)
+                fit = fitted(problem, begin, tolerance=SEARCH_TOLERANCE, most_evaluations=SEARCH_EVALUATIONS)
             except (SysidTribError, np.linalg.LinAlgError, ValueError):
                 self.failed += [symbol for symbol in effects if symbol not in near.effects]
                 self.kept[key] = None
@@ -347,43 +359,54 @@ class MotionFits:
         return self.kept[key]
 
     def gains(self, model: MotionModel) -> dict[str, Gain]:
-        """Return the candidates by one linear step each from a model; those that are not testable left out."""
+        """Return the candidates that the runs can test, by one linear step each from a model."""
         added = [symbol for symbol in self.offered.symbols if symbol not in model.effects]
         problem = self._problem(model.effects, self.library([*model.effects, *added]))
-        parameters, values = problem.parameters, problem.parameters.library.shape_values() | model.values
-        here = parameters.pack(values, model.per_run)
+        shapes = problem.parameters.library.shape_values()
+        here = problem.parameters.pack({**shapes, **model.values}, model.per_run)
         residuals = problem.residuals(here)
         table, residual = problem.white_sensitivity(here, residuals), problem.white(residuals)
-        names = [parameters.names[at] for at in parameters.free]
-        kept = [at for at, name in enumerate(names) if name not in added]
+        names = [problem.parameters.names[at] for at in problem.parameters.free]
         size = _size(table)
+        kept = [at for at, name in enumerate(names) if name not in added]
         basis, singular, _ = np.linalg.svd((table / size)[:, kept], full_matrices=False)
-        basis = basis[:, singular > 1e-7 * singular[0]]
-        found = dict[str, Gain]()
+        basis = basis[:, singular > SINGULAR_PART * singular[0]]
+        gains = dict[str, Gain]()
         for symbol in added:
-            at = names.index(symbol)
-            column = table[:, at] / size[at]
+            column = table[:, names.index(symbol)] / size[names.index(symbol)]
             rest = column - basis @ (basis.T @ column)
             outside = float(np.linalg.norm(rest))
-            if outside > LEAST_OUTSIDE and np.all(np.isfinite(column)):
-                places = [*kept, at]
-                step = -np.linalg.lstsq(table[:, places] / size[places], residual, rcond=1e-9)[0]
-                step = step / size[places]
-                after = dict(zip([names[place] for place in places], step.tolist(), strict=True))
-                held = {other: 0.0 for other in added if other != symbol}
-                linear = Fit(
-                    replace(problem, parameters=parameters.fix(held)),
-                    parameters.expand(here[parameters.free]),
-                    residual + table[:, places] @ step,
-                    table[:, sorted(places)],
-                )
-                own = parameters.index(symbol)
-                error = float(np.sqrt(model.covariance_of(linear)[own, own]))
-                moved = {k: value + after.get(k, 0.0) for k, value in values.items()} | {symbol: after[symbol]}
-                fall = 1.0 - float(linear.residual @ linear.residual / (residual @ residual))
-                p_value = model.p_value_of(after[symbol], error)
-                found[symbol] = Gain(after[symbol], error, p_value, fall, outside, rest / outside, moved)
-        return found
+            if outside > self.settings.testable and np.all(np.isfinite(column)):
+                others = dict.fromkeys([other for other in added if other != symbol], 0.0)
+                held = replace(problem, parameters=problem.parameters.fix(others))
+                columns = [at for at, name in enumerate(names) if name not in others]
+                start = Fit(held, here, residual, table[:, columns])
+                gains[symbol] = _gain_of(model, start, symbol, outside, rest / outside)
+        return gains
+
+
+def _gain_of(model: MotionModel, start: Fit, symbol: str, outside: float, direction: Array) -> Gain:
+    """Return a candidate by one linear step.
+
+    `start` : the model with the sensitivity to the candidate, whose coefficient is free.
+    """
+    size, parameters = _size(start.sensitivity), start.parameters
+    step = -np.linalg.lstsq(start.sensitivity / size, start.residual, rcond=1e-9)[0] / size
+    residual = start.residual + start.sensitivity @ step
+    after = parameters.expand(start.values[parameters.free] + step)
+    own = parameters.index(symbol)
+    stepped = replace(start, values=after, residual=residual)
+    error = float(np.sqrt(model.covariance_of(stepped)[own, own]))
+    coefficient = float(after[own])
+    return Gain(
+        coefficient,
+        error,
+        model.p_value_of(coefficient, error),
+        1.0 - float(residual @ residual / (start.residual @ start.residual)),
+        outside,
+        direction,
+        dict(zip(parameters.common, after.tolist(), strict=False)),
+    )
 
 
 def _squares(problem: FitProblem, values: Array) -> float:

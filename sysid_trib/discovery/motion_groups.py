@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
@@ -26,10 +25,6 @@ from sysid_trib.simulation.initial_conditions import FittedMotion
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation.driven import predict
 from sysid_trib.validation.residuals import with_noise_and_models
-
-# An effect of this many standard errors is detected.
-DETECTED_ERRORS = 5.0
-PROBABILITY_OF_SET = 0.95
 
 
 def groups_of_motions(
@@ -94,10 +89,10 @@ def _motions(model: MotionModel, runs: Sequence[xr.Dataset], noises: Sequence[fl
         acting = replace(parameters.model(model.fit.values, at), inputs=record.inputs)
         angle, rate, offset = model.per_run[at].tolist()
         time = run.time.values.astype(float)
-        moved = trajectory(acting, time, angle, rate)
-        v = moved.rate / acting.reference_frequency
+        simulated = trajectory(acting, time, angle, rate)
+        v = simulated.rate / acting.reference_frequency
         motion = FittedMotion(
-            angle, rate, offset, moved.position, v, moved.stop_time, moved.hidden, None
+            angle, rate, offset, simulated.position, v, simulated.stop_time, simulated.hidden, None
         )
         sensor = NoiseModel(noise, np.ones(1))
         motions.append(FreeMotion(time, motion, -model.residuals[at], sensor, acting, record.inputs))
@@ -107,7 +102,7 @@ def _motions(model: MotionModel, runs: Sequence[xr.Dataset], noises: Sequence[fl
 def _detectability(
     search: MotionSearch, model: MotionModel, gains: dict[str, Gain], offered: ForceLibrary
 ) -> xr.Dataset:
-    """Return the detectable coefficient of each candidate that a model lacks, and candidates that look alike."""
+    """Return the detectable coefficients of candidates that a model lacks, and which of them look alike."""
     forces = [force for force in offered if force.symbol not in model.effects]
     tested = np.array([force.symbol in gains for force in forces], dtype=bool)
     nowhere = np.zeros(len(model.fit.residual))
@@ -115,9 +110,10 @@ def _detectability(
     cosine = np.abs(np.reshape(directions, (len(forces), -1)) @ np.reshape(directions, (len(forces), -1)).T)
     np.fill_diagonal(cosine, 1.0)
     # Two differ by less than a credible set spans if one of them has so many standard errors.
-    nearest = np.sqrt(1.0 - float(scipy.stats.chi2.isf(1.0 - PROBABILITY_OF_SET, 2)) / NAMED**2)
+    nearest = np.sqrt(1.0 - search.fits.settings.outside_of_set / NAMED**2)
     values = {
-        "detectable": [DETECTED_ERRORS * _of(gains, f.symbol, "error") for f in forces],
+        # An effect of this many standard errors is detected.
+        "detectable": [5.0 * _of(gains, f.symbol, "error") for f in forces],
         "independent_fraction": [gains[f.symbol].outside if f.symbol in gains else 0.0 for f in forces],
         "testable": tested,
         "reason": np.where(tested, "", SAME_EFFECT),
@@ -140,7 +136,7 @@ def _of(gains: dict[str, Gain], symbol: str, name: str) -> float:
 
 def _ranking(search: MotionSearch, offered: ForceLibrary) -> xr.Dataset:
     """Return score, p-value and coefficient of every candidate before each effect and at the end."""
-    symbols, level = list(offered.symbols), search.fits.level
+    symbols, level = list(offered.symbols), search.fits.settings.level
     tables: dict[str, Array] = {
         name: np.array([[_of(gains, symbol, name) for symbol in symbols] for gains in search.gains])
         for name in ("coefficient", "error", "p_value")
@@ -162,7 +158,9 @@ def _ranking(search: MotionSearch, offered: ForceLibrary) -> xr.Dataset:
         "threshold": thresholds,
         "significance_level": level,
     }
-    return group_of("ranking", values, {"candidate": symbols, **labels_of(offered, ("name", "family", "unit"))})
+    return group_of(
+        "ranking", values, {"candidate": symbols, **labels_of(offered.forces, ("name", "family", "unit"))}
+    )
 
 
 def _steps(search: MotionSearch, offered: ForceLibrary, after: xr.Dataset) -> xr.Dataset:
@@ -184,7 +182,7 @@ def _steps(search: MotionSearch, offered: ForceLibrary, after: xr.Dataset) -> xr
         "coefficient": coefficients,
         "standard_error": errors,
         "z": coefficients / errors,
-        "significant": [final.p_value(symbol) < search.fits.level for symbol in effects],
+        "significant": [final.p_value(symbol) < search.fits.settings.level for symbol in effects],
         "gain": -2.0 * count * np.diff(np.log(rms)),
         "p_value": [final.p_value(symbol) for symbol in effects],
         "selection_step": np.arange(len(effects)),
@@ -212,7 +210,7 @@ def _steps(search: MotionSearch, offered: ForceLibrary, after: xr.Dataset) -> xr
 
 
 def _improvement(before: MotionModel, after: MotionModel) -> float:
-    """Return by how many standard errors a model predicts what is left out better than another."""
+    """Return the improvement of the prediction of what is left out, in standard errors."""
     falls = before.left_out_squares - after.left_out_squares
     error = float(np.std(falls, ddof=1)) / np.sqrt(len(falls))
     return float(np.mean(falls)) / error if error > 0.0 else 0.0
@@ -233,7 +231,7 @@ def _competition(search: MotionSearch, symbols: Sequence[str]) -> dict[str, Any]
     for effect in search.effects:
         rivals = search.rivals[effect]
         likely = probabilities([*rivals.values()])
-        inside = dict(zip(rivals, credible(likely, PROBABILITY_OF_SET).tolist(), strict=True))
+        inside = dict(zip(rivals, credible(likely, search.fits.settings.credible).tolist(), strict=True))
         inside[effect] = True
         by_name = dict(zip(rivals, likely.tolist(), strict=True))
         tied = [by_name[s] if inside.get(s) else np.nan for s in symbols]
@@ -264,7 +262,7 @@ def _holdout(search: MotionSearch, noise: float, unseen: Sequence[xr.Dataset]) -
 
 
 def held_out_of(search: MotionSearch, unseen: int) -> str:
-    """Return what was held out, in words."""
+    """Return the words for the parts that were held out."""
     if unseen:
         return f"{unseen} run{'s' * (unseen > 1)}"
     runs = len(search.fits.runs)

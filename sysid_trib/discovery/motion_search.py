@@ -8,12 +8,8 @@ import numpy as np
 from sysid_trib.discovery.motion_fits import Gain, MotionFits, MotionModel
 from sysid_trib.errors import Tell
 
-# Candidates that are fitted in a move, and in the place of an effect.
-FITTED, FITTED_IN_PLACE = 6, 3
-# A move in place of an effect must reduce the squares of what is left out by this part.
-BETTER_BY = 0.02
-# Moves after which a search has not converged.
-MOST_MOVES = 20
+# An exchange must reduce the squares of what is left out by this part.
+EXCHANGE_GAIN = 0.02
 
 
 @dataclass(frozen=True)
@@ -31,8 +27,6 @@ class MotionSearch:
         Of each effect: minus twice the logarithm of the odds of a candidate in its place; "" is no force.
     converged : bool
         Whether no move was left.
-    most : int
-        Effects that were asked for at most.
     """
 
     fits: MotionFits
@@ -40,7 +34,6 @@ class MotionSearch:
     gains: list[dict[str, Gain]]
     rivals: dict[str, dict[str, float]]
     converged: bool
-    most: int
 
     @property
     def effects(self) -> tuple[str, ...]:
@@ -53,10 +46,10 @@ class MotionSearch:
         return self.models[-1].is_complete
 
 
-def search_by_motions(fits: MotionFits, most: int, tell: Tell) -> MotionSearch:
+def search_by_motions(fits: MotionFits, tell: Tell) -> MotionSearch:
     """Add, exchange and drop effects of driven motions until none is significant and predicts better.
 
-    Models are compared in the sensor's noise alone, without a random force: one would explain the misfit of
+    Models are compared in the sensor's noise alone, without a random force: one would explain the residual of
     the start model. An effect is significant if its coefficient is, by the noise where the residual is noise
     and by the scatter between runs else, corrected for the number of candidates. It predicts better if it
     reduces the residual of runs that are left out.
@@ -66,9 +59,10 @@ def search_by_motions(fits: MotionFits, most: int, tell: Tell) -> MotionSearch:
     DecayError
         No motion of the start model follows the records.
     """
+    most = fits.settings.max_effects
     tell("fit of the start model")
     model, seen, converged = fits.first(), {frozenset[str]()}, False
-    for _ in range(MOST_MOVES):
+    for _ in range(fits.settings.most_fits):
         tell(f"candidates in addition to {', '.join(model.effects) or 'the start model'}")
         moves = _without_chance(fits, model) or _exchanges(fits, model) or _additions(fits, model, most)
         moves = [move for move in moves if frozenset(move.effects) not in seen]
@@ -80,20 +74,20 @@ def search_by_motions(fits: MotionFits, most: int, tell: Tell) -> MotionSearch:
     tell("competitors of each effect")
     rivals = {symbol: _rivals(fits, model, symbol) for symbol in model.effects}
     models = _nested(fits, model)
-    return MotionSearch(fits, models, [fits.gains(of) for of in models], rivals, converged, most)
+    return MotionSearch(fits, models, [fits.gains(of) for of in models], rivals, converged)
 
 
 def _without_chance(fits: MotionFits, model: MotionModel) -> list[MotionModel]:
     """Return models without an effect that is not significant."""
-    chance = [symbol for symbol in model.effects if model.p_value(symbol) >= fits.level]
-    fewer = (fits.of(_without(model.effects, symbol), model) for symbol in chance)
+    by_chance = [symbol for symbol in model.effects if model.p_value(symbol) >= fits.settings.level]
+    fewer = (fits.of(_without(model.effects, symbol), model) for symbol in by_chance)
     return [of for of in fewer if of is not None]
 
 
 def _exchanges(fits: MotionFits, model: MotionModel) -> list[MotionModel]:
     """Return models with another effect in place of one that predict better."""
     moves = [move for symbol in model.effects for move in _in_place(fits, model, symbol).values()]
-    least = (1.0 - BETTER_BY) * np.sum(model.left_out_squares)
+    least = (1.0 - EXCHANGE_GAIN) * np.sum(model.left_out_squares)
     return [move for move in moves if np.sum(move.left_out_squares) < least and _is_significant(fits, move)]
 
 
@@ -102,10 +96,10 @@ def _additions(fits: MotionFits, model: MotionModel, most: int) -> list[MotionMo
     if model.is_complete or len(model.effects) >= most:
         return []
     gains, moves = fits.gains(model), list[MotionModel]()
-    for symbol in _largest(gains)[:FITTED]:
+    for symbol in _largest(gains)[: fits.settings.fitted]:
         move = fits.of((*model.effects, symbol), model, gains[symbol].step)
         better = move is not None and move.left_out_rms < model.left_out_rms
-        if move is not None and better and move.p_value(symbol) < fits.level:
+        if move is not None and better and move.p_value(symbol) < fits.settings.level:
             moves.append(move)
             if move.is_complete:
                 break
@@ -113,7 +107,7 @@ def _additions(fits: MotionFits, model: MotionModel, most: int) -> list[MotionMo
 
 
 def _is_significant(fits: MotionFits, model: MotionModel) -> bool:
-    return all(model.p_value(symbol) < fits.level for symbol in model.effects)
+    return all(model.p_value(symbol) < fits.settings.level for symbol in model.effects)
 
 
 def _largest(gains: dict[str, Gain]) -> list[str]:
@@ -134,7 +128,7 @@ def _in_place(fits: MotionFits, model: MotionModel, symbol: str) -> dict[str, Mo
     places = [other for other in _largest(gains) if other not in model.effects]
     # Those that are fitted already are compared too.
     fitted_before = [other for other in places if fits.kept.get(frozenset((*rest.effects, other)))]
-    chosen = dict.fromkeys([*places[:FITTED_IN_PLACE], *fitted_before])
+    chosen = dict.fromkeys([*places[: fits.settings.fitted // 2], *fitted_before])
     moves = {other: fits.of((*rest.effects, other), rest, gains[other].step) for other in chosen}
     return {other: move for other, move in moves.items() if move is not None}
 
