@@ -10,7 +10,6 @@ from sysid_trib.discovery.motion_fits import MotionModel, decimated_run
 from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
-from sysid_trib.records.inputs import between_of
 from sysid_trib.results.effects import added_effects, credible_set, steps_taken
 from sysid_trib.results.judged import verdict_of
 
@@ -118,12 +117,6 @@ def test_a_run_of_many_samples_is_thinned_and_says_so():
 def test_a_random_force_takes_no_part_in_the_choice(load):
     (step,) = steps_taken(load)
     assert step.random_force_before.item() == step.random_force_after.item() == 0.0
-
-
-@pytest.mark.parametrize(("asked", "found"), [(None, "held"), ("linear", "held"), ("held", "held")])
-def test_a_switch_is_held_whatever_is_between_the_samples_of_other_inputs(asked, found):
-    switch = np.where(np.arange(300) > 180, 0.0, 1.0)
-    assert between_of(switch, asked) == found
 
 
 def test_the_command_names_the_load_and_prints_no_omnibus_test(load, tmp_path):

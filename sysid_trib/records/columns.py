@@ -193,7 +193,9 @@ def _without_drives(
     def decays(columns: list[Column]) -> bool:
         return any(_swings(c, _time_of(table, c, times)) for c in columns[:40])
 
-    return (signals, []) if decays(acting) and not decays(others) else (others, acting)
+    # A wanted motion is not measured, whatever it looks like.
+    measured = [c for c in acting if not drives.is_wanted(c)]
+    return (signals, []) if decays(measured) and not decays(others) else (others, acting)
 
 
 def _chosen_of_driven(

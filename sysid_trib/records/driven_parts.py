@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, half_periods
 from sysid_trib.records.inputs import KnownInput, inputs_of, integral_of_rate, is_constant
-from sysid_trib.records.roles import ROLE
+from sysid_trib.records.roles import ROLE, input_label
 from sysid_trib.records.saturation import refuse_saturated
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
@@ -90,7 +90,7 @@ def driven_parts(
         missing = [name for name, values in part.data_vars.items() if _is_at_samples(values)]
         if missing:
             raise UsageError(
-                f"The input {missing[0]} is missing in a gap of the record ({_listed_gaps(time, gaps)}); "
+                f"The input {input_label(record, missing[0])} is missing in a gap of the record ({_listed_gaps(time, gaps)}); "
                 "predict a part without it (--window; record.sel(time=slice(...)) in Python)."
             )
         gaps = gaps[:0]
@@ -305,7 +305,9 @@ def _described(record: xr.Dataset, said: Sequence[str]) -> xr.Dataset:
     for name, given in known.items():
         kinds.setdefault(given.between, []).append(name)
         constant = f", constant at {given.values[0]:g}" if is_constant(given.values) else ""
-        units.append(f"{name} ({record[name].attrs.get('units', 'unit not stated')}{constant})")
+        units.append(
+            f"{input_label(record, name)} ({record[name].attrs.get('units', 'unit not stated')}{constant})"
+        )
     step = float(np.median(np.diff(time)))
     between = " and ".join(kinds)
     if len(kinds) > 1:

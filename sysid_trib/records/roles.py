@@ -1,5 +1,7 @@
 """Roles of the variables of a record: inputs that drive the motion, and known constants of a run."""
 
+import json
+
 import xarray as xr
 
 # The input that acts by itself, an acceleration; every other one acts through the forces with its name.
@@ -13,6 +15,16 @@ CONSTANT = "constant"
 def input_names(record: xr.Dataset) -> list[str]:
     """Return the names of the inputs of a record: `input`, and variables with attrs["role"] = "input"."""
     return [str(n) for n in record.variables if n == INPUT or record[n].attrs.get("role") == ROLE]
+
+
+# The name of a single input, if its column was given without one.
+UNNAMED = "u"
+
+
+def input_label(record: xr.Dataset, name: str) -> str:
+    """Return the name of an input as its user knows it: the column, where the program named it `u`."""
+    column = str(json.loads(record.attrs.get("input_columns", "{}")).get(name, name))
+    return name if name != UNNAMED or column == name else f"{column} ({name} in formulas)"
 
 
 def constants_of(record: xr.Dataset) -> dict[str, float]:

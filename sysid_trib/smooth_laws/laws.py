@@ -112,7 +112,8 @@ def laws(
     given = records.as_decays(decay, "laws")
     runs = as_runs(given, driven=True)
     # An input acts by the first force that holds it, where none is named.
-    model = replace(model, named=with_inputs_acting(model.named, list(inputs_of(runs[0]))))
+    acting = with_inputs_acting(model.named, list(inputs_of(runs[0])), offered or ())
+    model = replace(model, named=acting)
     model = replace(model, own=_checked_own(own, model, len(runs)))
     if not signal_scale.counts_angles(runs[0]):
         for force in model.named:
