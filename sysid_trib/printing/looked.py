@@ -198,7 +198,8 @@ def _input_sentences(run: xr.Dataset) -> Iterator[str]:
     for name in input_names(run):
         unit = run[name].attrs.get("units", "")
         low, high = float(run[name].min()), float(run[name].max())
-        yield f"Driven: input {input_label(run, name)} ranges from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
+        label = input_label(run, name)
+        yield f"Driven: input {label} ranges from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
     own = "measured" if "measured" in run else "angle"
     low, high = float(run[own].min()), float(run[own].max())
     unit = run[own].attrs.get("units", "")

@@ -87,10 +87,11 @@ def driven_parts(
     period = periods[0] if periods else float(np.ptp(time))
     gaps = _gaps(time, period, np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float)))
     if across_gaps and gaps.size:
-        missing = [name for name, values in part.data_vars.items() if _is_at_samples(values)]
+        missing = [str(name) for name, values in part.data_vars.items() if _is_at_samples(values)]
         if missing:
             raise UsageError(
-                f"The input {input_label(record, missing[0])} is missing in a gap of the record ({_listed_gaps(time, gaps)}); "
+                f"The input {input_label(record, missing[0])} is missing in a gap of the record "
+                f"({_listed_gaps(time, gaps)}); "
                 "predict a part without it (--window; record.sel(time=slice(...)) in Python)."
             )
         gaps = gaps[:0]

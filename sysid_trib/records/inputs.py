@@ -175,7 +175,8 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
         raise DecayError(
-            f"The input {input_label(record, name)} covers {reach}; cut the record (--window), or give all of the input."
+            f"The input {input_label(record, name)} covers {reach}; cut the record (--window), or give all "
+            "of the input."
         )
     values = given.values.astype(float)
     return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))

@@ -71,8 +71,8 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
     for name, different in units.items():
         if len(different) > 1:
             raise UsageError(
-                f"The input {input_label(runs[0], name)} is in different units ({', '.join(sorted(different))}); runs of one "
-                "experiment have it in one: convert it."
+                f"The input {input_label(runs[0], name)} is in different units "
+                f"({', '.join(sorted(different))}); runs of one experiment have it in one: convert it."
             )
 
 
