@@ -305,10 +305,8 @@ def _described(record: xr.Dataset, said: Sequence[str]) -> xr.Dataset:
     units, kinds = list[str](), dict[str, list[str]]()
     for name, given in known.items():
         kinds.setdefault(given.between, []).append(name)
-        constant = f", constant at {given.values[0]:g}" if is_constant(given.values) else ""
-        units.append(
-            f"{input_label(record, name)} ({record[name].attrs.get('units', 'unit not stated')}{constant})"
-        )
+        constant = [f"constant at {given.values[0]:g}"] if is_constant(given.values) else []
+        units.append(input_label(record, name, record[name].attrs.get("units", "unit not stated"), *constant))
     step = float(np.median(np.diff(time)))
     between = " and ".join(kinds)
     if len(kinds) > 1:

@@ -21,10 +21,16 @@ def input_names(record: xr.Dataset) -> list[str]:
 UNNAMED = "u"
 
 
-def input_label(record: xr.Dataset, name: str) -> str:
-    """Return the name of an input as its user knows it: the column, where the program named it `u`."""
+def input_label(record: xr.Dataset, name: str, *details: str) -> str:
+    """Return the name of an input as its user knows it: the column, where the program named it `u`.
+
+    `details` : in the brackets that follow.
+    """
     column = str(json.loads(record.attrs.get("input_columns", "{}")).get(name, name))
-    return name if name != UNNAMED or column == name else f"{column} ({name} in formulas)"
+    renamed = name == UNNAMED and column != name
+    inside = [f"{name} in formulas", *details] if renamed else list(details)
+    shown = column if renamed else name
+    return f"{shown} ({', '.join(inside)})" if inside else shown
 
 
 def constants_of(record: xr.Dataset) -> dict[str, float]:
