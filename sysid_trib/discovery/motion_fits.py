@@ -24,6 +24,7 @@ from sysid_trib.motion_fit.least_squares import (
     Fit,
     fitted,
     grown,
+    nearby_best,
 )
 from sysid_trib.motion_fit.moving_samples import MovingSamples, points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN
@@ -357,6 +358,17 @@ class MotionFits:
         physical = all(model_with.values[symbol] > 0.0 for symbol in passive)
         self.kept[key] = model_with if physical else None
         return self.kept[key]
+
+    def best_nearby(self, model: MotionModel) -> MotionModel:
+        """Return the best fit of a model from several starts near it; the model itself if it is complete.
+
+        With friction that sticks, the sum of squares has many minima.
+        """
+        if model.is_complete or self.out_of_time:
+            return model
+        better = self._model(model.effects, nearby_best(model.fit))
+        self.kept[frozenset(model.effects)] = better
+        return better
 
     def gains(self, model: MotionModel) -> dict[str, Gain]:
         """Return the candidates that the runs can test, by one linear step each from a model."""

@@ -69,7 +69,7 @@ def search_by_motions(fits: MotionFits, tell: Tell) -> MotionSearch:
         converged = not moves and not fits.out_of_time
         if not moves:
             break
-        model = min(moves, key=lambda move: move.left_out_rms)
+        model = fits.best_nearby(min(moves, key=lambda move: move.left_out_rms))
         seen.add(frozenset(model.effects))
     tell("competitors of each effect")
     rivals = {symbol: _rivals(fits, model, symbol) for symbol in model.effects}
