@@ -45,7 +45,7 @@ REFUSED_RECORDS = 100_000
 def task(*labels: str) -> st.campaigns.Task:
     """Identification by some methods, not cross-checked, of records that are drawn by their number."""
     chosen = {label: METHODS[label] for label in labels}
-    return st.campaigns.Task("identify", LIBRARY, chosen, judged=False, read=drawn)
+    return st.campaigns.Task("identify", LIBRARY, chosen, cross_checked=False, read=drawn)
 
 
 def numbered(records: int) -> list[str]:
@@ -163,7 +163,7 @@ def scheduler_load(folder: Path) -> pd.DataFrame:
     """Measure the cost of records that fail at once: a block is sent, scheduled, received and written."""
     names = [f"{at}.csv" for at in range(REFUSED_RECORDS)]
     nothing = st.campaigns.Task(
-        "identify", LIBRARY, {"direct": METHODS["direct"]}, judged=False, read=_refuse
+        "identify", LIBRARY, {"direct": METHODS["direct"]}, cross_checked=False, read=_refuse
     )
     start = time.process_time()
     st.campaign(names, nothing, output=folder / "refused.zarr", workers=2)

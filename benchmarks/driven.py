@@ -125,7 +125,7 @@ def search() -> None:
         rows.append([symbol, cell, f"{held_out[at + 1]:.4f}"])
     title = f"Silverbox, discover: {seconds:.0f} s; last realisation {last:.4f} mV"
     heads = ("added", "coefficient", "held out, RMS (mV)")
-    shown(f"{title}; verdict: {tree.attrs['verdict']}", heads, rows, WIDTH)
+    shown(f"{title}; outcome: {tree.attrs['search_outcome']}", heads, rows, WIDTH)
 
 
 def emps() -> None:

@@ -30,11 +30,12 @@ from typer.testing import CliRunner
 
 import sysid_trib as st
 from sysid_trib.commands.app import app
-from sysid_trib.cycles.signatures import exactly_dependent, signatures_of, without_signature
+from sysid_trib.cycles.signatures import signatures_of
 from sysid_trib.discovery.engine.trials import Settings
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
 from sysid_trib.printing.looked import signature_text
+from sysid_trib.validation.separability import exactly_dependent, without_signature
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("SYSID_TRIB_DATA", ROOT.parent / "shared" / "data"))

@@ -63,7 +63,7 @@ print(f"{len(candidates)} candidates in {len({force.family for force in candidat
 # %% [markdown]
 # ## Nothing missing, and the detectable effects
 #
-# In the first oscillator nothing is hidden. The verdict *nothing missing* says little without the smallest
+# In the first oscillator nothing is hidden. The outcome *nothing missing* says little without the smallest
 # effect that the record would show. The table of detectability has one row for each candidate, computed
 # from the noise of the record and the sensitivities of the motion. An effect that the known forces can
 # imitate on this record is marked as not testable.
@@ -72,7 +72,7 @@ print(f"{len(candidates)} candidates in {len({force.family for force in candidat
 nothing = st.discover(record_of(model_with({})), known, candidates)
 best = nothing["ranking"].z.isel(selection_step=-1).to_series().abs().sort_values(ascending=False)
 p_value = nothing["omnibus"].p_value[-1].item()
-print(f"Verdict: {nothing.attrs['verdict']}; p-value of the omnibus test: {p_value:.2g}")
+print(f"Outcome: {nothing.attrs['search_outcome']}; p-value of the omnibus test: {p_value:.2g}")
 print("Highest scores:", ", ".join(f"{symbol} |z| = {z:.2f}" for symbol, z in best.head(3).items()))
 seen_from = nothing["detectability_after"].detectable.to_series().dropna().sort_values()
 print("Would be seen from:", ", ".join(f"{symbol} {c:.2g}" for symbol, c in seen_from.head(5).items()))
@@ -140,7 +140,7 @@ display(st.plots.story(found))
 display(st.plots.ranking(found))
 
 # %%
-print(f"Verdict: {found.attrs['verdict']}")
+print(f"Outcome of the search: {found.attrs['search_outcome']}")
 display(tables.effects_found(found))
 
 # %% [markdown]
@@ -164,7 +164,7 @@ strength = {"epsilon": 0.02, "gravity": -0.12, "magnet": -0.03, "inertia": 0.06}
 elastic = model_with({chosen: strength})
 small = record_of(elastic, angle=0.3, seed=1)
 one = st.discover(small, known, candidates)
-print(f"One record from 0.3 rad: {one.attrs['verdict']}")
+print(f"One record from 0.3 rad: {one.attrs['search_outcome']}")
 display(tables.effects_found(one))
 
 # %% [markdown]
@@ -202,7 +202,7 @@ display(differences.to_pandas().round(1))
 # %%
 large = record_of(elastic, angle=1.2, seed=2)
 both = st.discover([small, large], known, candidates)
-print(f"With a second release from 1.2 rad: {both.attrs['verdict']}")
+print(f"With a second release from 1.2 rad: {both.attrs['search_outcome']}")
 display(tables.effects_found(both))
 print("Hidden was:", chosen, strength)
 
@@ -229,7 +229,7 @@ with TemporaryDirectory() as folder:
 motor = st.Model(replace(everything, forces=(*everything, *cogging)), BASE | {"cogging": 3e-4}, FREQUENCY)
 driven = record_of(motor, seed=4)
 unknown = st.discover(driven, known, candidates, max_effects=2)
-print(f"Verdict: {unknown.attrs['verdict']}")
+print(f"Outcome of the search: {unknown.attrs['search_outcome']}")
 display(tables.effects_found(unknown))
 
 # %% [markdown]
@@ -250,17 +250,17 @@ display(st.plots.story(unknown))
 
 # %%
 named = st.discover(driven, known, replace(candidates, forces=(*candidates, *cogging)))
-print(f"Verdict: {named.attrs['verdict']}")
+print(f"Outcome of the search: {named.attrs['search_outcome']}")
 display(tables.effects_found(named))
 
 # %% [markdown]
 # ## All sealed records
 #
-# One record proves little. Here are all that were drawn, by number from 1 on. First the verdicts,
+# One record proves little. Here are all that were drawn, by number from 1 on. First the outcomes,
 
 # %%
 others = {n: st.discover(record, known, candidates) for n, (record, _) in records.items() if n != number}
-verdicts = others | {number: found}
+searched = others | {number: found}
 
 # %% [markdown]
 # then the envelopes:
@@ -268,7 +268,7 @@ verdicts = others | {number: found}
 
 # %%
 def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
-    """Truth against verdict; residuals are those of the held-out third, in noise levels."""
+    """Truth against outcome; residuals are those of the held-out third, in noise levels."""
     truth = {symbol: c for symbol, c in hidden.coefficients.items() if symbol not in BASE}
     steps, residuals = tree["steps"].ds, tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     each = [steps.isel(step=at) for at in range(steps.attrs["count"])]
@@ -277,7 +277,7 @@ def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
     coefficients = [f"{one['coefficient'].item():.3g} ± {one['standard_error'].item():.1g}" for one in each]
     return {
         "hidden": ", ".join(f"{symbol} {c:.3g}" for symbol, c in truth.items()) or "nothing",
-        "verdict": tree.attrs["verdict"],
+        "outcome": tree.attrs["search_outcome"],
         "named": "; ".join(" ".join(pair) for pair in zip(named, coefficients, strict=True)),
         "competing": "; ".join(", ".join(s for s in tied if s not in named) for tied in classes),
         "residual before": residuals[0],
@@ -287,12 +287,12 @@ def row_of(tree: xr.DataTree, hidden: st.Model) -> dict[str, object]:
     }
 
 
-table = pd.DataFrame({n: row_of(verdicts[n], records[n][1]) for n in records}).T.infer_objects()
+table = pd.DataFrame({n: row_of(searched[n], records[n][1]) for n in records}).T.infer_objects()
 display(table.round(2))
 something = table.hidden != "nothing"
 exact, tied = (table[something][column].sum() for column in ("exact", "in the set"))
 print(f"{exact} of {something.sum()} hidden effects were named exactly, {tied} are in a credible set.")
-alarms = (table[~something].verdict != "nothing missing").sum()
+alarms = (table[~something].outcome != "nothing missing").sum()
 print(f"{alarms} of {(~something).sum()} records with nothing hidden raised an alarm.")
 
 # %% [markdown]
@@ -305,5 +305,5 @@ print(f"{alarms} of {(~something).sum()} records with nothing hidden raised an a
 # - A name is the best of the candidates. Read the competing effects and the held-out prediction with it.
 # - Read the detectability with *nothing missing*: weaker effects may be present.
 # - If effects compete, the record does not separate them. The program computes which other record would.
-# - *Unknown effect* is a verdict too. Describe what you know about the apparatus in a line of TOML, and
+# - *Unknown effect* is a result too. Describe what you know about the apparatus in a line of TOML, and
 #   repeat the search.

@@ -76,10 +76,11 @@ def searched(decay: xr.Dataset, start: str, effects: int, holdout: xr.Dataset | 
     display(tables.effects_found(tree))
     residuals = tree["holdout"].rms.values / tree["holdout"].residual_noise.item()
     print(
-        f"Verdict: {tree.attrs['verdict']}. On the held-out part ({tree.attrs['held_out']}) the start model"
+        f"Verdict: {tree['judged'].attrs['verdict']}; outcome of the search: {tree.attrs['search_outcome']}."
     )
     print(
-        f"has a residual of {residuals[0]:.3g} times the noise, the final one of {residuals[-1]:.3g} times."
+        f"On the held-out part ({tree.attrs['held_out']}) the residual is {residuals[0]:.3g} times the "
+        f"noise by the start model, {residuals[-1]:.3g} times by the final one."
     )
     return tree
 

@@ -290,7 +290,7 @@ filmed = record_of(st.Model(camera, {"viscous": 0.01, "chord": TILT}, FREQUENCY)
 seen = st.discover(filmed, camera.select(["viscous"]), camera.select(["chord", "spring", "inertia"]))
 step, held = seen["steps"].ds.isel(step=0), seen["holdout"].ds
 value, error = step["coefficient"].item(), step["standard_error"].item()
-print(f"{seen.attrs['verdict']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
+print(f"{seen.attrs['search_outcome']}: {step['symbol'].item()} = {value:.4f} ± {error:.1g}; in truth {TILT}")
 residuals = (held.rms / held.residual_noise).values.round(2)
 print("Residual of the held-out third, over the noise, before and after:", residuals)
 display(st.plots.ranking(seen))

@@ -1,19 +1,19 @@
 # The public names and where each lives: the one list, read by type checkers and by the package itself.
-from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.cycles.backbone import backbone as backbone
 from sysid_trib.cycles.look import look as look
-from sysid_trib.cycles.modes import modes as modes
 from sysid_trib.cycles.signatures import signature as signature
 from sysid_trib.discovery.discover import discover as discover
 from sysid_trib.likelihood.pysindy_features import ForceFeatures as ForceFeatures
 from sysid_trib.motion_fit.least_squares import cramer_rao_bound as cramer_rao_bound
 from sysid_trib.printing.numbers import summary as summary
+from sysid_trib.questions.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.questions.difference import difference as difference
 from sysid_trib.questions.modal_response import response_of_mode as response_of_mode
 from sysid_trib.questions.next_run import plan as plan
 from sysid_trib.questions.steady_response import forced_response as forced_response
 from sysid_trib.records.free_decay import free_decay as free_decay
 from sysid_trib.records.half_sines import envelope as envelope
+from sysid_trib.records.mode_list import modes as modes
 from sysid_trib.records.one_mode import one_mode as one_mode
 from sysid_trib.records.read import read_record as read_record
 from sysid_trib.records.sensors import read_sensors as read_sensors

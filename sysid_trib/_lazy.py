@@ -1,4 +1,4 @@
-"""Public names of a package, each imported when it is first used, so that the command line starts quickly."""
+"""Public names of a package, each imported on first use, so that the command line starts quickly."""
 
 import ast
 import sys
@@ -12,7 +12,7 @@ from sysid_trib.errors import did_you_mean
 
 
 def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
-    """Return `__getattr__`, `__dir__` and `__all__` of a package, as its stub `__init__.pyi` lists its names.
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the names in its stub `__init__.pyi`.
 
     Parameters
     ----------
@@ -30,7 +30,8 @@ def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callabl
 
     def load(name: str) -> Any:
         if name not in homes:
-            # Names that begin with an underscore are asked for by tools, which read no sentence.
+            # Names that begin with an underscore are requested by tools, which do not show the message to a
+            # user.
             nearest = "" if name.startswith("_") else did_you_mean(name, homes)
             raise AttributeError(f"module {package!r} has no attribute {name!r}.{nearest}")
         home, attribute = homes[name]

@@ -1,4 +1,4 @@
-"""Arrays that all rooms share, variables of a Dataset, derivatives, columns that depend on others."""
+"""Common array functions: RMS, variables of a Dataset, derivatives, and linearly dependent columns."""
 
 from collections.abc import Callable
 from typing import Any, TypeAlias
@@ -12,9 +12,9 @@ Index: TypeAlias = NDArray[np.intp]
 Variable: TypeAlias = tuple[tuple[str, ...], Any, dict[str, str]]
 Variables: TypeAlias = dict[str, Variable]
 
-# Just above the rounding of signatures: forces alike to a millionth are not tied by principle.
+# Just above the rounding errors of signatures: forces that agree to a millionth do not count as dependent.
 DEPENDENCE = 1e-11
-# Smallest weight of columns of unit length; a smaller one is rounding.
+# Smallest weight of columns of unit length; smaller weights are rounding errors.
 SMALLEST_PART = 1e-8
 
 
@@ -23,25 +23,19 @@ def root_mean_square(values: ArrayLike) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def cell_middles(edges: Array) -> Array:
-    """Return the middles of cells that lie evenly about zero, (cell,), with an exact zero."""
-    middle = 0.5 * (edges[1:] + edges[:-1])
-    return 0.5 * (middle - middle[::-1])
-
-
 def variable(dims: str | tuple[str, ...], values: ArrayLike, long_name: str, units: str = "") -> Variable:
     """Return a variable with its attributes.
 
     Parameters
     ----------
     dims : str or tuple of str
-        Names of the dimensions; `()` of a scalar.
+        Names of the dimensions; `()` for a scalar.
     values : array_like
         The values.
     long_name : str
         Meaning of the variable.
     units : str
-        Their unit, "1" of a pure number; none of texts and of true or false.
+        Unit of the values, "1" for a dimensionless number; empty for texts and booleans.
     """
     attrs = {"units": units, "long_name": long_name} if units else {"long_name": long_name}
     return ((dims,) if isinstance(dims, str) else dims), values, attrs
@@ -63,14 +57,14 @@ def with_error(
 
 
 def jacobian(function: Callable[[Array], ArrayLike], at: Array, errors: Array) -> Array:
-    """Return the derivatives of values by parameters that are known to these errors, by central differences.
+    """Return the derivatives of values by parameters with these errors, by central differences.
 
     Parameters
     ----------
     function : callable
-        Takes the parameters, gives an array of any shape.
+        Function of the parameters; its result is an array of any shape.
     at, errors : (parameter,) array of float
-        Where it is differentiated, and standard errors, a thousandth of which is a step.
+        Point of differentiation, and standard errors; a step is a thousandth of the error.
 
     Returns
     -------
@@ -85,20 +79,20 @@ def jacobian(function: Callable[[Array], ArrayLike], at: Array, errors: Array) -
 
 
 def dependent_columns(table: Array) -> list[tuple[int, ...]]:
-    """Return the groups of linearly dependent columns of a matrix, each as small as can be.
+    """Return the minimal groups of linearly dependent columns of a matrix.
 
     Parameters
     ----------
     table : (row, column) array of float
-        Finite. Columns of zeros are in no group.
+        Finite matrix. Columns of zeros are in no group.
 
     Returns
     -------
     list of tuple of int
-        Proportional columns first, in groups as large as they are; then, for each further column that is a
-        combination of columns before it, the column with the fewest of these that make it up.
+        Proportional columns first, in complete groups; then, for each further column that is a combination of
+        previous columns, a group of this column and the fewest previous columns that it is a combination of.
     """
-    # Lengths and residuals are those of the triangular factor, which has few rows.
+    # The triangular factor has the same lengths and residuals, but few rows.
     table = np.asarray(np.linalg.qr(np.asarray(table, dtype=float), mode="r"), dtype=float)
     norms = np.linalg.norm(table, axis=0)
     floor = 1e-14 * norms.max(initial=0.0)
@@ -115,7 +109,7 @@ def dependent_columns(table: Array) -> list[tuple[int, ...]]:
     for i in (group[0] for group in groups):
         weights, residual = _fitted(unit[i], [unit[j] for j in basis])
         if residual < DEPENDENCE:
-            # Independent columns have one combination.
+            # The combination of independent columns is unique.
             combined.append(tuple(sorted((*np.array(basis)[np.abs(weights) > SMALLEST_PART].tolist(), i))))
         else:
             basis.append(i)

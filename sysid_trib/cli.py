@@ -1,6 +1,6 @@
-"""The program: it runs a command and reports a failure in one line.
+"""The program: it runs a command and reports an error in one line.
 
-It imports next to nothing before it listens to Ctrl-C, which may come while the commands are imported.
+Only few modules are imported before it handles Ctrl-C, which may come while the commands are imported.
 """
 
 import os
@@ -11,18 +11,18 @@ from typing import NoReturn
 
 INTERRUPTED = 130
 OUT_OF_MEMORY = "Out of memory; take a shorter window or a lower sampling rate, or raise the limit."
-# Bytes that the largest libraries of machine code need to be loaded.
+# Bytes of memory needed to load the largest binary libraries.
 LIBRARY_SIZE = 2**28
 
 
 def main() -> None:
     """Run the command line: errors in one line on stderr, exit status as documented.
 
-    As the process ends with it, it leaves further interrupts without an answer.
+    The process ends with this function, so it ignores further interrupts.
     """
     came: list[int] = []
 
-    # Libraries that are cut off while they are imported swallow an interrupt, or make another error of it.
+    # If the import of a library is interrupted, it may suppress the interrupt, or raise another error.
     def interrupt(number: int, frame: FrameType | None) -> NoReturn:
         came.append(number)
         raise KeyboardInterrupt
@@ -42,8 +42,8 @@ def main() -> None:
         from sysid_trib.errors import printable
 
         print(f"sysid-trib: {printable(message)}", file=sys.stderr)
-    # Python ends by a signal, whatever the status, where an interrupt came within the last text that was
-    # executed, as the methods of a dataclass are while it is imported: this one is the last.
+    # Python ends by a signal, whatever the exit status, if an interrupt came during the last text passed to
+    # `exec`, as in the import of a dataclass. This is a new last text.
     exec("")
     sys.exit(status)
 
@@ -58,16 +58,17 @@ def _outcome() -> tuple[int, str]:
     """Run the command; return its exit status and, if it failed, the line for stderr."""
     import warnings
 
-    # A closed stream is none.
+    # A closed stream is None.
     if sys.stderr is None:
         sys.stderr = open(os.devnull, "w")  # noqa: SIM115 (as long as the process)
     if sys.stdout is None:
         return 1, "standard output is closed; send it to a file, or to /dev/null."
     for stream in (sys.stdout, sys.stderr):
-        # A terminal or pipe that is not UTF-8 must not turn ± into a traceback.
+        # A terminal or pipe without UTF-8 must not raise an exception for ±.
         stream.reconfigure(errors="replace")  # type: ignore[union-attr]
     with warnings.catch_warnings():
-        # Numerical libraries warn in their own terms; relevant warnings are in the result, or an error here.
+        # Warnings of numerical libraries are too technical; relevant ones are in the result, or are errors
+        # here.
         warnings.showwarning = lambda *_, **__: None
         try:
             return _run()
@@ -84,7 +85,7 @@ def _run() -> tuple[int, str]:
     from sysid_trib.commands.app import app
     from sysid_trib.errors import SysidTribError
 
-    # Typer brings its own click or uses the one installed, by its version: take the class from where it is.
+    # Depending on its version, typer contains click or uses the installed one: this finds the class.
     click_error: type[Exception] = next(
         k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException"
     )
@@ -100,7 +101,7 @@ def _run() -> tuple[int, str]:
     except typer.Abort:
         return INTERRUPTED, ""
     except SystemExit:
-        # Typer's, of a pipe whose reader has enough.
+        # Raised by typer if the reader of a pipe has closed it.
         _leave_standard_output()
         return 0, ""
     except OSError as error:
@@ -118,7 +119,7 @@ def _leave_standard_output() -> None:
 
 
 def _memory_is_short() -> bool:
-    """Return true if almost no memory is left: libraries then fail to load with errors of any kind."""
+    """Return true if almost no memory is left: the import of libraries then fails with various errors."""
     try:
         bytearray(LIBRARY_SIZE)
     except MemoryError:
@@ -127,7 +128,7 @@ def _memory_is_short() -> bool:
 
 
 def _internal(error: Exception) -> str:
-    """Describe a fault of this package in one line that finds the place, without a traceback."""
+    """Describe an internal error in one line that shows its place, without a traceback."""
     import traceback
 
     frame = traceback.extract_tb(error.__traceback__)[-1]

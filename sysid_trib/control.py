@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 __all__ = ["damp", "linearise", "to_nonlinear_system"]
 
-# Distances from rest (rad) at which a force's slopes are compared: where they differ it has none.
+# Distances from rest (rad) at which the slopes of a force are compared; if they differ, it has no slope.
 OUTER_STEP, INNER_STEP = 1e-7, 1e-8
 SLOPE_TOLERANCE = 1e-3
-# Variables of `damp` for each pole, with their units.
+# Variables of `damp` for each pole, with units.
 POLE = {
     "natural_frequency": ("natural frequency", "rad/s"),
     "damping_ratio": ("damping ratio", "1"),
@@ -47,19 +47,20 @@ def to_nonlinear_system(
     -------
     control.NonlinearIOSystem
         States and outputs are `theta` (rad), `theta_dot` (rad/s) and the internal states of forces
-        (`dahl_z`); the input is `torque`: N m with an inertia, else torque over inertia, rad/s^2. Its
+        (`dahl_z`); the input is `torque`: N m with an inertia, otherwise torque over inertia, rad/s^2. The
         parameters are the coefficients. `t` in a formula is the time of the simulation. Sensor terms are
-        left out.
+        omitted.
 
     Raises
     ------
     UsageError
-        A force with memory, which python-control cannot hold between reversals.
+        A force has memory, which python-control cannot keep between reversals.
 
     Notes
     -----
-    Simulate with `solve_ivp_method="LSODA"` and `solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}`; once dry
-    friction holds the oscillator the integrator chatters: `simulate` is exact there.
+    Simulate with `solve_ivp_method="LSODA"` and `solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}`. When dry
+    friction holds the oscillator, this integrator switches endlessly in small steps; `simulate` is exact
+    there.
     """
     import control
 
@@ -87,24 +88,24 @@ def linearise(
     model : Model or Dataset
         A model, or an identification.
     amplitude : float, rad, optional
-        Every force is replaced by its describing function at this amplitude, the stiffness 2 <h cos phi>/a
-        and damping -2 <h sin phi>/a. None: the slopes at rest; a force without slopes there, as dry friction
-        or a detent, is left out.
+        Every force is replaced by its describing function at this amplitude, with stiffness 2 <h cos phi>/a
+        and damping -2 <h sin phi>/a. None: the slopes at rest are used; a force without slopes there, such as
+        dry friction or a detent, is omitted.
     inertia : float, kg m^2, optional
-        As for `to_nonlinear_system`.
+        As in `to_nonlinear_system`.
 
     Returns
     -------
     control.StateSpace
-        States and outputs are `theta` (rad) and `theta_dot` (rad/s), the input is `torque`; at rest also
-        the internal states of the forces that are kept. About a cycle `t` in a formula is zero.
+        States and outputs are `theta` (rad) and `theta_dot` (rad/s), the input is `torque`; at rest also the
+        internal states of the remaining forces. For a cycle, `t` in formulas is zero.
 
     Raises
     ------
     UsageError
-        A force with memory or with `t` about rest; an amplitude that is not positive.
+        At rest, a force has memory or depends on `t`; or the amplitude is not positive.
     LibraryError
-        A force that is not finite on such a cycle.
+        A force is not finite on such a cycle.
     """
     import control
 
@@ -124,25 +125,25 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
     model : Model or Dataset
         A model, or an identification.
     amplitude : float, rad, optional
-        As for `linearise`.
+        As in `linearise`.
 
     Returns
     -------
     Dataset
-        Over `pole`: `natural_frequency` (rad/s), its size, `damping_ratio`, and the pole itself as
-        `growth_rate` and `frequency` (rad/s), its real and imaginary part. Of an identification each with
-        the standard error that its covariance gives.
+        Over `pole`: `natural_frequency` (rad/s, the magnitude of the pole), `damping_ratio`, and
+        `growth_rate` and `frequency` (rad/s), the real and imaginary part of the pole. For an identification,
+        each has its standard error from the covariance.
 
     Raises
     ------
     UsageError, LibraryError
-        As `linearise`.
+        As in `linearise`.
     """
     import control
 
     def modes(of: Model) -> Array:
         natural, ratio, poles = control.damp(linearise(of, amplitude), doprint=False)
-        # A conjugate pair is in one order, whatever the rounding of its sizes.
+        # The order of a conjugate pair is independent of rounding errors in the magnitudes.
         order = np.lexsort((poles.imag, np.round(natural / of.reference_frequency, 9)))
         return np.stack([natural, ratio, poles.real, poles.imag])[:, order]
 
@@ -162,7 +163,7 @@ def _states(forces: Iterable[Force]) -> list[str]:
 
 
 def _labels(states: list[str]) -> dict[str, Any]:
-    """Return the names in python-control of a system whose states are all outputs."""
+    """Return the names in python-control for a system whose states are all outputs."""
     return {"states": states, "outputs": states, "inputs": ["torque"], "name": "oscillator"}
 
 
@@ -198,7 +199,7 @@ def _field(model: Model, coefficients: Mapping[str, float], state: Any, time: fl
 
 
 def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
-    """Return the system matrix with every force's describing function, and the names of its states."""
+    """Return the system matrix with the describing functions of all forces, and the names of its states."""
     check_quantity("amplitude", amplitude)
     w = model.reference_frequency
     sums = np.zeros(2)
@@ -209,7 +210,7 @@ def _about_a_cycle(model: Model, amplitude: float) -> tuple[Array, list[str]]:
 
 
 def _at_rest(model: Model) -> tuple[Array, list[str]]:
-    """Return states and the derivatives of the rates by them at rest; forces without slopes are left out."""
+    """Return states and the derivatives of the rates by them at rest; forces without slopes are omitted."""
     _refuse_memory(model)
     timed = next((f.symbol for f in model.forces if f.holds_time), None)
     if timed is not None:
@@ -223,7 +224,7 @@ def _at_rest(model: Model) -> tuple[Array, list[str]]:
     for force, slopes in kept:
         indices = np.array([0, 1, *range(at, at + len(force.state))])
         at += len(force.state)
-        # Formulas are in v = theta'/w.
+        # Formulas are functions of v = theta'/w.
         slopes[:, 1] /= w
         matrix[1, indices] -= w**2 * model.coefficients[force.symbol] * slopes[0]
         matrix[np.ix_(indices[2:], indices)] += w * slopes[1:]
@@ -231,14 +232,14 @@ def _at_rest(model: Model) -> tuple[Array, list[str]]:
 
 
 def _slopes(force: Force, model: Model) -> Array | None:
-    """Return the slopes of h and of the state rates by (x, v, states) at rest; None if h has none."""
+    """Return the slopes of h and of the state rates at rest by (x, v, states); None if h has none."""
     names = ("x", "v", *force.state)
 
     def names_at(z: Array) -> dict[str, Any]:
         return {"t": 0.0, **dict(zip(names, z, strict=True)), **force.shape_values(model.shapes)}
 
     units, rest = np.eye(len(names)), names_at(np.zeros(len(names)))
-    # A slope at rest serves every direction, near and nearer.
+    # A slope at rest must be the same for every direction and for two distances.
     directions = [*units, *-units, *np.random.default_rng(5).standard_normal((4, len(names)))]
     with np.errstate(all="ignore"):
         formulas = (force.formula, *force.state.values())

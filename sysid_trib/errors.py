@@ -1,4 +1,4 @@
-"""Errors for the user, and the progress of long work."""
+"""Errors for the user, and progress of long computations."""
 
 from collections.abc import Iterable
 from difflib import get_close_matches
@@ -11,7 +11,7 @@ class SysidTribError(ValueError):
     Parameters
     ----------
     message : str
-        The fault, its place, and the remedy. It may quote a file: control characters are removed.
+        The error, its place, and the remedy. It may quote a file, so control characters are removed.
     """
 
     exit_status = 1
@@ -48,7 +48,7 @@ def printable(text: str) -> str:
 
 
 def readable(name: str) -> str:
-    """Return a name from the system as text; undecodable characters become question marks."""
+    """Return a name from the operating system as text; undecodable characters become question marks."""
     return name.encode("utf-8", "replace").decode()
 
 
@@ -58,7 +58,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
     Parameters
     ----------
     name : str
-        As it was given.
+        Name as given by the user.
     known : iterable of str
         Known names.
     """
@@ -68,7 +68,7 @@ def did_you_mean(name: str, known: Iterable[str]) -> str:
 
 
 class Tell(Protocol):
-    """Report of progress: takes the name of the work that begins and, if known, the part that is done."""
+    """Progress report: called with the name of the current work and, if known, its completed fraction."""
 
     def __call__(self, activity: str, done: float | None = None) -> None:
         """Report.
@@ -76,9 +76,9 @@ class Tell(Protocol):
         Parameters
         ----------
         activity : str
-            Work that begins, or goes on.
+            Work that begins or continues.
         done : float, optional
-            Part of it that is done, 0 to 1, from which the time left follows.
+            Completed fraction of it, 0 to 1, from which the remaining time is estimated.
         """
 
 

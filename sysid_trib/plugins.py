@@ -11,7 +11,7 @@ METHOD_PLUGINS, LIBRARY_PLUGINS = "sysid_trib.methods", "sysid_trib.libraries"
 
 @lru_cache(maxsize=2)
 def installed(group: str) -> dict[str, EntryPoint]:
-    """Return the entry points of a group by name; of two with one name the first.
+    """Return the entry points of a group by name; the first of several with the same name.
 
     Parameters
     ----------
@@ -23,16 +23,16 @@ def installed(group: str) -> dict[str, EntryPoint]:
 
 
 def loaded(entry: EntryPoint) -> Any:
-    """Return the object that an entry point names.
+    """Return the object named by an entry point.
 
     Raises
     ------
     UsageError
-        The package that declares it cannot be imported, or has no such object.
+        The package that declares it cannot be imported, or lacks this object.
     """
     try:
         return entry.load()
-    # A package of others may fail with any exception at all.
+    # Importing another package may raise any exception.
     except Exception as error:
         package = entry.dist.name if entry.dist is not None else "an installed package"
         raise UsageError(

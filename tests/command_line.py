@@ -1,4 +1,4 @@
-"""The command line in this process: what it prints, and with which status it ends."""
+"""The command line run in this process: its output and exit status."""
 
 import io
 import signal

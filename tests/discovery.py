@@ -32,7 +32,7 @@ def model_of(coefficients: Mapping[str, float], shapes: Mapping[str, float] | No
 
 
 def exact(model: Model, time: Array = TIME, start: float = 0.3) -> Array:
-    """The angle that the sensor tells, without noise."""
+    """The angle shown by the sensor, without noise."""
     return trajectory(model, time, start, 0.0).angle
 
 
@@ -52,7 +52,7 @@ def searched(runs, candidates: ForceLibrary = EFFECTS, forces: ForceLibrary = BA
 
 
 def credible_set(found: Search, symbol: str) -> set[str]:
-    """Candidates in an effect's place; "" is none of them."""
+    """Candidates in place of an effect; "" stands for none of them."""
     costs = found.rivals[symbol]
     inside = credible(probabilities(list(costs.values())), DEFAULTS.credible)
     return {name for name, within in zip(costs, inside, strict=True) if within}
@@ -70,7 +70,7 @@ def coefficients_of(model: FittedModel) -> dict[str, float]:
 
 
 def deviations(model: FittedModel, truth: Mapping[str, float]) -> Array:
-    """Errors of coefficients, each over its standard error."""
+    """Errors of coefficients over their standard errors."""
     values, errors = coefficients_of(model), errors_of(model)
     return np.array([(values[symbol] - true) / errors[symbol] for symbol, true in truth.items()])
 

@@ -7,7 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.mathtext import MathTextParser
 from matplotlib.text import Text
 
-# Of a text, points; and by how much boxes may reach over each other or over the edge: the leading of a line.
+# Smallest size of a text, points, and allowed overlap of texts or of the edge: about the leading of a line.
 SMALLEST, ALLOWED = 6.0, 1.0
 DPI = 100
 # Height of a figure that leaves room for a caption on a page, mm.
@@ -32,7 +32,7 @@ def recorded():
 
 
 def smallest_sign(text):
-    """Size of the smallest sign of a text, an exponent's where it has one, points."""
+    """Size of the smallest character of a text, of an exponent if it has one, points."""
     lines = text.get_text().split("\n") if text.get_parse_math() else ()
     drawn = [
         MathTextParser("path").parse(line, 72, text.get_fontproperties()) for line in lines if "$" in line

@@ -2,12 +2,14 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.stats import binom, chi2
 
+import sysid_trib as st
 from sysid_trib import Model, load_library, methods
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import parse_library
@@ -92,8 +94,14 @@ def measured(
     return decay(time, angle, seed, noise)
 
 
+def emps_record(folder: Path, input: str) -> xr.Dataset:
+    """Read the motor axis EMPS among the measured records; `input` : a formula of its voltage `vir`."""
+    path = folder / "emps" / "DATA_EMPS.mat"
+    return st.read_record(path, angle="qm", time="t", units="m", input=input, between="linear")
+
+
 def density_that_wanders(levels: float, noise: float, time: Array, w: float) -> float:
-    """Density of a random force that lets an angle wander by so many noise levels until the end."""
+    """Density of a random force that lets an angle drift by this number of noise levels until the end."""
     return RandomForce.density_of(2.0 * (levels * noise) ** 2 / (w * time[-1]), w)
 
 

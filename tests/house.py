@@ -57,13 +57,13 @@ def imported(tree):
 
 
 def arrows():
-    """Pairs of rooms of which the first imports from the second."""
+    """Pairs of rooms in which the first imports from the second."""
     pairs = {(room_of(name), room) for name, (tree, _) in modules().items() for room in imported(tree)}
     return {(room, other) for room, other in pairs if room != other and not room.startswith("__")}
 
 
 def circles():
-    """Modules that cannot be imported without themselves, by what they import at once."""
+    """Modules in an import cycle, found from the imports at their top level."""
     homes = {"sysid_trib." + name.removesuffix(".py").replace("/", "."): name for name in modules()}
     imports = {
         name: {homes[n.module] for n in tree.body if isinstance(n, ast.ImportFrom) and n.module in homes}
@@ -86,14 +86,14 @@ def words_of(node):
 
 
 def definitions():
-    """Each module's functions, classes, methods, constants: (module, name), what it needs, what it uses."""
+    """Functions, classes, methods and constants of all modules: (module, name), what each needs and uses."""
     for module, (tree, _) in modules().items():
         for node in tree.body:
             methods = [n for n in getattr(node, "body", ()) if isinstance(n, ast.FunctionDef)]
             if isinstance(node, ast.FunctionDef):
                 yield (module, node.name), {node.name}, words_of(node)
             elif isinstance(node, ast.ClassDef):
-                # Each method stands alone; Python itself calls some as soon as there is the class.
+                # Each method is separate; Python itself calls some of them when the class exists.
                 for method in methods:
                     needed = {node.name} if method.name.startswith("__") else {node.name, method.name}
                     yield (module, f"{node.name}.{method.name}"), needed, words_of(method)
@@ -108,7 +108,7 @@ def definitions():
             elif isinstance(node, ast.For | ast.If):
                 yield (module, "(when imported)"), set(), words_of(node)
             elif isinstance(node, ast.ImportFrom) and module.endswith("/__init__.py"):
-                # What a package imports is public, as what its stub lists.
+                # Names that a package imports, or that are in its stub, are public.
                 yield (module, "(public)"), set(), words_of(node)
 
 
@@ -145,7 +145,7 @@ def code_tokens(tree, text):
 
 
 def dotted(name):
-    """Name of a module within the package, as it is imported: "methods.direct"."""
+    """Name of a module within the package, as in an import: "methods.direct"."""
     return name.removesuffix(".py").replace("/", ".").removesuffix(".__init__")
 
 
@@ -165,7 +165,7 @@ def is_folder(module):
 
 
 def imported_names(module):
-    """Each name that a module imports from the package: (module it comes from, name, name here)."""
+    """Each name that a module imports from the package: (module of origin, name there, name here)."""
     for node in ast.walk(trees()[module]):
         if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sysid_trib"):
             source = node.module.removeprefix("sysid_trib").lstrip(".")
@@ -191,7 +191,7 @@ def lines_of_modules():
 
 
 def reading(start):
-    """Code lines that must be read to follow a module: its own and those of all it imports.
+    """Code lines that must be read to understand a module: its own and those of all imported modules.
 
     The `__init__.py` of a package counts only where the module itself imports the package.
     """

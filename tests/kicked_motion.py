@@ -42,13 +42,13 @@ def kicked_motion(
         Evenly spaced.
     w : float, rad/s
     force : callable
-        Of (x, v), (seed,) each; all that acts beside spring, dry friction and kicks.
+        Function of (x, v), (seed,) each: all forces other than spring, dry friction and kicks.
     dry_friction : float
         lambda of dv/dtau = -x - lambda sign(v) - force.
     density : float, (rad/s^2)^2/Hz
         One-sided density of the acceleration.
     seeds : sequence of int
-        A motion each; its kicks depend on its seed alone.
+        One motion per seed; its kicks depend only on the seed.
     start : (float, float), rad and rad/s
         Angle and rate at the first sample.
     kicks_per_period : int

@@ -38,7 +38,7 @@ def known(
 
 
 def correlated(values: NDArray[np.float64], part: float, seed: int = 7) -> NDArray[np.float64]:
-    """A full covariance with standard errors that are about this part of the values."""
+    """A full covariance with standard errors of about this fraction of the values."""
     count = len(values)
     mixing = np.eye(count) + 0.5 * np.random.default_rng(seed).standard_normal((count, count)) / np.sqrt(
         count

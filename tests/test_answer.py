@@ -71,7 +71,7 @@ def test_errors_have_two_parts(incomplete):
         assert np.linalg.eigvalsh(result["covariance"].values / np.outer(unit, unit)).min() > -1e-9
 
 
-def test_what_is_given_carries_its_parts_and_its_verdict(checked):
+def test_a_result_contains_its_parts_and_its_verdict(checked):
     data = identification_json(checked)
     assert data["verdict"] == "approximate"
     assert data["answer"] in data["methods"]

@@ -72,6 +72,6 @@ def test_sympy_and_simulink_have_the_rates_of_python(identified):
         np.testing.assert_allclose(here["dy"], expected, rtol=1e-12)
 
 
-def test_what_is_no_equation_is_refused(identified):
+def test_models_without_an_equation_are_refused(identified):
     with pytest.raises(UsageError, match="choose python, sympy, simulink"):
         model_code(identified, "fortran")

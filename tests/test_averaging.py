@@ -1,4 +1,4 @@
-"""Averaging (Le Bot et al. 2019, Sec. 2.3): the paper's rule, what mends it, and a random force."""
+"""Averaging (Le Bot et al. 2019, Sec. 2.3): the paper's rule, its corrections, and a random force."""
 
 from functools import cache
 

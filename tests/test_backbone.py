@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 import xarray as xr
 from command_line import run
+from hypothesis import given, strategies as some
 from scipy.interpolate import PchipInterpolator
 
 import sysid_trib as st
 from sysid_trib.cycles.backbone import CURVES
 from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.verdict import amplitude_range
+from sysid_trib.results.backbone_rows import round_rows
 from sysid_trib.validation.lack_of_fit import departures, lack_of_fit
 
 W, PER_PERIOD = 2.0 * np.pi, 40
@@ -86,7 +88,7 @@ FORCES = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("forces", FORCES.values(), ids=FORCES)
-def test_bands_hold_the_curves_of_the_motion_without_noise(forces):
+def test_bands_contain_the_curves_of_the_motion_without_noise(forces):
     clean = motion(forces)
     truth = st.backbone(st.free_decay(clean))
     found = st.backbone(decay_of(clean, seed=1))
@@ -94,7 +96,7 @@ def test_bands_hold_the_curves_of_the_motion_without_noise(forces):
         assert holds(found, truth, name), name
 
 
-def test_bands_hold_with_a_random_force():
+def test_bands_contain_the_curves_with_a_random_force():
     forces = [("2*v", 4e-3), ("x**3", -0.1)]
     truth = st.backbone(st.free_decay(motion(forces)))
     found = st.backbone(decay_of(motion(forces, random_force=3e-6, seed=3)))
@@ -153,6 +155,31 @@ def test_the_command_prints_and_writes(tmp_path, viscous):
     assert len(data["runs"][0]["frequency_low"]) == len(rows) - 1
 
 
+@given(low=some.floats(1e-6, 1e3), ratio=some.floats(1.2, 1e5))
+def test_printed_amplitudes_are_round_and_few(low, ratio):
+    amplitude = np.geomspace(low, low * ratio, 80)
+    straight = {name: ("amplitude", np.log(amplitude)) for name in ("frequency", "damping_ratio")}
+    bands = {f"{name}_high": ("amplitude", np.log(amplitude) + 0.5) for name in straight}
+    rows = round_rows(xr.Dataset(straight | bands, {"amplitude": amplitude}))
+    assert [rows[0].amplitude, rows[-1].amplitude] == pytest.approx([amplitude[-1], low])
+    assert len(rows) <= 12
+    for row in rows:
+        assert row.frequency == pytest.approx(np.log(row.amplitude), abs=1e-9)
+        assert row.damping_ratio_band == pytest.approx(0.5)
+    assert all(float(f"{row.amplitude:.1e}") == pytest.approx(row.amplitude) for row in rows[1:-1])
+
+
+def test_rows_are_round_in_the_measured_amplitude():
+    amplitude = np.geomspace(1e-5, 1e-3, 80)
+    straight = dict.fromkeys(("frequency", "damping_ratio"), ("amplitude", amplitude))
+    straight |= {f"{name}_high": ("amplitude", 2.0 * amplitude) for name in ("frequency", "damping_ratio")}
+    straight["measured_amplitude"] = ("amplitude", 100.0 * amplitude)
+    rows = round_rows(xr.Dataset(straight, {"amplitude": amplitude}))
+    printed = [float(f"{row.measured_amplitude:.3g}") for row in rows]
+    assert printed == [0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001]
+    assert [row.amplitude for row in rows] == pytest.approx([value / 100.0 for value in printed])
+
+
 LOOKED = {
     "dry friction": ([("sign(v)", 1e-3), ("2*v", 2e-3)], 0.4, "--forces lambda,zeta"),
     "drag on a pendulum": (
@@ -165,7 +192,7 @@ LOOKED = {
 
 
 @pytest.mark.parametrize(("forces", "start", "options"), LOOKED.values(), ids=LOOKED)
-def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path):
+def test_look_states_the_forces_that_the_backbone_indicates(forces, start, options, tmp_path):
     record = tmp_path / "record.csv"
     table = (
         measured(motion(forces, start=start)).angle.to_dataframe().rename(columns={"angle": "angle (rad)"})
@@ -175,6 +202,6 @@ def test_look_reads_what_the_backbone_points_to(forces, start, options, tmp_path
     assert ending.status == 0, ending.err
     following = ending.out.splitlines()[-1]
     assert following.endswith(options)
-    # What swings is what the user says.
+    # The user states the kind of oscillator.
     if "--system" in options:
         assert run("look", record, "--system", "ship").out.splitlines()[-1].endswith("--system ship")

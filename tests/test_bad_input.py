@@ -40,7 +40,7 @@ def refused(folder):
     return command
 
 
-# Content of the file (text, bytes, or a signal), and what is said of it.
+# Content of the file (text, bytes, or a signal), and the message about it.
 RECORDS = {
     "binary": (bytes(range(256)) * 8, "binary content"),
     "escape sequence": ("time,angle\n0,1\n0.1,\x1b[31m\n0.2,1\n", "row 2 of column angle contains"),
@@ -63,7 +63,7 @@ def test_record(refused, folder, name):
 
 
 GOOD = ("identify", "good.csv")
-# Of each command what it does not take: arguments, exit status, and a part of what is said.
+# For each command, invalid arguments, the exit status, and a part of the message.
 REFUSALS = tomllib.loads(Path(__file__).with_name("refusals.toml").read_text(encoding="utf-8"))
 
 
@@ -171,7 +171,7 @@ def test_refusals_come_before_the_work(refused):
     assert time.process_time() - begin < 1.0
 
 
-def test_what_a_method_refuses_names_the_file(folder):
+def test_errors_of_methods_name_the_file(folder):
     paths = [write_csv(folder / f"{at}.csv", angle=linear(zeta=0.01 + 0.01 * at)) for at in range(2)]
     said = run("identify", paths[0], "--window", "0:1.9").complaint
     assert said.startswith("sysid-trib: 0.csv: 3 amplitudes cannot determine 5 forces")
@@ -217,7 +217,7 @@ def test_an_interrupt_while_a_module_is_imported(module):
 
 
 def test_an_interrupt_within_a_text_that_is_executed(tmp_path):
-    """Python would end the process by the signal, as what `python -m` runs."""
+    """Python would end the process by the signal, as it does with `python -m`."""
     (tmp_path / "program.py").write_text(
         "from sysid_trib import cli\n"
         "cli._outcome = lambda: exec('raise KeyboardInterrupt')\n"

@@ -13,7 +13,7 @@ from sysid_trib.validation.random_effects import RandomEffects, precision
 
 
 def runs_of(values, errors, names=("lambda",)):
-    """Values of runs as `run_agreement` gives them."""
+    """Values of runs in the form of `run_agreement`."""
     dims = ("run", "quantity")
     values, errors = (np.reshape(array, (-1, len(names))) for array in (values, errors))
     return xr.Dataset({"value": (dims, values), "standard_error": (dims, errors)}, {"quantity": list(names)})
@@ -31,7 +31,7 @@ def test_the_spread_is_that_of_paule_and_mandel():
 
 @pytest.mark.in_full
 @pytest.mark.parametrize("tau", [2.0])
-def test_intervals_of_the_spread_hold_in_95_of_100_cases(tau):
+def test_intervals_of_the_scatter_cover_in_95_of_100_cases(tau):
     random, hold, records = np.random.default_rng(2), 0, 400
     for _ in range(records):
         errors = np.exp(random.normal(0.0, 0.5, 8))
@@ -42,7 +42,7 @@ def test_intervals_of_the_spread_hold_in_95_of_100_cases(tau):
     assert abs(hold / records - 0.95) < 0.033
 
 
-def test_intervals_of_laboratories_hold_in_95_of_100_cases():
+def test_intervals_of_laboratories_cover_in_95_of_100_cases():
     random, hold, records = np.random.default_rng(4), np.zeros(3), 400
     truths = (1.0, 1.0, 2**0.5)
     # Different numbers of results.
@@ -62,7 +62,7 @@ def test_two_laboratories_have_the_standard_numbers():
     np.testing.assert_allclose(measured, [within, between, within + between], rtol=1e-12)
 
 
-def test_what_goes_with_a_condition_is_named_and_nothing_else():
+def test_only_quantities_that_vary_with_a_condition_are_named():
     random = np.random.default_rng(5)
     load, material = np.repeat([1.0, 2.0, 4.0], 4), np.tile(["glass", "steel"], 6)
     columns = np.column_stack(
@@ -82,7 +82,7 @@ def test_what_goes_with_a_condition_is_named_and_nothing_else():
     assert abs(slope.effect - 0.5) < 3.0 * slope.effect_standard_error
     jump = told.sel(quantity="zeta", term="material=steel")
     assert abs(jump.effect - 1.0) < 3.0 * jump.effect_standard_error
-    # The mean is that of all runs, whatever the conditions are: as many of each were made.
+    # The mean is that of all runs, for any conditions, because equally many runs were made with each.
     np.testing.assert_allclose(told.sel(term="mean").effect, columns.mean(axis=0), rtol=1e-6)
 
 
@@ -132,7 +132,7 @@ def test_conditions_that_say_nothing_are_refused(conditions, laboratories, sente
         st.campaigns.between_runs(runs, conditions, laboratories=laboratories)
 
 
-def test_what_is_no_set_of_runs_is_refused():
+def test_invalid_sets_of_runs_are_refused():
     with pytest.raises(UsageError, match="needs at least two runs"):
         st.campaigns.between_runs(runs_of([1.0], [0.1]))
     with pytest.raises(UsageError, match="needs identifications"):

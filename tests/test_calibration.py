@@ -1,4 +1,4 @@
-"""Stated errors tell the scatter over seeds, of every method and kind of record; the best reach the bound."""
+"""Stated errors equal the scatter over seeds for every method and kind of record; best reach the bound."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -66,7 +66,8 @@ CASES = {
     "direct": Case(Direct(W), PAPER, 25, 1.2),
     "direct, strong dry friction": Case(Direct(W), DRY, 25, 1.5),
     "direct, frequency fitted": Case(Direct(), FITTED, 25, 1.2),
-    # Newey and West see most of what white noise of this size would give a third of.
+    # The estimate of Newey and West contains most of the error; with white noise of this size it would be a
+    # third.
     "direct, coloured": Case(Direct(W), PAPER, most=1.25, records=coloured),
     **{f"direct, {s}": Case(*reversed(run_with(s)), seeds=12) for s in ("stribeck", "jenkins", "masing")},
     "direct, sensor": Case(Direct(), seeds=8, records=test_sensor_terms.record, truth=TERMS),
@@ -106,7 +107,7 @@ def test_stated_errors_tell_the_scatter(case):
 
 @pytest.mark.in_full
 @pytest.mark.parametrize("quantity", test_own_quantity.KINDS)
-def test_errors_of_what_was_measured_cover_the_truth(tmp_path, quantity):
+def test_errors_for_each_measured_quantity_cover_the_truth(tmp_path, quantity):
     records = [test_own_quantity.decay_of(tmp_path / "a.csv", quantity, seed) for seed in range(20)]
     found = [Trajectory().identify(record, test_own_quantity.FORCES) for record in records]
     z = [test_own_quantity.excess(result) for result in found]

@@ -23,7 +23,7 @@ from sysid_trib.results.store import Status, counts_of
 pytest.importorskip("zarr", reason="campaigns need the extra of this name")
 LIBRARY_OF_ALL = st.load_library("contact_forces")
 LIBRARY = LIBRARY_OF_ALL.select(["lambda", "zeta"])
-# Where rows go is asked, not what is in them.
+# The tests check the places of rows in a store, not their contents.
 METHODS = {"direct": st.methods.Direct(refine=False)}
 FILES = st.campaigns.Task("identify", LIBRARY, METHODS)
 TIMES = np.arange(0.0, 8.0, 1.0 / 60.0)
@@ -68,7 +68,7 @@ def test_records_that_a_function_of_ones_own_reads_are_rows(tmp_path):
     assert np.all(np.abs(off) < 8.0)
 
 
-def test_what_was_done_is_not_done_again_and_the_rest_is(tmp_path):
+def test_finished_records_are_not_computed_again_but_others_are(tmp_path):
     whole = numbers(st.campaign(RECORDS, TASK, output=tmp_path / "whole.zarr", workers=0))
 
     class StoppedError(Exception):
@@ -85,12 +85,12 @@ def test_what_was_done_is_not_done_again_and_the_rest_is(tmp_path):
     assert counts_of(half) == {"waiting": 3, "done": 3, "refused": 0, "failed": 0, "lost": 0}
     resumed = st.campaign(RECORDS, TASK, output=tmp_path / "part.zarr", workers=0)
     xr.testing.assert_identical(numbers(resumed), whole)
-    # What a record took is measured again where it is done again.
+    # The computing time is measured again if a record is computed again.
     xr.testing.assert_identical(resumed.seconds[:3].load(), half_seconds)
 
 
 def disk_with_room(monkeypatch, room):
-    """Let files that a store writes hold so many bytes more; what comes after finds the disk full."""
+    """Let the files of a store grow by at most this number of bytes; then the disk is full."""
     left, opened = [room], Path.open
 
     class Written(io.BufferedWriter):
@@ -109,7 +109,7 @@ def disk_with_room(monkeypatch, room):
 
 
 @pytest.mark.slow
-def test_a_full_disk_ends_a_campaign_in_a_sentence_and_it_goes_on_when_there_is_room(tmp_path, monkeypatch):
+def test_a_full_disk_ends_a_campaign_with_a_sentence_and_it_can_be_continued(tmp_path, monkeypatch):
     def store_of(name):
         return st.campaign(RECORDS, TASK, output=tmp_path / name, workers=0)
 
@@ -210,10 +210,10 @@ def test_a_campaign_searches_as_discover_is_asked_to(tmp_path):
     assert run(*asked, "-o", stores[0]).status == 0
     assert st.campaigns.open_store(stores[0]).named.item() == "drag"
     ending = run(*asked, "--max-effects", "0", "-o", stores[1])
-    assert "1 unknown effect." in ending.out
+    assert "Outcomes of the searches: 1 unknown effect." in ending.out
     assert st.campaigns.open_store(stores[1]).named.item() == ""
     ending = run(*asked, "--time-limit", "1e-6", "-o", stores[2])
-    assert "(its search ended before it had converged)" in ending.out
+    assert "; 1 ended before the search had converged." in ending.out
 
 
 def test_a_folder_is_refused_before_a_store_is_made(tmp_path):
@@ -259,7 +259,7 @@ def test_the_command_ends_with_a_page(tmp_path):
     assert "run2.csv" in page
     assert "of another result" not in page
     assert page.count('<svg class="thumbnail"') == 3
-    # The same task, elsewhere and shown otherwise, goes on with the store.
+    # The same task with other output options continues the store.
     again = run(
         *arguments, "--forces", "zeta,delta", "-o", f"{tmp_path}/out.zarr", "--workers", "0", "--json"
     )
@@ -280,7 +280,7 @@ MANY = [str(at) for at in range(30)]
 
 
 @pytest.mark.slow
-def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
+def test_a_killed_campaign_continues_with_the_same_store(tmp_path):
     whole = numbers(st.campaign(MANY, TASK, output=tmp_path / "whole.zarr", workers=0))
     script = tmp_path / "script.py"
     script.write_text(SCRIPT)
@@ -291,6 +291,6 @@ def test_a_campaign_that_is_killed_goes_on_to_the_same_store(tmp_path):
     os.killpg(process.pid, signal.SIGKILL)
     process.wait()
     resumed = numbers(st.campaign(MANY, TASK, output=tmp_path / "part.zarr", workers=2))
-    # Of other processes, where arrays lie otherwise in memory: sums may differ by rounding.
+    # Computed in other processes with another memory layout: sums may differ by rounding errors.
     xr.testing.assert_allclose(resumed, whole, rtol=1e-9, atol=0.0)
     assert not list((tmp_path / "part.zarr").rglob("*.partial"))

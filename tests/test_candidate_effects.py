@@ -1,4 +1,4 @@
-"""The candidates that come with the package, against what the literature says of each."""
+"""Candidate effects of the package, compared with the literature on each."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -10,13 +10,14 @@ from numpy import pi
 from scipy.special import beta, dawsn, j1
 
 from sysid_trib import Model, load_library
-from sysid_trib.cycles.signatures import averages, exactly_dependent
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.forces import indistinguishable
 from sysid_trib.forces.notation import reference_powers
 from sysid_trib.methods import Averaging
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.simulate import simulate
 from sysid_trib.simulation.trajectory import trajectory
+from sysid_trib.validation.separability import exactly_dependent
 
 SIX = load_library()
 CANDIDATES = load_library("candidate_effects")
@@ -64,7 +65,7 @@ def at(symbol, shapes=(), amplitudes=None):
 
 EVEN = (nothing, nothing)
 # Per candidate: parity, type by time reversal, <h sin phi> and <h cos phi> with default shapes at t = 3 s;
-# None where there is no closed form: those are in the tests of limits below.
+# None if there is no closed form: these are in the tests of limits below.
 TABLE: dict[str, tuple[str, str, tuple[Callable, Callable] | None]] = {
     "cubic_damping": ("odd", "dissipative", (lambda a: -3 * a**3 / 8, nothing)),
     "van_der_pol": ("odd", "dissipative", (lambda a: -(a**3) / 8, nothing)),
@@ -220,7 +221,7 @@ def tied(*symbols, shapes=None):
     ],
     ids="-".join,
 )
-def test_what_averaging_cannot_tell_apart_is_told_apart_by_the_motion(group):
+def test_forces_with_equal_averages_are_separated_by_the_motion(group):
     assert tied(*group) == [group]
     library = BOTH.select(group)
     assert exactly_dependent(library, 1.0) == []
@@ -239,7 +240,7 @@ def test_what_averaging_cannot_tell_apart_is_told_apart_by_the_motion(group):
     ],
     ids=lambda part: "-".join(part) if isinstance(part, tuple) else "",
 )
-def test_one_force_written_twice_is_told_apart_by_nothing(pair, shapes):
+def test_one_force_written_twice_is_never_separated(pair, shapes):
     assert exactly_dependent(BOTH.select(pair), 1.0, shapes=shapes) == [pair]
 
 

@@ -1,4 +1,4 @@
-"""The command line as it is meant to be used: tables, JSON, files, figures, help and its examples."""
+"""The command line in its intended use: tables, JSON, files, figures, help and examples."""
 
 import contextlib
 import json
@@ -71,7 +71,7 @@ def simulated(tmp_path_factory):
 
 
 def number(text):
-    """A number that is not NaN or Infinity, as JSON knows no such thing."""
+    """A number that is neither NaN nor Infinity, which JSON does not have."""
     raise AssertionError(f"{text} is not JSON")
 
 
@@ -113,7 +113,7 @@ def test_figure(twin, tree):
 
 
 @pytest.mark.slow
-def test_a_held_shape_is_set_and_told(tmp_path, dahl_library):
+def test_a_fixed_shape_parameter_is_used_and_printed(tmp_path, dahl_library):
     record = tmp_path / "dahl.csv"
     made = ("--set", "zeta=0.01", "--set", "jenkins=2e-2", "--set", "jenkins.s=0.05", "--noise", "1e-4")
     assert run("simulate", "-o", record, "--library", dahl_library, *made).status == 0
@@ -136,7 +136,7 @@ def test_forces_of_an_own_library(dahl_library):
     assert title == "own.toml"
     assert "v = theta'/w, tau = w t" in normalised
     assert head.split("  ")[0] == "symbol"
-    # What goes on with a force has no symbol before it.
+    # The continuation lines of a force have no symbol.
     assert [row.split()[0] for row in rows if not row.startswith(" ")] == ["zeta", "dahl", "jenkins", "drift"]
     assert "presliding [/b] hysteresis (±)" in ending.out
     assert "presliding [/b] hysteresis (?)" in run("forces", dahl_library, encoding="ascii").out
@@ -193,7 +193,7 @@ def test_every_command_has_two_examples():
 
 def _works(names, folder):
     with contextlib.chdir(folder):
-        # The others read what the first writes, report and export what is found of it.
+        # simulate writes the record of the other examples; report and export read their results.
         for name in sorted(names, key=lambda name: (name != "simulate", name in ("report", "export"))):
             for example in EXAMPLES[name]:
                 program, *words = shlex.split(example)

@@ -57,7 +57,7 @@ def test_a_clock_that_stands_still_for_a_swing_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize("count", ["samples", "samples of 8 bits", "packets"])
-def test_a_counter_beside_packets_counts_what_is_lost(tmp_path, count):
+def test_a_counter_of_packets_shows_lost_samples(tmp_path, count):
     number = np.arange(TIME.size)
     number = number[(number < 200) | (number >= 216)]
     stamps = number // 8 * (8.0 / RATE) + 0.03 * np.random.default_rng(1).random(TIME.size)[number // 8]

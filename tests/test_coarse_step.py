@@ -1,4 +1,4 @@
-"""A sensor of coarse steps: its rounding is neither a force nor white noise."""
+"""A sensor with coarse steps: its rounding error is neither a force nor white noise."""
 
 import numpy as np
 import pytest
@@ -67,4 +67,4 @@ def test_a_step_is_coarse_beside_noise_and_motion(step, noise, swing, coarse):
 def test_rounding_is_no_missing_effect():
     candidates = st.load_library("candidate_effects").select(["ambient", "angle_friction"])
     found = st.discover(record(4, {"zeta": 0.004}), st.load_library().select(["zeta"]), candidates)
-    assert found.attrs["verdict"] == "nothing missing"
+    assert found.attrs["search_outcome"] == "nothing missing"

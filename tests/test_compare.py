@@ -30,7 +30,7 @@ DECREMENTS = ["Wu decrement", "Feeny-Liang decrement", "energy decay", "logarith
 
 @cache
 def paper():
-    """Every method on the paper's run, with the labels in the order in which they were told."""
+    """Every method on the paper's run, with the labels in the order of the progress reports."""
     told = []
     tree = compare(RUN.decay(7), FORCES, every_method(), tell=lambda text, done=None: told.append(text))
     return tree, told
@@ -84,7 +84,7 @@ def test_forces_of_one_signature_are_one_to_averaging():
 
 @dataclass(frozen=True)
 class Wild:
-    """A method that identifies what runs away, or breaks."""
+    """A method whose identified model diverges, or that raises an error."""
 
     broken: bool = False
 
@@ -104,8 +104,8 @@ def test_a_model_that_runs_away_and_a_method_that_breaks():
     assert np.isnan(of(found, "wild").residual_rms.item())
 
 
-def test_a_missing_force_is_told():
-    """Errors have a part of the model then, in tables and figures alike."""
+def test_a_missing_force_is_reported():
+    """Errors then include a model error, both in tables and in figures."""
     library = FORCES.select(["lambda", "zeta", "epsilon"])
     tree = compare(RUN.decay(7), library, [Direct(), Averaging()])
     table = comparison_of(tree)
@@ -130,7 +130,7 @@ def test_a_missing_force_is_told():
 
 
 @pytest.mark.slow
-def test_a_prediction_that_is_good_by_accident_is_told():
+def test_a_good_prediction_by_coincidence_is_reported():
     methods = {name: every_method()[name] for name in ("averaging", "averaging (printed rule)", "direct")}
     tree = compare(RUN.decay(7), FORCES.select(["lambda", "zeta"]), methods)
     told = " ".join(sentences_of(comparison_blocks(tree)))
@@ -168,7 +168,7 @@ def test_alpha_from_the_frequency_without_contact():
         (None, FORCES, [], "at least one"),
     ],
 )
-def test_what_cannot_be_compared_is_told(record, library, methods, reason):
+def test_the_reason_why_methods_cannot_be_compared_is_stated(record, library, methods, reason):
     given = RUN.decay(0) if record is None else record
     with pytest.raises(UsageError, match=reason):
         compare(given, library, methods)
@@ -259,7 +259,7 @@ def test_runs_that_no_method_takes_together():
         compare(two_runs(), FORCES, [LogarithmicDecrement()])
 
 
-def test_what_is_held_has_no_error_and_the_others_those_of_identify():
+def test_fixed_coefficients_have_no_error_and_others_that_of_identify():
     # Without delta the model misses the record: the errors allow for that.
     library, held = FORCES.select(["zeta", "nu", "epsilon"]), {"nu": -0.41}
     decay = RUN.decay(3)
@@ -271,7 +271,7 @@ def test_what_is_held_has_no_error_and_the_others_those_of_identify():
         assert (nu.coefficient.item(), nu.standard_error.item()) == (held["nu"], 0.0)
 
 
-def test_what_is_held_stays_as_it_is_at_the_reference_of_another_method():
+def test_fixed_coefficients_are_unchanged_at_the_reference_of_another_method():
     constraints = {"nu": -0.41}
     methods = {"averaging": Averaging(), "direct": Direct()}
     table = compare(RUN.decay(3), FORCES.select(["zeta", "nu", "epsilon"]), methods, constraints=constraints)

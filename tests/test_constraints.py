@@ -1,4 +1,4 @@
-"""Constraints: fixed, bounded and tied parameters, read, held by every method, and refused in a sentence."""
+"""Constraints: fixed, bounded and tied parameters are read, satisfied by every method, or refused."""
 
 import json
 from dataclasses import replace
@@ -87,7 +87,7 @@ def test_a_tie_need_not_be_linear_in_a_fit_of_the_motion(record):
 
 
 @METHODS
-def test_a_bound_holds_what_would_pass_it_with_the_errors_of_the_free_fit(record, method):
+def test_a_coefficient_at_its_bound_has_the_errors_of_the_free_fit(record, method):
     low = 1.05 * SIX["zeta"]
     bounded, fixed, free, wide = (
         method(reference_frequency=W, constraints=c).identify(record, FORCES)
@@ -97,7 +97,7 @@ def test_a_bound_holds_what_would_pass_it_with_the_errors_of_the_free_fit(record
     assert zeta.coefficient.item() == low
     assert zeta.constraint.item() == "at its bound"
     np.testing.assert_allclose(bounded.coefficient, fixed.coefficient, rtol=1e-6)
-    # A coefficient at its bound is not known: the errors of all are no less than where it is free.
+    # A coefficient at its bound is not known: all errors are at least as large as if it were free.
     assert np.all(bounded.standard_error >= 0.95 * free.standard_error)
     np.testing.assert_allclose(wide.coefficient, free.coefficient, rtol=1e-5)
     assert set(wide.constraint.values) == {""}
@@ -122,7 +122,7 @@ def test_selection_is_among_the_free_coefficients(record):
     assert alone.active.sel(force="zeta").item() == alone.active.sel(force="alpha").item()
 
 
-def test_forces_that_are_the_same_may_be_told_apart_by_a_fixed_value(record):
+def test_identical_forces_may_be_separated_by_a_fixed_value(record):
     library = library_of_formulas(zeta="2*v", viscous="v", delta="v*abs(v)", nu="x*abs(x)", epsilon="x**3")
     found = Direct(constraints={"viscous": 0.005}).identify(record, library)
     alone = Direct().identify(record, library.select(["zeta", "delta", "nu", "epsilon"]))
@@ -176,7 +176,7 @@ def test_ties_follow_each_other_and_hold_shapes():
         (Trajectory, {"zeta": (0.0,)}, "give a number, a pair"),
     ],
 )
-def test_what_a_method_cannot_hold_is_refused(record, method, asked, said):
+def test_constraints_that_a_method_does_not_support_are_refused(record, method, asked, said):
     with pytest.raises(UsageError, match=said):
         method(reference_frequency=W, constraints=asked).identify(record, FORCES)
 
@@ -190,7 +190,7 @@ def test_a_method_that_takes_no_constraint_keeps_its_row():
     assert methods["Wu decrement"]["reason"].endswith("takes no fixed, bounded or tied coefficients")
 
 
-def test_what_is_fixed_too_high_leaves_nothing_to_fit_and_is_said(record):
+def test_a_value_fixed_too_high_leaves_nothing_to_fit_and_is_reported(record):
     held = {"zeta": 0.05, "lambda": (0, None), "delta": (0, None)}
     with pytest.raises(DecayError, match="With the fixed values, delta, lambda would exceed the bounds"):
         Averaging(constraints=held).identify(record, FORCES.select(["lambda", "zeta", "delta"]))

@@ -1,4 +1,4 @@
-"""Files as laboratories write them: what is read of each, and what is refused by its true cause."""
+"""Files from laboratories: the contents read from each, or the true reason for a refusal."""
 
 import json
 import re
@@ -14,14 +14,14 @@ from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 
 
-def test_look_says_what_was_understood_and_what_comes_next(tmp_path):
+def test_look_states_how_a_file_was_read_and_the_next_step(tmp_path):
     time, values = swing()
     path = write_csv(tmp_path / "my swing.csv", time, 24.0 * values, "time (s),Displacement (mm)")
     ending = run("look", path)
     assert ending.status == 0
     assert "displacement in mm from column Displacement (mm); 100 Hz clock." in ending.out
     assert re.search(r"the local damping ratio (?:is|(?:rises|falls) from) 0\.62 %", ending.out)
-    power = float(re.search("amplitude to the power (.+?): nearest to viscous friction", ending.out)[1])
+    power = float(re.search("amplitude to the power (.+?); viscous friction gives", ending.out)[1])
     assert abs(power) < 0.1
     assert ending.out.splitlines()[-1].startswith(f"Next: sysid-trib identify '{path}'")
     facts = json.loads(run("look", path, "--json").out)
@@ -33,7 +33,7 @@ def test_look_says_what_was_understood_and_what_comes_next(tmp_path):
     assert f"noise: {found['noise']:.2g} mm" in run("identify", path, "--quiet", "--forces", "zeta").out
 
 
-def test_look_tells_what_it_read_before_a_refusal(tmp_path):
+def test_look_states_how_a_file_was_read_before_a_refusal(tmp_path):
     time, values = swing()
     path = write_csv(tmp_path / "grows.csv", time, values[::-1])
     ending = run("look", path)
@@ -89,7 +89,7 @@ def test_a_length_makes_an_angle(tmp_path):
 
 
 @pytest.mark.parametrize(("unit", "power"), [("rad/s", 1), ("rad/s^2", 2)])
-def test_what_is_integrated_is_the_motion(tmp_path, unit, power):
+def test_an_integrated_signal_is_the_motion(tmp_path, unit, power):
     time = np.arange(4000) / 100.0
     exponent = -0.05 + 8.0j
     whole = 0.4 * np.exp(exponent * time)
@@ -104,7 +104,7 @@ def test_what_is_integrated_is_the_motion(tmp_path, unit, power):
 @pytest.mark.parametrize(
     ("unit", "size", "signal"), [("mm", 900.0, "displacement"), ("g", 40.0, "acceleration")]
 )
-def test_what_is_no_angle_is_not_called_degrees_nor_taken_for_rad(tmp_path, unit, size, signal):
+def test_other_signals_are_not_read_as_angles(tmp_path, unit, size, signal):
     time, values = swing()
     path = write_csv(tmp_path / "lab.csv", time, size * values, "t,channel")
     # "--units mm" once led to "must be scaled first", and a bare file to "if it is in degrees say so".

@@ -134,7 +134,7 @@ def test_limit_cycle_of_negative_friction():
     time = np.arange(0.0, 120.0, 0.005)
     run = simulate(Model(load_library(), {"lambda": solid, "zeta": viscous}, W), time, 1e-3)
     assert np.abs(run.angle[time > 110].values).max() == pytest.approx(expected, rel=5e-3)
-    # The describing function at the limit cycle neither damps nor feeds.
+    # The describing function at the limit cycle neither dissipates energy nor adds it.
     assert damp(known({"lambda": solid, "zeta": viscous}), expected).damping_ratio[0].item() == pytest.approx(
         0.0, abs=1e-12
     )

@@ -1,4 +1,4 @@
-"""Two identifications of one decay held against each other."""
+"""Two identifications of one decay compared with each other."""
 
 from functools import cache
 
@@ -101,7 +101,7 @@ def test_a_tie_and_a_held_coefficient_have_an_influence():
     pair = [identify(record, FORCES, m(constraints=known)) for m in (Averaging, Direct)]
     compared = cross_check(record, *pair)["agreement"]
     assert compared.attrs["errors"] == "influence"
-    # What is tied and what it is tied to differ by the same errors.
+    # A tied coefficient and the one that it depends on differ by the same number of errors.
     z = compared.z.to_series()
     assert z.drop("asymptotic frequency").abs().max() < 4.0
 
@@ -118,6 +118,6 @@ def test_the_influence_of_a_fit_of_the_motion_has_its_stated_error(kind):
 
 
 @pytest.mark.parametrize(("library", "method"), [(3, Direct()), (FORCES, Direct), (FORCES, 3)])
-def test_what_is_no_library_or_method_is_told(library, method):
+def test_an_invalid_library_or_method_is_refused(library, method):
     with pytest.raises(UsageError, match="identify needs"):
         identify(paper_run(FIVE).decay(0), library, method)

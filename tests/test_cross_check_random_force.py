@@ -38,7 +38,8 @@ def test_the_error_of_a_difference_knows_the_random_force(record, pair):
     averaged = Averaging(random_force="estimated").identify(record, FORCES)
     compared = st.cross_check(record, averaged, known)["agreement"]
     assert (compared.attrs["errors"], compared.attrs["verdict"]) == ("influence", "agree")
-    # Where one method is efficient the variances subtract (Hausman 1978).
+    # If one method is efficient, the variance of the difference is the difference of the variances (Hausman
+    # 1978).
     variances = (result.standard_error.values**2 for result in (averaged, known))
     expected = np.sqrt(np.subtract(*variances))
     np.testing.assert_allclose(compared.standard_error[:-1], expected, rtol=0.35)

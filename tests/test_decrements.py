@@ -1,4 +1,4 @@
-"""The classical methods: decays of their own model, and when they do not apply."""
+"""The classical methods: decays of their own model, and cases to which they do not apply."""
 
 from dataclasses import dataclass
 from functools import cache
@@ -58,7 +58,7 @@ def test_without_noise_its_own_model_is_found(case):
     assert result.attrs["assumes"] == case.method.scope.assumes
 
 
-def test_a_steady_amplitude_tells_no_shift_of_the_frequency():
+def test_a_steady_amplitude_determines_no_frequency_shift():
     with pytest.raises(DecayError, match="cannot separate these forces"):
         FrequencyShift().identify(paper_run({"nu": -0.1}, duration=6.0).decay(), FORCES)
 
@@ -87,7 +87,7 @@ def envelope_only() -> Any:
     return FeenyLiang().identify(paper_run(FIVE).decay(1), FORCES)
 
 
-def test_what_is_neglected_shows():
+def test_neglected_forces_bias_the_result():
     # Quadratic friction passes for negative solid friction and more viscous friction.
     found = envelope_only()
     assert found.envelope_birge_ratio.item() > 5.0

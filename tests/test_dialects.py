@@ -1,4 +1,4 @@
-"""Text, columns and files as laboratories write them; each is read right, or refused by its cause."""
+"""Text, columns and files as written by laboratories; each is read correctly, or refused with the reason."""
 
 import gzip
 import io
@@ -79,7 +79,7 @@ def test_what_stands_for_a_file(tmp_path, monkeypatch):
         (b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1" + bytes(600), "save it as .xlsx"),
     ],
 )
-def test_what_is_no_table_is_named(tmp_path, content, reason):
+def test_other_files_than_tables_are_named(tmp_path, content, reason):
     path = tmp_path / "r.csv"
     path.write_bytes(content)
     with pytest.raises(RecordError, match=reason):
@@ -103,7 +103,7 @@ def test_the_axis_that_swings_far_is_taken_or_offered(tmp_path):
         read_record(table(tmp_path / "r.csv", head, TIME, 0.5 * slow + NOISE[0], SWING + NOISE[1]))
 
 
-def test_a_small_swing_is_not_preferred_to_what_is_far_larger(tmp_path):
+def test_a_small_swing_is_not_preferred_to_a_far_larger_one(tmp_path):
     driven = 60.0 * np.cos(9.0 * TIME)
     head = "Time (s),Angle left (deg),Angle right (deg)"
     with pytest.raises(UsageError, match=r"Angle right \(deg\) moves .* times as far"):
@@ -121,11 +121,11 @@ def test_runs_side_by_side_in_units_of_their_own(tmp_path, heads):
     assert np.allclose(second.time, first.time)
 
 
-def test_a_frequency_that_is_steady_tells_degrees_from_radians(tmp_path):
+def test_a_steady_frequency_distinguishes_degrees_from_radians(tmp_path):
     steady = read_record(table(tmp_path / "r.csv", "t,theta", TIME, 8.0 * SWING))
     assert steady.attrs["angle_unit_in_file"] == "deg"
     assert "as it decays" in steady.attrs["reading"]
-    # As of a pendulum: w falls by a^2/16.
+    # As for a pendulum: w decreases by a^2/16.
     amplitude = 1.6 * np.exp(-0.1 * TIME)
     phase = 9.0 * np.concatenate(([0.0], np.cumsum(1.0 - amplitude[1:] ** 2 / 16.0))) * 0.01
     softening = read_record(table(tmp_path / "r.csv", "t,theta", TIME, amplitude * np.cos(phase)))
@@ -157,7 +157,7 @@ FORMULA_SWING = 0.3 * np.exp(-0.1 * FORMULA_TIME) * np.cos(9.9 * FORMULA_TIME)
 
 
 def written(tmp_path, *headers):
-    """A record with a column for each header, each the same swing of 3 units."""
+    """A record with one column for each header, each with the same swing of 3 units."""
     rows = (
         ",".join([f"{t:.6g}", *[f"{10 * x:.9g}"] * len(headers)])
         for t, x in zip(FORMULA_TIME, FORMULA_SWING, strict=True)
@@ -206,7 +206,7 @@ def test_a_unit_or_a_column_that_does_not_follow_is_asked_for(tmp_path, headers,
     assert said in str(refusal.value)
 
 
-def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
+def test_a_formula_may_contain_numbers_stated_once_in_a_file(tmp_path):
     time = np.arange(0.0, 8.0, 0.01)
     volts = 0.3 * np.exp(-0.02 * time) * np.cos(6.0 * time)
     place, twice = tmp_path / "rig.mat", tmp_path / "twice.csv"
@@ -221,7 +221,7 @@ def test_a_formula_may_hold_numbers_that_a_file_states_once(tmp_path):
     head = ["// gain = 0.5", "# zero = 0.01", "time (s),a (deg)"]
     twice.write_text("\n".join([*head, *rows]))
     assert st.read_record(twice, angle="gain*a - zero").attrs["angle_unit_in_file"] == "deg"
-    # As of a number that is written there.
+    # As with a number written in place of `zero`.
     with pytest.raises(UsageError, match="says deg"):
         st.read_record(twice, angle="a - zero", units="rad")
     twice.write_text("\n".join(["# gain = 0.7", *head, *rows]))

@@ -73,7 +73,7 @@ def test_refinement_removes_the_bias_of_smoothed_columns():
     assert np.max(bias[1]) < 0.01
 
 
-def test_what_the_model_leaves_out_widens_the_errors():
+def test_missing_forces_increase_the_errors():
     run = paper_run(SIX | {"nu": -1.5})
     with_all = Direct(W).identify(run.decay(0), run.model.library)
     short = Direct(W).identify(run.decay(0), run.model.library.select(["lambda", "zeta", "delta", "alpha"]))

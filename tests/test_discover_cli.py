@@ -42,7 +42,7 @@ def toml(path, formulas):
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Libraries of a viscous friction and of four candidates, and a record that lacks none of them."""
+    """Libraries with viscous friction and four candidates, and a record in which no effect is missing."""
     there = tmp_path_factory.mktemp("discover")
     toml(there / "viscous.toml", VISCOUS)
     toml(there / "offered.toml", OFFERED)
@@ -75,7 +75,7 @@ def story(tree):
 
 def test_twin_is_explained_by_its_two_elastic_forces(twin):
     tree, found = twin
-    assert found["verdict"] == "explained"
+    assert (found["verdict"], found["search_outcome"]) == ("explained", "explained")
     assert [step["symbol"] for step in found["steps"]] == ["nu", "epsilon"]
     for step in found["steps"]:
         assert abs(step["coefficient"] - FIVE[step["symbol"]]) < 4.5 * step["standard_error"]
@@ -103,7 +103,7 @@ def test_the_twins_phase_slips_most_at_large_amplitude(twin):
     assert np.isnan(after.departure_time)
 
 
-def test_what_is_not_predicted_is_said_and_fitted_next(twin):
+def test_parts_that_are_not_predicted_are_stated_and_fitted_next(twin):
     tree = twin[0].copy(deep=True)
     assert next_step(tree)[0] == "identify"
     tree["holdout"].rms[-1] = 3.4 * record_noise(tree)
@@ -166,7 +166,8 @@ def test_nothing_is_missing(plain):
 def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
     ending = small(folder, folder / "even.csv", "--json", "-o", tmp_path / "even.nc")
     found = json.loads(ending.out)
-    assert found["verdict"] == "unknown effect"
+    assert found["search_outcome"] == "unknown effect"
+    assert found["verdict"] == found["judged"]["after"]["verdict"]
     assert found["omnibus"]["p_value"] < 0.01
     told = story(load(tmp_path / "even.nc"))
     assert re.search(
@@ -176,7 +177,7 @@ def test_an_effect_outside_of_the_library_stays_unknown(folder, tmp_path):
 
 
 @pytest.mark.slow
-def test_no_release_is_said_to_separate_what_is_the_same(folder):
+def test_no_release_is_suggested_for_identical_effects(folder):
     offered = toml(folder / "same.toml", OFFERED | {"again": "2*x**3"})
     out = run(
         "discover", folder / "cubic.csv", "--library", folder / "viscous.toml", "--candidates", offered
@@ -185,7 +186,7 @@ def test_no_release_is_said_to_separate_what_is_the_same(folder):
     assert "would separate them" not in out
 
 
-def test_runs_that_differ_are_told(folder, tmp_path):
+def test_runs_that_differ_are_reported(folder, tmp_path):
     ending = small(folder, folder / "plain.csv", folder / "worn.csv", "-o", tmp_path / "both.nc")
     assert ending.status == 0
     assert re.search("The runs differ: chi-square .* The largest difference is in zeta", ending.out)
@@ -214,3 +215,17 @@ def test_bad_candidates(folder, tmp_path):
     ending = run("discover", folder / "plain.csv", "--library", same, "--candidates", same)
     assert ending.status == 2
     assert "The library has no candidate" in ending.complaint
+
+
+def test_the_table_of_effects_describes_its_columns(twin):
+    tables = [
+        block for block in discovery.discovery_blocks(twin[0]) if block.title != "Models and candidates"
+    ]
+    effects = [b for b in tables if b.table is not None and "fitted / noise" in map(str, heads(b.table))]
+    assert len(effects) == 2
+    for block in effects:
+        assert "on the fitted part (fitted) and on the last third (held out)" in block.caption
+
+
+def heads(table):
+    return [column.header for column in table.columns]

@@ -1,4 +1,4 @@
-"""The search: what is hidden is named, what is not there is not, and the evidence decides."""
+"""The search: hidden effects are named, absent effects are not, and the evidence decides."""
 
 import json
 from dataclasses import asdict, replace
@@ -27,25 +27,25 @@ from helpers import FIVE, NOISE, W, decay, rms, rms_range, share_range
 from kicked_motion import kicked_motion, smooth_forces
 
 from sysid_trib import discover
+from sysid_trib.discovery.engine.shape_parameters import has_frequency_parameter
 from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.omnibus_test import independent_tests
-from sysid_trib.discovery.parts import verdict_of
+from sysid_trib.discovery.parts import outcome_of
 from sysid_trib.discovery.screen import screen
 from sysid_trib.errors import UsageError
-from sysid_trib.forces.shape_parameters import has_frequency_parameter
 from sysid_trib.printing.discovery_tables import formula_text
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.effects import shapes_of
 from sysid_trib.validation.holdout import split
 
-# What imitates each other least, and quickly follows a path.
+# Effects that differ most from each other, and whose paths are quickly computed.
 FEW = EFFECTS.select(["cubic_damping", "inertia", "even_spring", "stiffness_drift", "bias", "sensor_curve"])
 
 
 @pytest.mark.in_full
 def test_the_omnibus_test_keeps_its_level_on_short_records():
-    """Thirty columns beside ninety rows explain more of noise than a chi-square."""
+    """Thirty columns explain more of the noise in ninety rows than a chi-square distribution predicts."""
     time = np.arange(267) / 50.0
     before, p_values = exact(model_of({"zeta": 0.01}), time), []
     for seed in range(40):
@@ -91,7 +91,7 @@ def test_gains_of_noise_are_noise():
 def test_a_hidden_effect_is_named(symbol, coefficient):
     found = searched([with_effect({symbol: coefficient}, seed=4)])
     assert found.converged
-    assert verdict_of(found) == "explained"
+    assert outcome_of(found) == "explained"
     assert symbol in credible_set(found, found.effects[0])
     assert found.models[0].deviance > found.models[-1].deviance + 20.0
     if found.effects == (symbol,):
@@ -101,7 +101,7 @@ def test_a_hidden_effect_is_named(symbol, coefficient):
 def test_nothing_is_missing_from_the_truth():
     found = searched([with_effect({}, seed=5)])
     assert found.effects == ()
-    assert verdict_of(found) == "nothing missing"
+    assert outcome_of(found) == "nothing missing"
     assert found.converged
 
 
@@ -114,14 +114,14 @@ def test_a_random_force_is_no_effect():
     for seed, x in enumerate(motions):
         found = searched([decay(TIME, x, seed)], forces=library(*smooth))
         assert found.effects == ()
-        assert verdict_of(found) == "nothing missing"
+        assert outcome_of(found) == "nothing missing"
         assert found.models[0].likelihood.gains[0] > 20.0
 
 
 def test_an_effect_that_no_candidate_mimics_is_unknown():
     few = EFFECTS.select(["van_der_pol", "quintic", "stiffness_drift"])
     found = searched([with_effect({"even_spring": 1e-2}, seed=6)], few)
-    assert verdict_of(found) == "unknown effect"
+    assert outcome_of(found) == "unknown effect"
 
 
 def with_two(seed=8):
@@ -131,8 +131,8 @@ def with_two(seed=8):
 def test_two_missing_effects_are_both_named():
     found = searched([with_two()], FEW)
     assert set(found.effects) == {"cubic_damping", "even_spring"}
-    assert verdict_of(found) == "explained"
-    # In the order of what each explains; each model is likelier than the one before.
+    assert outcome_of(found) == "explained"
+    # In the order of explained deviance; each model is more likely than the previous one.
     deviance = [model.deviance for model in found.models]
     assert deviance[0] - deviance[1] > deviance[1] - deviance[2] > 0.0
 
@@ -141,7 +141,7 @@ def test_names_that_were_not_compared_explain_nothing():
     """Both names are right and the residual is noise, but their competitors were not fitted."""
     tree = discover(with_two(), BASE, FEW, settings=Settings(most_fits=3))
     assert set(tree["steps"].symbol.values) == {"cubic_damping", "even_spring"}
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     headline, ended, *_ = verdict_sentences(tree)
     assert headline.endswith("0.98 times the noise, but not all alternatives to these effects were compared.")
     assert "after as many fits as its settings allow" in ended
@@ -152,7 +152,7 @@ def test_a_search_ends_at_its_time_limit():
     tree = discover(run, BASE, FEW, time_limit=1e-3)
     assert tree.attrs["out_of_time"] == "0.001 s"
     assert not tree["converged"]
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert tree["steps"].attrs["count"] == 0
     told = " ".join(verdict_sentences(tree))
     assert "ended at its time limit of 0.001 s" in told
@@ -160,8 +160,8 @@ def test_a_search_ends_at_its_time_limit():
         discover(run, BASE, FEW, time_limit=0.0)
 
 
-def test_shapes_are_told_with_their_errors():
-    """One at an end of its range has none that the record tells."""
+def test_shape_parameters_are_stated_with_their_errors():
+    """The record determines no error of a shape parameter at an end of its range."""
     shapes = {"power_damping.p": 1.7}
     run = with_effect({"power_damping": 0.02}, seed=2, base={"zeta": 4e-3}, shapes=shapes)
     tree = discover(run, library("zeta"), EFFECTS.select(["power_damping"]))
@@ -186,7 +186,7 @@ def test_a_force_that_only_takes_energy_never_drives():
     run = with_effect({"structural_damping": -5e-3}, seed=3)
     held, free = searched([run], few), searched([run], active(few))
     assert held.effects == ()
-    assert verdict_of(held) == "unknown effect"
+    assert outcome_of(held) == "unknown effect"
     assert free.effects == ("structural_damping",)
     taking = searched([with_effect({"structural_damping": 5e-3}, seed=3)], few)
     assert taking.effects == ("structural_damping",)
@@ -200,7 +200,7 @@ def test_discover_is_blind_to_the_last_third_unless_asked():
     assert blind["record"].sizes["time"] == split(run)[0].sizes["time"]
     assert again["record"].sizes["time"] == run.sizes["time"]
     for tree in (blind, again):
-        assert tree.attrs["verdict"] == "explained"
+        assert tree.attrs["search_outcome"] == "explained"
         assert tree["converged"]
         assert tree["steps"].symbol.values.tolist() == ["even_spring"]
         assert tree["steps"].prediction_z.item() > -DEFAULTS.refuted
@@ -225,7 +225,7 @@ MISSING = {
 
 
 @pytest.mark.in_full
-def test_widened_errors_cover_more_of_what_a_model_without_a_force_says():
+def test_increased_errors_of_an_incomplete_model_cover_better():
     """With errors by the noise alone, about half of the 95 % intervals cover."""
     library, inside = BASE.select(KNOWN), []
     for seed, (symbol, coefficient) in enumerate(MISSING.items()):
@@ -256,7 +256,7 @@ def flicker_noise(count: int, seed: int):
 def test_slow_noise_is_not_named(seed):
     angle = exact(model_of({"zeta": 4e-3}), SLOW_TIME) + 2e-3 * flicker_noise(len(SLOW_TIME), seed)
     found = discover(decay(SLOW_TIME, angle, seed), CONTACT.select(["zeta"]), EFFECTS)
-    assert found.attrs["verdict"] == "nothing missing"
+    assert found.attrs["search_outcome"] == "nothing missing"
 
 
 def test_rounding_does_not_decide_how_many_tests_are_independent():

@@ -46,7 +46,7 @@ WHOLE = {"PR01", "PR03", "PR06", "RT01"}
 
 @pytest.fixture(scope="module")
 def generated():
-    """The script that makes parts of the documentation."""
+    """The script that generates parts of the documentation."""
     spec = importlib.util.spec_from_file_location("generated", DOCS / "generated.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules["generated"] = module
@@ -55,7 +55,7 @@ def generated():
 
 
 def _outputs():
-    """Every page that holds what a command prints, with the command; those on measured records take long."""
+    """Pages with the output of a command, and the command; pages on measured records take long."""
     for page in (ROOT / "README.md", *sorted(DOCS.glob("*.md"))):
         for command in re.findall(r"^\$ (sysid-trib .+)$", page.read_text(encoding="utf-8"), re.MULTILINE):
             marks = [pytest.mark.slow] if page.name != "README.md" else []
@@ -63,14 +63,14 @@ def _outputs():
 
 
 @pytest.mark.parametrize(("page", "command"), list(_outputs()))
-def test_what_a_page_says_is_printed_is_printed(page, command, generated):
+def test_printed_output_on_a_page_is_that_of_the_command(page, command, generated):
     text = page.read_text(encoding="utf-8")
     for made in re.findall(r"^\$ sysid-trib (simulate .*)$", text, re.MULTILINE):
         generated.printed(*shlex.split(made))
     block = next(m[0] for m in generated.CONSOLE.finditer(text) if f"sysid-trib {m[1]}" == command)
     number = re.compile(r"[+-]?(\d[\d.]*)")
     written, today = (number.split(shown.partition("\n")[2]) for shown in (block, generated.refreshed(block)))
-    # Words alike but for blanks, and numbers but for what another processor makes of them.
+    # Equal words up to blanks, and numbers that are equal up to differences between processors.
     assert [" ".join(words.split()) for words in written[::2]] == [" ".join(w.split()) for w in today[::2]]
     numbers = [[float(digits.rstrip(".")) for digits in shown[1::2]] for shown in (written, today)]
     if not command.startswith("sysid-trib compare"):
@@ -106,7 +106,7 @@ def test_a_task_in_python_takes_eight_lines_at_most():
         assert len(code.splitlines()) <= 8
 
 
-# Pages whose code takes seconds; that of the others is slow.
+# Pages whose code takes seconds; code on other pages is slow.
 QUICK_PAGES = {"adding_a_method", "forces", "start"}
 
 
@@ -226,7 +226,7 @@ def _held_by_groups(rows, result):
 
 
 def _paths(data, path=""):
-    """Every path to a value that is neither a mapping nor a list."""
+    """Paths to all values that are neither mappings nor lists."""
     if isinstance(data, dict) and data:
         for key, value in data.items():
             yield from _paths(value, f"{path}.{key}" if path else key)
@@ -237,7 +237,7 @@ def _paths(data, path=""):
 
 
 def _general(path, documented):
-    """The path with names for what is the user's, cut at a key that is documented as a whole."""
+    """The path with placeholders for the user's names, cut at a key that is documented as a whole."""
     for pattern, name in (
         (r"(?<=^methods\.)[^.]+", "METHOD"),
         (r"(?<=^coefficients\.)[^.]+", "FORCE"),
@@ -252,7 +252,7 @@ def _general(path, documented):
 
 
 def _public():
-    """Names of functions and classes, and of what public classes have."""
+    """Names of functions and classes, and of public members of classes."""
     for module in MODULES:
         for name in module.__all__:
             thing = getattr(module, name)
@@ -267,12 +267,12 @@ def _public():
 @pytest.mark.parametrize("name", list(_public()))
 def test_docstring_is_complete(name):
     owner = name.rpartition(".")[0]
-    # What a method of a class takes and returns is described at the function that calls it, `identify`.
+    # Parameters and results of methods of a class are described in the function that calls them, `identify`.
     checks = ALWAYS | (WHOLE if owner in {module.__name__ for module in MODULES} else set())
     if owner == "sysid_trib.plots":
         checks -= {"RT01"}
     missing = [f"{code} {text}" for code, text in validate(name)["errors"] if code in checks]
-    # That a panel takes and returns an `ax` is said once, of the module.
+    # The argument and result `ax` of panels is described once, in the module.
     assert not [error for error in missing if error != "PR01 Parameters {'ax'} not documented"]
 
 

@@ -27,7 +27,7 @@ def tones(seed: int) -> np.ndarray:
 
 
 def driven(seed: int, part: float) -> xr.Dataset:
-    """A driven record whose force is measured with white noise of a part of its RMS."""
+    """A driven record whose measured force has white noise, as a fraction of its RMS."""
     rng, torque = np.random.default_rng(100 + seed), tones(seed)
     motion = st.simulate(
         st.Model(FORCES, TRUTH, W), TIME, 0.1, inputs={"u": KnownInput(TIME, torque, "smooth")}
@@ -46,7 +46,7 @@ def answer(tree: xr.DataTree) -> xr.Dataset:
 
 
 def coverage(part: float, seeds: range) -> np.ndarray:
-    """Return the fraction of 95 % intervals of each coefficient that cover."""
+    """Return the fraction of 95 % intervals of each coefficient that contain the true value."""
     z = [scores(answer(st.identify(driven(seed, part), FORCES)), TRUTH) for seed in seeds]
     return np.mean(np.abs(z) < 1.96, axis=0)
 
@@ -62,7 +62,7 @@ def test_noise_of_the_measured_force_is_a_random_force_whose_fit_is_the_answer()
     assert np.abs(tree["agreement"].z.values).max() < 1.0
 
 
-def test_what_a_model_lacks_is_no_random_force_and_widens_its_errors() -> None:
+def test_a_missing_force_is_no_random_force_and_increases_the_errors() -> None:
     library = FORCES.select(["gain", "lambda", "zeta"])
     tree = st.identify(driven(0, 0.01), library)
     assert tree["judged"].attrs["verdict"] in ("approximate", "not explained")
@@ -70,14 +70,14 @@ def test_what_a_model_lacks_is_no_random_force_and_widens_its_errors() -> None:
 
 
 @pytest.mark.slow
-def test_intervals_hold_where_the_force_is_noisy() -> None:
-    # Of 24 intervals of 95 % fewer than 18 hold once in 10^4 sets.
+def test_intervals_cover_if_the_force_is_noisy() -> None:
+    # Of 24 intervals of 95 %, fewer than 18 contain the true value once in 10^4 sets.
     assert np.mean(coverage(0.1, range(6))) >= 0.75
 
 
 @pytest.mark.in_full
 @pytest.mark.parametrize("part", [0.01, 0.1])
-def test_intervals_hold_over_forty_seeds(part: float) -> None:
+def test_intervals_cover_over_forty_seeds(part: float) -> None:
     held = coverage(part, range(40))
     assert ((held >= 0.85) & (held <= 1.0)).all()
     assert 0.9 <= held.mean() <= 0.99
@@ -104,7 +104,7 @@ def measured(quantity: str, bias: float, tmp_path, noise: float):
 @pytest.mark.parametrize(
     ("quantity", "bias", "noise"), [("rate", 0.03, 5e-3), ("rate", 1.0, 5e-3), ("acceleration", 0.1, 5e-2)]
 )
-def test_a_driven_rate_or_acceleration_is_compared_as_it_is(quantity, bias, noise, tmp_path) -> None:
+def test_a_driven_rate_or_acceleration_is_compared_directly(quantity, bias, noise, tmp_path) -> None:
     record = st.read_record(measured(quantity, bias, tmp_path, noise), input="torque")
     tree = st.identify(record, FORCES)
     result = answer(tree)
@@ -143,7 +143,7 @@ def test_the_speed_of_a_motor_and_its_voltage_give_its_friction(tmp_path) -> Non
 
 
 @pytest.mark.slow
-def test_look_recognises_a_drive_and_suggests_what_fits(tmp_path) -> None:
+def test_look_recognises_a_drive_and_suggests_fitting_forces(tmp_path) -> None:
     time, voltage, speed = (values[::4] for values in motor())
     path = write_table(tmp_path / "m.csv", "time (s),u,velocity (mm/s)", time, 2.0 * np.sign(voltage), speed)
     ending = run("look", path)
@@ -162,7 +162,7 @@ def test_a_torque_that_is_zero_in_a_decay_does_not_drive_it(tmp_path) -> None:
     swing += 1e-4 * np.random.default_rng(0).standard_normal(time.size)
     still = write_table(tmp_path / "s.csv", "time (s),angle (rad),torque (N*m)", time, swing, 0.0 * time)
     assert "Free decay: kept" in run("look", still).out
-    # What a load cell at the spring shows is no drive either.
+    # A load cell at the spring does not measure a drive either.
     reaction = write_table(tmp_path / "r.csv", "time (s),x (mm),force (N)", time, swing, -4.0 * swing)
     assert "Free decay: kept" in run("look", reaction).out
 
@@ -206,7 +206,7 @@ def test_an_input_that_is_constant_within_a_run_is_a_known_number_of_it() -> Non
         st.identify(still, OWN)
 
 
-def test_a_negative_damping_is_said(tmp_path) -> None:
+def test_a_negative_damping_is_reported(tmp_path) -> None:
     truth = TRUTH | {"zeta": -0.01, "lambda": 0.0}
     known = {"u": KnownInput(TIME[:400], tones(0)[:400], "smooth")}
     motion = st.simulate(st.Model(FORCES, truth, W), TIME[:400], 0.1, inputs=known)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from helpers import emps_record
 
 import sysid_trib as st
 from sysid_trib.errors import SimulationError
@@ -71,14 +72,7 @@ def test_laws_of_a_frame_end_with_the_friction_of_each_load(data_folder, motions
 
 @pytest.mark.slow
 def test_laws_of_a_motor_axis_follow_it_as_well_as_named_forces(data_folder, motions):
-    record = st.read_record(
-        data_folder / "emps" / "DATA_EMPS.mat",
-        angle="qm",
-        time="t",
-        units="m",
-        input="35.15065*vir",
-        between="linear",
-    )
+    record = emps_record(data_folder, "35.15065*vir")
     tree = st.laws(record, "axis")
     assert len(motions) < MOTIONS_OF_AXIS
     result = st.best(tree)

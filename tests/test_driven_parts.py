@@ -1,4 +1,4 @@
-"""Driven records with bad samples and gaps: what is named, filled, parted, and what is left alone."""
+"""Driven records with bad samples and gaps: reported, filled, split, or left unchanged."""
 
 import numpy as np
 import pandas as pd
@@ -47,7 +47,7 @@ def without(record: xr.Dataset, low: float, high: float) -> xr.Dataset:
     return record.isel(time=(record.time.values < low) | (record.time.values > high))
 
 
-def test_a_record_without_faults_stays_as_it_is(whole: xr.Dataset) -> None:
+def test_a_record_without_faults_is_unchanged(whole: xr.Dataset) -> None:
     (part,) = driven_parts(whole)
     assert part.angle.identical(whole.angle)
     assert part.u.identical(whole.u)
@@ -90,7 +90,7 @@ def test_a_bad_sample_at_an_end_is_cut_off(whole: xr.Dataset, at: int) -> None:
     ],
     ids=["blow of a hammer", "square wave", "noise", "kinks", "chirp"],
 )
-def test_what_an_input_is_meant_to_do_is_no_outlier(whole: xr.Dataset, values: np.ndarray) -> None:
+def test_intended_jumps_of_an_input_are_no_outliers(whole: xr.Dataset, values: np.ndarray) -> None:
     (part,) = driven_parts(whole.assign(u=("time", values, whole.u.attrs)))
     np.testing.assert_array_equal(part.u, values)
     assert "outlier" not in part.attrs["free_decay"]
@@ -143,7 +143,7 @@ def test_the_command_uses_the_parts_of_a_file(whole: xr.Dataset, tmp_path) -> No
 
 
 def rate_file(tmp_path, *, leap: float = 0.0, gap: tuple[float, float] | None = None):
-    """Write a driven record of which the rate was measured."""
+    """Write a driven record with a measured rate."""
     model = st.Model(FORCES, TRUTH, W)
     record = st.simulate(model, TIME, 0.1, inputs={"u": torque(TIME)})
     rate = record.rate.values + 1e-3 * np.random.default_rng(3).standard_normal(TIME.size)

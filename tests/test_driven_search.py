@@ -1,4 +1,4 @@
-"""Searches and comparisons of driven records, by what searches and compares decays."""
+"""Searches and comparisons of driven records, by the same functions as for decays."""
 
 from dataclasses import replace
 
@@ -48,12 +48,13 @@ def driven() -> xr.Dataset:
 
 
 @pytest.mark.slow
-def test_a_search_begins_with_what_drives_and_finds_the_cubic_spring(driven):
+def test_a_search_starts_with_the_inputs_and_finds_the_cubic_spring(driven):
     tree = st.discover(driven, max_effects=1)
     assert tree["before"].force.values.tolist() == ["gain", "zeta"]
     assert tree["steps"].symbol.values.tolist() == ["epsilon"]
-    assert tree.attrs["verdict"] == "explained"
-    # No spline knows the noise of a driven motion: it is said how much of it is left, and that this is white.
+    assert tree.attrs["search_outcome"] == "explained"
+    # The noise of a driven motion cannot be estimated by a spline: the text states the residual and that it
+    # is white.
     said = verdict_sentences(tree)[0]
     assert said.startswith("Explained: with epsilon the residual is 0.")
     assert "% of the motion (RMS), and white. Neither the candidates nor the omnibus test" in said
@@ -98,7 +99,7 @@ def test_a_long_driven_record_is_searched_in_stretches_and_a_decay_is_not():
         (library("gain free_axis", "zeta"), "needs a restoring force, and this body has none"),
     ],
 )
-def test_what_a_search_cannot_take_is_refused(driven, forces, said):
+def test_requests_that_a_search_does_not_support_are_refused(driven, forces, said):
     held = {"free_axis": 1.0} if "free_axis" in forces.symbols else {}
     with pytest.raises(UsageError, match=said):
         st.discover(driven, forces, constraints=held)
@@ -141,7 +142,7 @@ def test_while_a_mass_sticks_to_a_belt_its_friction_is_a_reaction_and_says_nothi
     assert np.all(errors < 0.05 * fitted.coefficients)
 
 
-def test_a_mass_that_a_belt_drags_beside_its_zero_has_its_frequency():
+def test_a_mass_displaced_by_a_belt_has_its_frequency():
     belt = on_a_belt(friction=0.0, speed=0.03)
     beside = belt.assign(angle=belt.angle + 0.5)
     assert first_frequency([beside]) == pytest.approx(first_frequency([belt]), rel=0.02)

@@ -34,7 +34,7 @@ def damped(time, zeta=0.01, amplitude=0.3, phase=0.0):
 def test_viscous_decay(phase, zeta, rate, periods):
     time = np.arange(0.0, periods * 2 * np.pi / OMEGA, 1 / rate)
     result = envelope(decay_of(time, damped(time, zeta, phase=phase)))
-    # The fit depends a little on where the samples fall; a decrement and a frequency must not.
+    # The fit depends slightly on the position of the samples; a decrement and a frequency must not.
     np.testing.assert_allclose(result["frequency"], OMEGA, rtol=2e-4)
     decrement = -result["amplitude_rate"] / result["amplitude"] / OMEGA
     np.testing.assert_allclose(decrement, np.tanh(np.pi * zeta) / np.pi, rtol=0.02)

@@ -1,4 +1,4 @@
-"""Every function on results takes every kind of result, or says in one sentence what it takes."""
+"""Every function of results accepts every kind of result, or states in one sentence what it accepts."""
 
 import json
 from functools import cache
@@ -66,7 +66,7 @@ MADE = {
     "backbone": lambda _: st.backbone(RUN.decay(1)),
 }
 NO_IDENTIFICATION = {"campaign", "look", "plan", "response", "backbone"}
-# What a function does not take; of all others it gives its result.
+# Kinds that a function does not accept; for all others it returns its result.
 REFUSED = {
     "show": set[str](),
     "summary": NO_IDENTIFICATION - {"campaign"},
@@ -125,7 +125,7 @@ def test_each_function_gives_its_result_or_one_sentence(kind, function, results,
 
 
 @pytest.mark.parametrize("kind", kinds())
-def test_what_was_judged_has_one_shape(kind, results):
+def test_the_group_judged_has_one_form(kind, results):
     result = results(kind)
     if not isinstance(result, xr.DataTree) or "judged" not in result.children:
         assert kind in NO_IDENTIFICATION | {"method", "difference of results"}
@@ -141,7 +141,7 @@ def test_what_was_judged_has_one_shape(kind, results):
     assert np.all(judged.residual_over_noise.values > 0.0)
 
 
-def test_what_is_no_result_is_named():
+def test_objects_other_than_results_are_named():
     for function in (st.show, st.summary, st.best, lambda result: st.report(result, Path("never.html"))):
         with pytest.raises(UsageError, match="an object of type int"):
             function(3)

@@ -1,4 +1,4 @@
-"""Tables and equations that leave the program: they hold the numbers of the result."""
+"""Exported tables and equations contain the numbers of the result."""
 
 import csv
 import io
@@ -187,7 +187,7 @@ def test_torques_and_friction_with_their_errors_stand_in_table_csv_and_latex(tmp
 
 
 def test_the_error_of_the_scale_goes_with_the_power_of_the_amplitude(tmp_path):
-    # What is measured in a scale that is wrong by 2 %, against what the result says of it.
+    # A record with a scale error of 2 % is compared with the stated errors of the result.
     time = np.arange(0.0, 12.0, 0.02)
     model = st.Model(FORCES, {"lambda": 1e-3, "zeta": 5e-3, "delta": 0.04, "nu": -0.3, "epsilon": 0.3}, 8.0)
     record = measured(model, time, 0.4, noise=1e-6, seed=1)
@@ -225,7 +225,7 @@ def test_texts_of_files_are_neither_commands_of_latex_nor_formulas_of_spreadshee
     assert all(float(row["value"]) == float(row["value"]) for row in rows)
 
 
-def test_a_paragraph_for_the_methods_has_its_numbers_and_what_it_cites(tmp_path, tree):
+def test_a_methods_paragraph_has_its_numbers_and_references(tmp_path, tree):
     text = methods_text(tree)
     assert text.count("{") == text.count("}")
     keys = set(re.findall(r"\\cite\{(\w+)\}", text))

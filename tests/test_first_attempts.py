@@ -1,4 +1,4 @@
-"""What users of lmfit, pysindy, arviz and xarray try first works, or fails in one true sentence."""
+"""What users of lmfit, pysindy, arviz and xarray try first works, or fails with one true sentence."""
 
 import re
 import warnings
@@ -19,7 +19,7 @@ ANGLE = 0.3 * np.exp(-0.09 * TIME) * np.cos(9.0 * TIME) + NOISE
 
 
 class _Results(SimpleNamespace):
-    """Results of one record, each made when it is first asked for."""
+    """Results of one record, each computed on first use."""
 
     @property
     def tree(self):
@@ -120,7 +120,7 @@ st.cross_check(df, r.one, r.one)
 st.campaigns.Task("identify", "zeta,lambda").library
 st.errors.SysidTribError
 """.strip().splitlines()
-# What is asked for, and what the one sentence says.
+# A request, and the text of the error.
 FAIL = {
     "st.identify(t, angle)": "one dimension has no times: give (t, angle)",
     "st.identify(angle)": "t = np.arange(len(angle)) / sampling_rate",
@@ -167,7 +167,7 @@ MISSING = {"st.identfy": "'identify'", "st.plot": "'plots'", "st.methods.Drect":
 
 
 @pytest.mark.parametrize("attempt", WORK)
-def test_what_is_tried_first_works(attempt):
+def test_usual_first_attempts_work(attempt):
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         found = eval(attempt, NAMES)

@@ -105,7 +105,7 @@ def test_a_model_is_driven_by_its_own_input():
         st.forced_response(result, 0.1, [9.0], driven_by="base")
 
 
-def test_dry_friction_holds_what_a_small_drive_would_move():
+def test_dry_friction_prevents_motion_under_a_small_drive():
     rubbed = identified({"lambda": 1e-3, "zeta": 0.005}, 20.0)
     w, friction = around(rubbed, 0.9, 1.1, 21), rubbed.coefficient.sel(force="lambda").item()
     held = st.forced_response(rubbed, friction, w)
@@ -126,7 +126,7 @@ def test_dry_friction_holds_what_a_small_drive_would_move():
         (0.1, [], "that increase"),
     ],
 )
-def test_what_is_no_drive_is_refused(linear, drive, frequencies, said):
+def test_invalid_drives_are_refused(linear, drive, frequencies, said):
     with pytest.raises(UsageError, match=said):
         st.forced_response(linear, drive, frequencies)
 

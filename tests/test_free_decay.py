@@ -47,6 +47,19 @@ def whole(decay, original, tolerance):
     assert "cut nothing" in decay.attrs["free_decay"]
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({}, r"equilibrium \S+ ± \S+ rad, subtracted"),
+        ({"equilibrium": 0.001}, "0.001 rad as given"),
+    ],
+)
+def test_the_equilibrium_that_was_subtracted_is_stated(options, said):
+    time = np.arange(0.0, 8.0, 0.01)
+    decay = free_decay(record(time, linear(time)), **options)
+    assert re.search(said, decay.attrs["free_decay"])
+
+
 @settings(max_examples=20, deadline=None, derandomize=True)
 @given(
     phase=st.floats(-np.pi, np.pi),
@@ -62,7 +75,7 @@ def test_clean_record_loses_no_sample(phase, zeta, rate, periods):
 
 @pytest.mark.parametrize("rate", [20.0, 100.0, 1000.0])
 @pytest.mark.parametrize("hand", ["holds", "lifts"])
-def test_what_comes_before_the_release_is_cut(hand, rate):
+def test_samples_before_the_release_are_cut(hand, rate):
     count = round(0.2 * 2.0 * np.pi / OMEGA * rate)
     before = 1.0 if hand == "holds" else 1.0 - 0.25 * np.linspace(1.0, 0.0, count, endpoint=False) ** 2
     free = linear(np.arange(0.0, 12.0, 1.0 / rate), 0.01)
@@ -143,7 +156,7 @@ def pendulum():
 
 
 def stopped_by_hand(pendulum, instant, took, rest):
-    """The pendulum moved by a hand, smoothly, to where it holds it."""
+    """The pendulum, moved smoothly by a hand to the position in which it is held."""
     angle, rate = (np.interp(instant, PENDULUM, values) for values in pendulum)
     share = np.clip((PENDULUM - instant) / took, 0.0, 1.0)
     go = 2 * share**3 - 3 * share**2 + 1
@@ -226,7 +239,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_no_free_decay_is_refused(name):
+def test_records_other_than_free_decays_are_refused(name):
     time, angle, reason = REFUSED[name]
     with pytest.raises(DecayError, match=reason) as refusal:
         free_decay(record(time, angle))
@@ -261,7 +274,7 @@ def test_measured(data_folder, file, options, window, equilibrium, ends, count):
 
 
 @pytest.mark.parametrize("kind", ["frame", "column", "series", "dates", "array", "data_array", "old"])
-def test_what_is_in_memory_is_a_record(kind):
+def test_data_in_memory_are_a_record(kind):
     """pandas, NumPy, and times that are dates: the same decay as from a Dataset."""
     decay = paper_run(FIVE, duration=10.0).decay(1)
     time, angle = decay.time.values, decay.angle.values
@@ -285,6 +298,6 @@ def test_what_is_in_memory_is_a_record(kind):
     [np.zeros((5, 3)), pd.DataFrame({"a": [1.0], "b": [2.0]}), xr.DataArray(np.zeros((2, 2))), [1.0, 2.0]],
     ids=str,
 )
-def test_what_has_no_clear_signal_is_refused(unclear):
+def test_records_without_a_clear_signal_are_refused(unclear):
     with pytest.raises(UsageError):
         free_decay(unclear)

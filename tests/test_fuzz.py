@@ -162,7 +162,7 @@ def test_terminals_and_limits(shell, status, said):
 
 
 @pytest.mark.slow
-def test_what_a_killed_process_left_is_cleared_at_the_next_write(tmp_path):
+def test_files_of_a_killed_process_are_removed_at_the_next_write(tmp_path):
     script = (
         "import os, sys, sysid_trib.results.files as files\n"
         "os.replace = lambda *_: os.kill(os.getpid(), 9)\n"

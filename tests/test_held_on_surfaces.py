@@ -1,4 +1,4 @@
-"""Motions that friction holds on a surface other than rest: a belt that runs on."""
+"""Motions held by friction on a surface other than rest: a moving belt."""
 
 import numpy as np
 import pytest
@@ -100,10 +100,10 @@ def by_scipy(coefficients, start=(0.3, -0.1)):
 
 
 @pytest.mark.parametrize("coefficients", BELTS, ids=str)
-def test_a_belt_takes_the_body_along_and_lets_it_go(coefficients):
+def test_a_belt_carries_the_body_and_releases_it(coefficients):
     found = motion(coefficients)
     held = np.abs(found.rows[:, 1] - belt_speed(coefficients, TAU)) < 1e-14
-    # Held and free for a while each.
+    # Each motion is held for some time and free for some time.
     assert 0.04 < held.mean() < 0.95
     assert np.count_nonzero(np.diff(held.astype(int)) == 1) >= 1
     np.testing.assert_allclose(found.rows[:, :2], by_scipy(coefficients), rtol=0, atol=1e-9)

@@ -55,6 +55,22 @@ def test_commands_compute_in_one_thread_and_leave_the_others_as_they_were():
         assert threads() == before
 
 
+COLLECTOR = """
+import gc, sys
+from sysid_trib import cli
+sys.argv = ["sysid-trib", "forces"]
+try:
+    cli.main()
+except SystemExit:
+    print(gc.isenabled(), gc.get_freeze_count() > 100_000, file=sys.stderr)
+"""
+
+
+def test_garbage_is_collected_while_a_command_computes_but_not_in_imported_modules():
+    ended = subprocess.run([sys.executable, "-c", COLLECTOR], capture_output=True, text=True, check=True)
+    assert ended.stderr == "True True\n"
+
+
 def test_few_names_carry_a_newcomer():
     assert len(st.__all__) <= 20
     assert all(getattr(st, name) is not None for name in dir(st))
@@ -95,7 +111,7 @@ HEAVY = ("numpy", "scipy", "pandas", "xarray", "matplotlib", "pysindy", "numba")
 
 
 def test_nothing_heavy_is_imported_before_the_first_word(tmp_path):
-    # The progress of each command begins before its imports: at that point none of these may be there.
+    # The progress of a command starts before its imports: at that point none of these may be imported.
     script = f"""
 import sys
 from contextlib import contextmanager

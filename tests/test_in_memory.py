@@ -1,4 +1,4 @@
-"""Records in memory: units in names, dates, orders of bytes; what is refused; nothing is taken silently."""
+"""Records in memory: units in names, dates, byte orders; errors; and no silent assumptions."""
 
 import warnings
 
@@ -76,7 +76,7 @@ def test_a_displacement_keeps_its_unit() -> None:
         ),
     ],
 )
-def test_what_could_mean_anything_is_refused(given: object, error: type[Exception], said: str) -> None:
+def test_ambiguous_data_are_refused(given: object, error: type[Exception], said: str) -> None:
     with pytest.raises(error, match=said):
         as_record(given)
 

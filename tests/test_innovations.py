@@ -32,7 +32,7 @@ def pushed():
     return motion, decay, identified(decay, DENSITY)
 
 
-def test_without_a_random_force_they_are_what_a_free_motion_leaves():
+def test_without_a_random_force_they_are_the_residual_of_a_free_motion():
     decay = measured(st.simulate(MODEL, TIME, 0.3).angle)
     result = identified(decay, "off")
     found = st.validation.innovations(decay, result)
@@ -96,7 +96,7 @@ def test_a_gap_is_a_long_step(pushed):
     assert found.ljung_box_p_value > 0.001
 
 
-def test_bands_hold_what_was_measured(pushed):
+def test_bands_contain_the_measured_values(pushed):
     _, decay, result = pushed
     ahead = np.array([0.5, 1.0, 3.0])
     bands = st.validation.prediction_bands(decay, result, ahead, origins=np.arange(2.0, 9.5, 0.4))
@@ -104,7 +104,8 @@ def test_bands_hold_what_was_measured(pushed):
     score = (bands.measured - bands.predicted) / bands.predicted_standard_error
     assert 0.6 < np.sqrt((score**2).mean()) < 1.4
     assert (np.diff(bands.predicted_standard_error.mean("origin")) > 0.0).all()
-    # The band holds the random force on the way: over tau its variance of x is per_tau * tau / 2, on average.
+    # The band includes the random force during the prediction: over tau, its variance of x is per_tau * tau /
+    # 2.
     wander = np.sqrt(0.5 * RandomForce(DENSITY).per_tau(W) * 2.0 * np.pi * ahead + NOISE**2)
     assert (bands.predicted_standard_error.mean("origin") > 0.9 * wander).all()
 

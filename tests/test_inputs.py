@@ -1,4 +1,4 @@
-"""Inputs as symbols of formulas: laws of driven motions, units, warm-ups, and what is refused."""
+"""Inputs as symbols of formulas: laws of driven motions, units, warm-ups, and errors."""
 
 import json
 from dataclasses import replace
@@ -10,7 +10,7 @@ import pytest
 import scipy
 import xarray as xr
 from command_line import run, write_table
-from helpers import decay, scores
+from helpers import decay, emps_record, scores
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -119,7 +119,7 @@ def test_a_driven_record_gives_its_coefficients_with_their_units(method: object)
     np.testing.assert_allclose(scaled.coefficient, result.coefficient * factors, rtol=1e-5)
 
 
-def test_a_record_that_begins_driven_and_ends_free_gives_what_both_parts_tell() -> None:
+def test_a_record_that_begins_driven_and_ends_free_gives_the_forces_of_both_parts() -> None:
     drive = KnownInput(TIME, np.where(TIME < 5.0, broadband(3), 0.0))
     motion = st.simulate(st.Model(DRIVEN, TRUTH, W), TIME, 0.1, inputs={"u": drive})
     noise = 1e-4 * np.random.default_rng(0).standard_normal(len(TIME))
@@ -136,7 +136,7 @@ def test_stated_errors_tell_the_scatter() -> None:
     assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.35
 
 
-def test_runs_share_what_is_theirs_and_have_the_rest_of_their_own() -> None:
+def test_runs_have_common_and_separate_coefficients() -> None:
     runs = [driven_record(seed, TRUTH | {"lambda": friction}) for seed, friction in ((1, 0.004), (2, 0.008))]
     options = {"own": ("lambda",), "constraints": {"lambda": (0.0, None)}}
     methods = [kind(**options) for kind in (st.methods.Direct, st.methods.Trajectory)]
@@ -153,7 +153,7 @@ def test_runs_share_what_is_theirs_and_have_the_rest_of_their_own() -> None:
     assert wrong.residual_rms > 3.0 * predicted.residual_rms
 
 
-def test_what_has_not_been_seen_is_predicted_from_its_start() -> None:
+def test_an_unseen_record_is_predicted_from_its_start() -> None:
     result = st.identify(driven_record(1), DRIVEN, st.methods.Direct())
     other = driven_record(2)
     whole, begun = st.predict(result, other), st.predict(result, other, warm_up=1.5)
@@ -278,14 +278,7 @@ def test_an_input_of_another_length_or_kind_is_refused() -> None:
 
 @pytest.mark.slow
 def test_the_friction_of_a_measured_axis_is_that_of_its_publication(data_folder) -> None:
-    record = st.read_record(
-        data_folder / "emps" / "DATA_EMPS.mat",
-        angle="qm",
-        time="t",
-        units="m",
-        input="gtau*vir",
-        between="linear",
-    )
+    record = emps_record(data_folder, "gtau*vir")
     forces = st.forces.ForceLibrary(
         "", (*INPUTS.select(["gain", "free_axis", "bias"]), *DRIVEN.select(["zeta", "lambda"]))
     )
@@ -359,7 +352,7 @@ SHAPES = {"bouc_wen_n.s": 0.05, "bouc_wen_n.g": -0.3, "bouc_wen_n.n": 1.0}
 
 
 def record() -> xr.Dataset:
-    """Under a multisine, from where the body has moved for a while."""
+    """Under a multisine, with a start at which the body is already moving."""
     rng, time = np.random.default_rng(2), np.arange(0.0, 40.0, 0.03)
     tones = np.outer(time, W * np.linspace(0.1, 2.0, 40)) + rng.uniform(0.0, 6.28, 40)
     force = KnownInput(time, np.cos(tones).sum(axis=1) / 2.0, "smooth")
@@ -410,7 +403,7 @@ BESIDE = [kind(random_force="estimated") for kind in (st.methods.Direct, st.meth
 
 
 def accelerated(seed: int, random_force: float = 0.0, periods: int = 12) -> xr.Dataset:
-    """A record under a known acceleration: a tone beside the resonance, and steps at random."""
+    """A record with a known acceleration: a tone near the resonance, and random steps."""
     time = np.arange(periods * 40) * 2.0 * np.pi / 9.9 / 40
     steps = np.random.default_rng([seed, 9]).standard_normal(len(time) // 4 + 1).repeat(4)[: len(time)]
     known = 3.0 * np.sin(7.3 * time) + 1.5 * steps
@@ -428,7 +421,7 @@ def test_friction_holds_until_the_input_overcomes_it() -> None:
 
 
 @pytest.mark.parametrize("method", BESIDE, ids=lambda method: method.scope.label)
-def test_forces_beside_a_random_force_and_a_known_acceleration(method: object) -> None:
+def test_forces_with_a_random_force_and_a_known_acceleration(method: object) -> None:
     result = st.identify(accelerated(1), FREE, method)
     assert np.max(np.abs(scores(result, PUSHED))) < 3.5
     assert abs(result.reference_frequency - 9.9) < 3.5 * result.reference_frequency_standard_error
@@ -464,8 +457,8 @@ def test_innovations_and_bands_know_the_input() -> None:
 
 
 @pytest.mark.parametrize("between", ["linear", "held", "cubic"])
-def test_what_is_between_samples_is_what_acts(between: str) -> None:
-    """Against scipy's motion, restarted at each sample; the steps of a filter are of the same motion."""
+def test_the_input_between_samples_acts_on_the_motion(between: str) -> None:
+    """Against a motion by scipy, restarted at each sample; steps of a filter agree with the same motion."""
     time = np.linspace(0.0, 4.0, 41)
     known = KnownInput(time, 3.0 * np.sin(7.3 * time) + np.cos(29.0 * time), between)
     model = replace(MODEL, coefficients={"zeta": 0.01, "epsilon": 0.4})

@@ -10,6 +10,12 @@ tracker_polar arduino_log arduino_plotter lvm lvm_no_times clock_times comment_r
 run_pairs sentinels wrapped_counts drifting_zero beats json_lines fortran bars scope_tek
 phyphox_absolute numbered_runs typographer units_in_cells ruled driven
 scope_keysight physics_toolbox repeated_header hum excel.xlsx excel_times.xlsx two_tables.xlsx groups.h5
+tdms_text run_headings units_odd_marks unit_factors identical_columns nan_column struct_array.mat
+channels.json quantities.nc one.zip several.zip archive.tar.gz row_per_run time_row_angle_row long_format
+sheet_per_run.xlsx sec_and_usec graphtec benchlink rigol serial_noise excel_formulas hexadecimal hours
+time_named_with_unit uff58 sound.wav book.ods protocol.docx protocol.pdf kinovea
+percent_signs date_time_columns_ms utf16_iso timer_of_16_bits timer_of_32_bits half_full_of_nothing
+sensors_in_turn_blank plotly.json
 """
 
 
@@ -20,7 +26,7 @@ def test_every_kind_is_read_as_what_it_is(name, tmp_path):
     assert drawn(name, tmp_path, seed=1, number=0)[1] == ""
 
 
-def test_what_a_drive_held_before_it_was_switched_off_is_no_decay(tmp_path):
+def test_a_motion_before_the_drive_is_switched_off_is_no_decay(tmp_path):
     assert drawn("drive_switched_off", tmp_path, seed=11, number=0)[1] == ""
 
 

@@ -1,4 +1,4 @@
-"""Laws beside named forces: a row of `compare`, and the friction at chosen speeds in a campaign."""
+"""Laws together with named forces: a row of `compare`, and friction at chosen speeds in a campaign."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 
 W, NOISE = 9.0, 3e-4
-# Its viscous part falls at high speed.
+# The viscous part of this friction decreases at high speed.
 FRICTION = "3e-4*sign(v) + 0.004*v + 0.01*v/(1 + (v/0.05)**4)"
 
 
@@ -63,7 +63,7 @@ def test_a_campaign_keeps_friction_and_its_coefficient_at_speeds(tmp_path):
     sizes = (1.0, 1.5)
     records = [record(seed, size) for seed, size in enumerate(sizes)]
     store = st.campaign(records, task, output=tmp_path / "laws.zarr", workers=0)
-    kept = store.sel(model="preferred")
+    kept = store.sel(model=store.preferred)
     one = parse_library({"force": [{"symbol": "friction", "formula": FRICTION}]}, "one")["friction"]
     for at, size in enumerate(sizes):
         law = size * W**2 * one.value(0.0 * np.array(speeds), np.array(speeds) / W)

@@ -27,7 +27,7 @@ def record_of(coefficients=COEFFICIENTS, *, time=TIME, amplitude=AMPLITUDE, seed
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A record, another run of it, one that swings farther, and what the command makes of the first."""
+    """A record, a second run, one that swings farther, and the output of the command for the first."""
     there = tmp_path_factory.mktemp("laws")
     write_csv(there / "run.csv", *record_of())
     write_csv(there / "large.csv", *record_of(amplitude=0.4, seed=1))
@@ -84,7 +84,7 @@ def test_csv_and_latex_hold_the_preferred_laws_with_their_bands(folder, tree):
     assert "extrapolated" in latex
 
 
-def test_what_is_saved_says_the_same(folder, tree):
+def test_a_saved_result_prints_the_same(folder, tree):
     assert kind_of(tree) == "laws"
     again = folder / "again.nc"
     st.save(tree, again)
@@ -92,7 +92,7 @@ def test_what_is_saved_says_the_same(folder, tree):
     assert laws_csv(st.load(again)) == (folder / "laws.csv").read_text(encoding="utf-8")
 
 
-def test_the_page_holds_the_figure_and_says_how_to_make_it_again(folder, tree):
+def test_the_page_contains_the_figure_and_its_command(folder, tree):
     text = page(tree)
     assert text.count("<svg") == 1
     headings = re.findall(r"<h2>(.*?)</h2>", text)
@@ -122,7 +122,7 @@ def test_a_table_shows_speeds_up_to_the_range_and_one_beyond(folder):
     assert "To see whether another record of the rig follows these laws: sysid-trib laws" in ending.out
 
 
-def test_a_prediction_that_leaves_the_range_says_so(folder):
+def test_a_prediction_that_leaves_the_range_is_reported(folder):
     ending = run("laws", folder / "run.csv", "--test", folder / "large.csv", "--quiet")
     assert "beyond the 0.3 rad covered by the laws" in ending.out
 
@@ -142,7 +142,7 @@ def test_a_displacement_is_shown_in_its_unit(folder):
     )
 
 
-def test_friction_that_feeds_energy_in_is_said(tree):
+def test_friction_that_feeds_energy_in_is_reported(tree):
     """A law whose band is below zero at low speed, one that may be, and a continuation that falls below."""
     changed = tree.copy(deep=True)
     result = changed["direct"].to_dataset()
@@ -225,3 +225,14 @@ def test_latex_and_json_of_one_method_alone(tree):
     assert "Averaging failed: no envelope. The laws are those of direct alone." in said
     assert list(laws_json(alone)["methods"]) == ["direct"]
     assert r"\toprule" in laws_latex(alone)
+
+
+def test_formulas_within_the_band_stand_in_a_table_with_their_residuals(tree):
+    """One long line with all formulas of a law was not read."""
+    blocks = [block for block in laws_blocks(tree) if block.caption.startswith("Formulas within the band")]
+    assert len(blocks) == 2
+    for block, law in zip(blocks, ("friction", "restoring"), strict=True):
+        heads = [str(column.header) for column in block.table.columns]
+        assert heads == ["formula", *(["residual"] if "held_out_rms" in tree[f"{law}_formulas"] else [])]
+        count = min(4, tree[f"{law}_formulas"].sizes["alternative"])
+        assert block.table.row_count == count > 0

@@ -24,7 +24,7 @@ def test_every_classical_method_has_a_model_of_its_own():
 
 
 @pytest.mark.parametrize("kind", METHODS, ids=lambda kind: kind.__name__)
-def test_a_method_says_what_it_is(kind):
+def test_a_method_describes_itself(kind):
     method = kind()
     assert is_dataclass(kind)
     assert kind.__name__ in methods.__all__
@@ -61,7 +61,7 @@ def test_a_method_of_one_record_refuses_several(label):
 def test_a_method_from_elsewhere_cannot_be_made_again():
     result = methods.Direct().identify(paper_run(FIVE).decay(0), load_library())
     assert method_of(result) == methods.Direct()
-    with pytest.raises(UsageError, match="'elsewhere' is no method that is installed"):
+    with pytest.raises(UsageError, match="'elsewhere' is not an installed method"):
         method_of(result.assign_attrs(method="elsewhere"))
 
 
@@ -104,7 +104,7 @@ SPEED = {"zeta": "2*v", "delta": "v*abs(v)"}
     ],
     ids=lambda value: type(value).__name__,
 )
-def test_forces_that_a_method_cannot_tell_are_refused_in_a_sentence(method, formulas, sentence):
+def test_forces_that_a_method_cannot_separate_are_refused_in_a_sentence(method, formulas, sentence):
     with pytest.raises(DecayError, match=sentence):
         method.identify(paper_run(FIVE, duration=10.0).decay(0), library_of_formulas(**formulas))
 
@@ -133,10 +133,10 @@ def example():
 
 
 @pytest.mark.slow
-def test_identify_gives_what_the_command_gives(example, tmp_path):
+def test_identify_returns_the_result_of_the_command(example, tmp_path):
     assert run("identify", "-o", tmp_path / "command.nc").status == 0
     by_command, here = st.load(tmp_path / "command.nc"), st.identify(example)
-    # The command adds what follows from the model, for the page.
+    # The command adds the consequences of the model for the page.
     assert set(here.children) == set(by_command.children) - {"consequences"}
     for group in ("averaging", "direct", "judged", "agreement"):
         for name, variable in here[group].data_vars.items():

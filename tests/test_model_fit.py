@@ -15,7 +15,7 @@ from discovery import EVERY, deviations, library, start_model, with_effect
     ],
     ids=lambda value: " ".join(value),
 )
-def test_forces_sensors_and_shapes_are_fitted_alike(effects, shapes):
+def test_forces_sensor_terms_and_shape_parameters_are_fitted(effects, shapes):
     base = {"zeta": 5e-3, "epsilon": 0.2}
     run = with_effect(effects, seed=2, base=base, shapes=shapes)
     model = start_model([run], library(*base, *effects))
@@ -24,7 +24,7 @@ def test_forces_sensors_and_shapes_are_fitted_alike(effects, shapes):
     found = {name: value for trial in model.trials for name, value in trial.shapes.items()}
     for name, true in shapes.items():
         assert abs(found[name] - true) < 4.5 * model.shape_errors()[name]
-        # What is started from is not the truth.
+        # The start values differ from the truth.
         symbol, _, key = name.partition(".")
         assert abs(EVERY[symbol].shape[key].default - true) > 5.0 * model.shape_errors()[name]
 

@@ -1,4 +1,4 @@
-"""Several modes in one decay: listed, separated, combined over sensors; what the commands say of them."""
+"""Several modes in one decay: listed, separated, combined over sensors; and the texts of the commands."""
 
 import json
 
@@ -21,7 +21,7 @@ SHAPES = np.array([[0.5, 1.0], [1.0, -0.7], [-0.8, 0.4]])
 
 
 def two_modes(noise=0.01, seed=0, shapes=SHAPES, second=(211.0, 0.004, 30.0), first=None):
-    """A nonlinear mode of 80 Hz beside a linear one."""
+    """A nonlinear mode of 80 Hz together with a linear one."""
     own = ringing(CLOCK, Law(), 60.0) if first is None else first
     clean = shapes @ np.array([own, linear(CLOCK, *second)])
     random = np.random.default_rng(seed)
@@ -96,7 +96,7 @@ def test_white_noise_stays_white_where_samples_are_left_out():
     assert parts == pytest.approx(np.full(10, 0.2), rel=0.08)
 
 
-def test_a_frequency_that_follows_another_mode_is_said():
+def test_a_frequency_that_follows_another_mode_is_reported():
     decay = np.exp(-0.0015 * 2.0 * np.pi * 80.0 * np.maximum(CLOCK, 0.0))
     other = np.exp(-0.004 * 2.0 * np.pi * 211.0 * np.maximum(CLOCK, 0.0))
     frequency = 80.0 * (1.0 - 0.002 * decay + 0.003 * other**2)
@@ -107,7 +107,7 @@ def test_a_frequency_that_follows_another_mode_is_said():
     assert "by +0.2" in said
 
 
-def test_modes_that_exchange_energy_are_said():
+def test_modes_that_exchange_energy_are_reported():
     after = np.maximum(CLOCK, 0.0)
     beat = 1.0 + 0.4 * np.cos(2.0 * np.pi * 1.1 * after)
     first = np.where(
@@ -118,7 +118,7 @@ def test_modes_that_exchange_energy_are_said():
     assert "exchange energy" in said
 
 
-def test_a_shape_that_changes_with_the_amplitude_is_said():
+def test_a_shape_that_changes_with_the_amplitude_is_reported():
     own = ringing(CLOCK, Law(), 60.0)
     changing = two_modes()
     size = np.exp(-0.003 * 2.0 * np.pi * 80.0 * np.maximum(CLOCK, 0.0))
@@ -136,7 +136,7 @@ def test_a_second_blow_ends_the_record():
     assert listed.frequency.values == pytest.approx([80.0, 211.0], rel=1e-3)
 
 
-def test_a_clipped_sensor_is_left_out_and_said(record):
+def test_a_clipped_sensor_is_omitted_and_reported(record):
     clipped = record.copy(deep=True)
     clipped.signal[1] = np.clip(clipped.signal[1], -20.0, 20.0)
     separate = st.one_mode(clipped, 1)
@@ -146,7 +146,7 @@ def test_a_clipped_sensor_is_left_out_and_said(record):
         st.one_mode(clipped.isel(sensor=[1]), 1)
 
 
-def test_what_does_not_exist_is_refused(record):
+def test_missing_modes_and_sensors_are_refused(record):
     with pytest.raises(
         UsageError, match=r"--mode 3 does not exist; the record has 2 modes \(1: 79.* Hz, 2: 211 Hz\)"
     ):

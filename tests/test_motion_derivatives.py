@@ -22,7 +22,7 @@ CASES = {
     "functions": {"logarithm": 0.01, "pole": 0.01, "cubic": 0.2},
     "sensor": {"wear": 0.01, "dry": 0.01, "clock": 1e-3, "offset": 0.1},
 }
-# A sample within the steps of a switching has no difference: so many parts of all must agree.
+# A sample within the steps around a switching has no difference: this fraction of all must agree.
 MOST = 0.97
 
 

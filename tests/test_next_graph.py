@@ -1,4 +1,4 @@
-"""Follow `Next:` from `look` to its end: each command runs, none comes twice, four are the most."""
+"""Follow `Next:` from `look` to its end: each command runs, none is repeated, and there are at most four."""
 
 import shlex
 from dataclasses import dataclass
@@ -69,13 +69,13 @@ def ran(command: tuple[str, ...]) -> Ending:
 
 
 def following(ending: Ending) -> tuple[str, ...] | None:
-    """The command after `Next:`, None at an end."""
+    """The command after `Next:`, or None at an end."""
     lines = [line for line in ending.out.splitlines() if line.startswith("Next: ")]
     assert len(lines) <= 1, lines
     if not lines:
         return None
     words = shlex.split(lines[0].removeprefix("Next: "), comments=True)
-    # What stands for a file that is to be measured first is never the only next step.
+    # The placeholder of a file that is to be measured first is never in the only next step.
     assert not [word for word in words if word.startswith("<")], lines
     assert words[0] == "sysid-trib"
     return tuple(words[1:])

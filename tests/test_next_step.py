@@ -1,4 +1,4 @@
-"""Verdicts lead on: what is said of a model that holds, or does not, and the command that follows."""
+"""Verdicts and next steps: texts for models that hold or do not, and the command that follows."""
 
 import dataclasses
 import json
@@ -70,7 +70,7 @@ def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
     tree = checked(st.free_decay(swing), FORCES.select(["lambda", "zeta"]), random_force="off")
     keep_next(tree, DiscoverOptions())
     assert "discover --system pendulum #" in tree.attrs["next"]
-    # What swings is what the user says.
+    # The user states the kind of oscillator.
     keep_next(tree, DiscoverOptions(system="ship"))
     assert "laws --system ship" in tree.attrs["next"]
 
@@ -81,7 +81,7 @@ def test_passive_laws_stay_passive_and_no_other_command_has_the_option():
     assert "--passive" not in command_after("identify", {}, given)
 
 
-def test_the_next_command_takes_over_what_was_given(tmp_path):
+def test_the_next_command_takes_over_the_given_options(tmp_path):
     record = tmp_path / "a swing.csv"
     read = {"records": [record], "angle": "theta", "units": "deg", "window": "2:60"}
     model = {"forces": "zeta", "omega0": "8.87±0.02", "fix": ["zeta=0.01", "lambda=0"]}
@@ -117,7 +117,7 @@ def test_the_last_line_is_the_next_command_and_runs(tmp_path):
 
 
 @pytest.mark.parametrize("symbol", ["delta", "maxwell", "resonator", "structural_damping", "even_spring"])
-def test_what_discover_names_is_identified_by_methods_that_can(symbol):
+def test_effects_named_by_discover_are_identified_by_suitable_methods(symbol):
     offered = {force.symbol: force for force in (*FORCES, *st.load_library("candidate_effects"))}
     library = dataclasses.replace(FORCES, forces=(offered["zeta"], offered[symbol]))
     time = np.arange(0.0, 12.0, 0.02)
@@ -155,13 +155,13 @@ def test_an_effect_that_no_candidate_names_does_not_lead_to_the_same_search():
     tree = searched_in_vain().copy()
     given = DiscoverOptions(forces="zeta", plot=Path("figures"))
     keep_next(tree, given)
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert not tree.attrs["next"].startswith("sysid-trib discover")
 
 
 @cache
 def searched_in_vain():
-    """A search among candidates of which none is in the record."""
+    """A search with candidates none of which is in the record."""
     truth = {"zeta": 0.01, "nu": -0.4}
     decay = paper_run(truth, sampling_rate=50.0, duration=12.0).decay(3)
     return st.discover(decay, FORCES.select(["zeta"]), FORCES.select(["lambda"]), max_effects=1)
@@ -183,7 +183,7 @@ def test_a_refusal_names_a_command_that_takes_the_record(tmp_path):
         assert ending.err.rstrip().endswith(f"use it uncut with sysid-trib identify {path} --forces zeta.")
     assert "such as --forces zeta" in run("identify", path).err
     assert run("identify", path, "--forces", "zeta").status == 0
-    # What no command takes is sent to none.
+    # No command is suggested for a record that no command accepts.
     shorter = write_csv(tmp_path / "shorter.csv", time=np.arange(0.0, 0.9, 0.01))
     assert run("look", shorter).err.rstrip().endswith("record longer or widen the window.")
 
@@ -197,10 +197,10 @@ def test_a_short_record_is_refused_with_the_forces_that_it_decides(tmp_path):
 # Methods that break down.
 
 
-def test_what_a_command_was_given_reaches_a_worker():
+def test_options_of_a_command_reach_a_worker():
     given = ModelOptions(forces="zeta")
     sent = pickle.loads(pickle.dumps(given))
-    # By what it is written as a store knows its campaign.
+    # Including the text by which a store identifies its campaign.
     assert (vars(sent), repr(sent)) == (vars(given), repr(given))
     assert "forces" in repr(sent)
 

@@ -73,7 +73,7 @@ def test_the_notebook_uses_public_names(script):
 
 
 @of_scripts
-def test_what_takes_long_shrinks_by_one_visible_line(script):
+def test_long_computations_are_shortened_by_one_visible_line(script):
     first_cells = script.read_text(encoding="utf-8").split("# %%")[:4]
     assert "SYSID_TRIB_QUICK" in "".join(first_cells)
 
@@ -120,7 +120,7 @@ def put(folder, name):
     (folder / "records" / name).write_text("0 1\n", encoding="utf-8")
 
 
-def test_what_is_missing_is_told_in_one_sentence_and_nothing_goes_online(
+def test_missing_packages_are_reported_in_one_sentence_without_network_access(
     measured, tmp_path, capsys, monkeypatch
 ):
     monkeypatch.setattr(measured, "fetched", lambda name: pytest.fail("went online"))

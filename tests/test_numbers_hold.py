@@ -1,4 +1,4 @@
-"""Numbers that hold: what a good verdict stands on, on records of kinds that once gave wrong ones."""
+"""Reliable numbers: the basis of a good verdict, on kinds of records that once gave wrong ones."""
 
 import helpers
 import numpy as np
@@ -19,7 +19,7 @@ def noisy(model, time, start, noise, seed=0):
 
 
 @pytest.mark.parametrize(("start", "held"), [(2.0, {"epsilon": 0.3}), (1.5, {"epsilon": -0.12, "nu": 0.2})])
-def test_a_strong_held_elastic_force_beside_a_random_force(start, held):
+def test_a_strong_fixed_elastic_force_with_a_random_force(start, held):
     library = SIX.select(["lambda", "zeta", *held])
     true = {"lambda": 2e-3, "zeta": 0.01, **held}
     decay = noisy(st.Model(library, true, 6.0), np.arange(0.0, 30.0, 0.02), start, 1e-3)
@@ -95,7 +95,7 @@ def test_impacts_and_steps_are_no_outliers(formula):
     ],
     ids=["shallow", "shallow, noise after", "both sides", "deep, noise after"],
 )
-def test_what_is_clipped_is_left_out(clip):
+def test_clipped_samples_are_omitted(clip):
     decay = decay_of(clip(CLEAN, NOISE))
     assert "clipped at" in decay.attrs["free_decay"]
     library = SIX.select(list(TRUE))

@@ -1,4 +1,4 @@
-"""Laws that each run has for itself, as friction under its load."""
+"""Laws that are separate for each run, such as friction under its load."""
 
 import numpy as np
 import pytest
@@ -53,9 +53,9 @@ def test_own_laws_are_printed_written_and_kept(tree, tmp_path):
 
 @pytest.mark.parametrize(
     ("runs", "own", "said"),
-    [(1, ["friction"], "takes several runs"), (2, ["mu"], "cannot be each run's own")],
+    [(1, ["friction"], "needs several runs"), (2, ["mu"], "cannot be each run's own")],
 )
-def test_what_cannot_be_each_runs_own_is_refused(runs, own, said):
+def test_laws_that_cannot_be_separate_for_each_run_are_refused(runs, own, said):
     with pytest.raises(UsageError, match=said):
         st.laws([run_of(1.0, 0)] * runs, own=own)
 

@@ -39,7 +39,7 @@ def excess(result):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("quantity", KINDS)
-def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
+def test_the_measured_quantity_is_compared_with_its_bias(tmp_path, quantity):
     decay = decay_of(tmp_path / "phone.csv", quantity, 3)
     (measured, _), time, values = measured_part(decay)
     assert measured == quantity
@@ -52,12 +52,12 @@ def test_what_was_measured_is_compared_with_its_bias(tmp_path, quantity):
     assert abs(result.bias.item() - mean) < 4.0 * result.bias_standard_error.item()
     assert result.birge_ratio.item() == pytest.approx(1.0, abs=0.12)
     assert result.residual_rms.attrs["units"] == KINDS[quantity][1]
-    # A part of a decay holds what was measured within it.
+    # A part of a decay contains the samples measured within it.
     half = decay.isel(time=slice(None, decay.sizes["time"] // 2))
     assert measured_part(half)[1][-1] <= half.time.values[-1]
 
 
-def test_identify_says_in_what_it_compares(tmp_path):
+def test_identify_states_the_compared_quantity(tmp_path):
     decay_of(tmp_path / "phone.csv", "rate", 3)
     ending = run("identify", tmp_path / "phone.csv", "--forces", "zeta,delta")
     assert ending.status == 0, ending.err

@@ -20,14 +20,14 @@ FEW = replace(EFFECTS, forces=(*CONTACT.select(["lambda", "delta"]), *EFFECTS.se
 
 @pytest.fixture(scope="module")
 def tree() -> xr.DataTree:
-    """Dry and quadratic friction, of which one power beside the viscous one is likelier than either."""
+    """Dry and quadratic friction: one power besides the viscous force is more likely than either alone."""
     run = with_effect({"lambda": 1e-4, "delta": 0.05}, seed=1, base={"zeta": 4e-3})
     run = run.assign(angle=run.angle + 2e-4 * np.random.default_rng(5).standard_normal(run.time.size))
     return discover(run, library("zeta"), FEW)
 
 
 @pytest.mark.slow
-def test_a_pair_that_does_as_well_is_said_with_the_name(tree, tmp_path):
+def test_an_equally_good_pair_is_named_with_the_effect(tree, tmp_path):
     (step,) = (tree["steps"].to_dataset().isel(step=at) for at in range(tree["steps"].attrs["count"]))
     assert step.symbol.item() == "power_damping"
     assert replacing_pairs(step) == [["lambda", "delta"]]
@@ -53,13 +53,13 @@ FRICTIONS = {"zeta": 0.0105, "delta": 0.012, "epsilon": 0.427, "dahl": 0.0066}
 
 @pytest.mark.in_full
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_friction_of_three_kinds_is_told_apart(seed):
+def test_friction_of_three_kinds_is_separated(seed):
     """LuGre friction, of three shapes, stands in their place until a pair is seen to be likelier."""
     time = np.arange(0.0, 13.0, 1.0 / 112.0)
     run = decay(time, exact(model_of(FRICTIONS, {"dahl.s": 0.0075}), time, 0.54), seed, noise=3.8e-4)
     tree = discover(run, library("zeta"), ForceLibrary("every", (*CONTACT, *EFFECTS)))
     steps = tree["steps"].to_dataset()
     sets = [set(credible_set(steps.isel(step=at))) for at in range(steps.attrs["count"])]
-    assert tree.attrs["verdict"] == "explained"
+    assert tree.attrs["search_outcome"] == "explained"
     assert len(sets) == 3
     assert all(any(name in of_effect for of_effect in sets) for name in ("delta", "epsilon", "dahl"))

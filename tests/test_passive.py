@@ -32,7 +32,7 @@ def friction_of(result):
     return laws_of(result, LARGEST)[0]
 
 
-def test_friction_takes_energy_out_at_every_speed_and_says_where_it_would_not():
+def test_friction_dissipates_at_every_speed_and_active_constraints_are_stated():
     result = identified(ACTIVE)
     assert friction_of(result).values.min() < 0.0
     passive = made_passive(result, LARGEST)
@@ -40,7 +40,7 @@ def test_friction_takes_energy_out_at_every_speed_and_says_where_it_would_not():
     assert law.values.min() >= -1e-9 * law.values.max()
     acting = json.loads(passive.attrs[PASSIVE])
     assert 0 < len(acting) < 10
-    # Where the law is negative, not where it is positive: in parts of the largest speed.
+    # Ranges in which the law is negative, as fractions of the largest speed.
     assert max(acting) < 0.45
 
 
@@ -62,7 +62,7 @@ def test_it_is_the_nearest_of_all_passive_laws():
             assert distance(other.coefficient.values) > 0.98 * nearest
 
 
-def test_a_passive_law_stays_as_it_is():
+def test_a_passive_law_is_unchanged():
     result = identified({"lambda": 3e-4, "zeta": 0.01, "delta": 0.03})
     passive = made_passive(result, LARGEST)
     assert json.loads(passive.attrs[PASSIVE]) == []

@@ -82,7 +82,7 @@ def test_dissipated_energies_add_up_to_the_energy_lost_in_a_simulated_cycle(coef
         gaps.append(abs(total / lost - 1.0))
     size = sum(abs(c) for c in coefficients.values())
     assert gaps[0] < 2.0 * size
-    # First order in the forces: what is left of the balance is of second order.
+    # Of first order in the forces: the remainder of the energy balance is of second order.
     assert gaps[1] < 0.7 * gaps[0] + 1e-6
 
 

@@ -1,4 +1,4 @@
-"""The next run: what it would tell of competing models, and of the errors of one."""
+"""The next run: its information on competing models, and on the errors of one model."""
 
 import json
 
@@ -42,7 +42,7 @@ def test_a_random_force_pushes_the_next_run_too():
     assert errors / pushed.standard_error.values == pytest.approx(np.full(2, 0.5**0.5), rel=0.05)
 
 
-def test_what_is_wanted_is_had_by_the_shortest_run_that_has_it(tree):
+def test_a_wanted_error_is_reached_by_the_shortest_sufficient_run(tree):
     stated = tree["direct"].standard_error.sel(force="delta").item()
     found = plan(tree, wanted={"delta": 0.5 * stated})
     met = found.meets.values
@@ -94,7 +94,7 @@ def prediction(angle):
 
 
 def told(distance, *probabilities):
-    """Entropy and probability where two motions differ by so much, in what no start can make."""
+    """Entropy and probability for two motions at this distance, which no change of the start can produce."""
     ripple = np.cos(35.0 * TIME)
     ripple *= distance**0.5 / np.linalg.norm(ripple)
     names = zip("ab", probabilities, (0.0, 1.0), strict=True)
@@ -103,7 +103,7 @@ def told(distance, *probabilities):
 
 
 @pytest.mark.parametrize("distance", [0.0, 5.0, 30.0])
-def test_two_models_are_told_apart_as_often_as_their_distance_says(distance):
+def test_two_models_are_separated_as_often_as_their_distance_predicts(distance):
     entropy, probability = told(distance, 0.5, 0.5)
     root = max(np.sqrt(distance), 1e-9)
     assert probability == pytest.approx(norm.cdf((0.5 * distance - np.log(ODDS)) / root), abs=0.06)
@@ -112,24 +112,24 @@ def test_two_models_are_told_apart_as_often_as_their_distance_says(distance):
         assert entropy == pytest.approx(np.log(2.0))
 
 
-def test_more_repeats_never_tell_less():
+def test_more_repeats_never_give_less_information():
     """The square of the distance is proportional to the number of repeats."""
     left, right = np.array([told(3.0 * repeats, 0.7, 0.3) for repeats in (1, 2, 3, 5, 9)]).T
     assert np.all(np.diff(left) < 0.0)
     assert np.all(np.diff(right) > 0.0)
 
 
-def test_motions_that_a_rival_can_make_tell_nothing():
+def test_motions_that_a_rival_can_produce_give_no_information():
     still = prediction(np.zeros(len(TIME)))
     own = prediction(3.0 * np.cos(9.9 * TIME) + 2.0)
-    # What it may be by its own parameter is no difference, however far.
+    # A difference that its own parameters can produce does not count, however large it is.
     ripple = np.cos(35.0 * TIME)
     moved = np.column_stack([50.0 * ripple, 1e4 * ripple, still[:, 1:]])
     for other, parameters in ((own, 0), (moved, 1)):
         logs = log_odds([(rival("a", 0.5), still), (rival("b", 0.5, parameters), other)])
         # A parameter makes half of the square of a normal number of noise too.
         assert np.mean(logs[0][:, 1] - logs[0][:, 0]) == pytest.approx(0.5 * parameters, abs=0.1)
-    # A force that it has not is told apart.
+    # A force that the model lacks can be distinguished.
     assert parting_of(prediction(ripple), still)[-1] > 700.0
 
 
@@ -142,7 +142,7 @@ def test_motions_that_a_rival_can_make_tell_nothing():
         ({"wanted": {"zeta": 0.0}}, "must be positive"),
     ],
 )
-def test_what_cannot_be_planned_is_refused(tree, options, words):
+def test_impossible_plans_are_refused(tree, options, words):
     with pytest.raises(UsageError, match=words):
         plan(tree, **options)
 
@@ -191,7 +191,7 @@ def test_the_command_plans_from_a_result(tmp_path, tree):
     assert command("plan", str(tmp_path / "r.nc"), "--amplitude", "5").status == 2
 
 
-def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
+def test_a_model_error_is_reported_as_permanent(tmp_path, tree):
     result = tree["direct"].to_dataset()
     parts = {"error_of_noise": result.standard_error, "error_of_model": 2e-3 + 0.0 * result.standard_error}
     incomplete = result.assign(parts)
@@ -203,7 +203,7 @@ def test_an_error_of_the_model_is_said_to_stay(tmp_path, tree):
 
 @pytest.mark.slow
 def test_rivals_of_a_discovery_part_at_a_larger_release():
-    """Gravity and a cubic stiffness are alike at small amplitudes; synthetic."""
+    """Gravity and a cubic stiffness are similar at small amplitudes; synthetic."""
     from sysid_trib import discover, load_library
 
     model = Model(load_library().select(["zeta", "epsilon"]), {"zeta": 0.01, "epsilon": -0.167}, 9.9)
@@ -221,7 +221,7 @@ def test_rivals_of_a_discovery_part_at_a_larger_release():
 
 
 @pytest.mark.in_full
-def test_what_a_plan_states_of_its_run_comes_true_as_often():
+def test_probabilities_stated_by_a_plan_are_correct():
     """Effects drawn from all candidates, synthetic; of rows that are not the best it is too sure."""
     runs = [run for seed in range(100, 130) for run in step(seed, drawn=True)[1] if run[1] >= 0 and run[3]]
     stated, came = np.array(runs, dtype=float).T[:2]

@@ -114,7 +114,7 @@ def test_a_scale_that_is_off_is_the_plain_reading_of_a_pendulum(scale, tmp_path)
     assert f"(--scale {of_film.scale.factor:.3g})" in run("look", path).out
 
 
-def test_a_short_record_is_asked_for_what_it_decides(tmp_path):
+def test_forces_suggested_for_a_short_record_can_be_determined(tmp_path):
     time, angle = record({"zeta": 5e-3}, 0.5, 3.4)
     path = write_table(tmp_path / "short.csv", "time (s),angle (rad)", time, angle)
     assert run("look", path).out.splitlines()[-1].endswith("--forces zeta")

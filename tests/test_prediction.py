@@ -5,10 +5,10 @@ from hypothesis import given, strategies as st
 from scipy.special import beta
 
 from sysid_trib import Model, load_library
-from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SimulationError
 from sysid_trib.forces.library import parse_library
+from sysid_trib.questions.averaged_motion import predict_envelope
 from sysid_trib.simulation.simulate import simulate
 
 W = 9.91
@@ -107,7 +107,7 @@ def test_phase_is_the_integral_of_the_frequency():
     ids="+".join,
 )
 def test_tabulated_signatures_keep_the_equation(coefficients):
-    # Differentiate what was integrated and compare with signatures that never saw the table.
+    # Differentiate the integrated motion and compare with signatures computed without the table.
     t = np.linspace(0.0, 20.0, 2001)
     found = predicted(coefficients, t=t)
     a = found.amplitude.values

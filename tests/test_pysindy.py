@@ -27,7 +27,7 @@ from sysid_trib.likelihood.pysindy_features import ForceFeatures, WhitenedLeastS
 from sysid_trib.methods import Direct
 from sysid_trib.results.schema import model_of
 
-# The paper's PDMS sphere on glass, with a linear elastic force besides.
+# The paper's PDMS sphere on glass, with an additional linear elastic force.
 PAPER = {"lambda": -0.000023, "zeta": 0.0097, "delta": 0.037, "alpha": 0.05, "nu": -0.40, "epsilon": 0.30}
 
 
@@ -65,7 +65,7 @@ def test_sindy_prints_a_readable_equation(capsys):
 
 
 def test_inputs_are_those_of_pysindy():
-    """`u=` has a column for each input; the derivative of one is its spline's, by tau."""
+    """`u=` has a column for each input; its derivative by tau is that of a spline."""
     truth = {"gain": 0.05, "base_spring": 0.3, "base_damping": 0.01, "zeta": 0.02, "epsilon": 0.3}
     forces = [*load_library("inputs").select(list(truth)[:3]), *load_library().select(list(truth)[3:])]
     library = replace(load_library("inputs"), forces=tuple(forces))
@@ -159,7 +159,7 @@ def test_a_dropped_force_has_coefficient_zero_and_the_error_it_would_have_had():
     ],
     ids=lambda optimizer: type(optimizer).__name__,
 )
-def test_a_sparsifying_optimiser_drops_what_is_small_and_comes_back_unchanged(optimizer):
+def test_a_sparsifying_optimiser_omits_small_coefficients_and_is_unchanged(optimizer):
     before = dict(optimizer.get_params())
     result = Direct(W, optimizer=optimizer).identify(RUN.decay(4), RUN.model.library)
     assert optimizer.get_params() == before

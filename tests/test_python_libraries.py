@@ -45,7 +45,7 @@ def test_a_force_takes_the_symbol_that_it_is_given():
     assert (renamed.symbol, renamed.formula.text) == ("drag", "v*abs(v)")
 
 
-def test_what_a_library_of_ones_own_states_is_held_also_in_a_sum():
+def test_coefficients_stated_in_a_users_library_are_fixed_also_in_a_sum():
     own = st.library(mine={"formula": "x**5", "coefficient": 2.0})
     assert known_coefficients(own) == {"mine": 2.0}
     assert known_coefficients(st.library("gravity")) == {}

@@ -1,4 +1,4 @@
-"""A motion that is pushed at random: its law, its likelihood, and what fits make of it."""
+"""A randomly forced motion: its law, its likelihood, and fits to it."""
 
 from dataclasses import replace
 
@@ -75,7 +75,7 @@ def test_the_filter_is_the_dense_gaussian_likelihood(ratio, correlation):
 def test_the_smoothed_motion_is_that_of_statsmodels(filter_):
     linear = replace(linear_record(), sensor_filter=np.array(filter_))
     deviation = np.array([2e-3, 0.01, 1e-3, 0.02, 1e-3])
-    # statsmodels' own smoother, given the record, what each step adds and the first state.
+    # Smoother of statsmodels, given the record, the covariance added in each step, and the first state.
     model = linear.statsmodels(0.3, smoothed=True)
     model.smoother_output = SMOOTHER_ALL
     further = len(filter_) - 1
@@ -100,7 +100,7 @@ def test_the_smoothed_motion_is_that_of_statsmodels(filter_):
         pytest.param(Averaging, {"zeta": 2e-3, "delta": 2e-2}, 60, 20, marks=pytest.mark.slow),
     ],
 )
-def test_a_fit_tells_the_two_noises_apart(method, truth, per_period, periods):
+def test_a_fit_separates_the_two_noises(method, truth, per_period, periods):
     z, ratios = [], []
     for seed in range(4):
         run, library, density = record(truth, per_period, periods=periods, wander=5.0, seed=seed)

@@ -1,4 +1,4 @@
-"""Is a random force one: its dependence on angle, speed, amplitude and time, and what is said of it."""
+"""Is a random force physical: its dependence on angle, speed, amplitude and time, and the text on it."""
 
 import helpers
 import numpy as np
@@ -44,7 +44,7 @@ def amplitude_p_value(decay, forces):
     return st.methods.Averaging().amplitude_p_value([decay], [free], forces)
 
 
-def test_averages_tell_a_missing_force_from_a_random_one():
+def test_averages_distinguish_a_missing_force_from_a_random_one():
     time = np.arange(1200) * 2.0 * np.pi / W / 30
     drag = st.Model(FORCES, {"zeta": 2e-3, "delta": 0.02, "epsilon": -0.1}, W)
     # Whatever its size, a random force does not depend on the amplitude.
@@ -53,7 +53,7 @@ def test_averages_tell_a_missing_force_from_a_random_one():
     assert amplitude_p_value(pushed_record(drag, 0.0, 1, time), FORCES.select(["zeta", "epsilon"])) < 1e-6
 
 
-def test_what_depends_on_the_amplitude_is_not_looked_for_as_a_random_force(monkeypatch):
+def test_dependence_on_amplitude_is_not_taken_for_a_random_force(monkeypatch):
     time = np.arange(1200) * 2.0 * np.pi / W / 30
     drag = st.Model(FORCES, {"zeta": 2e-3, "delta": 0.02, "epsilon": -0.1}, W)
     decay = pushed_record(drag, 0.0, 1, time)
@@ -82,7 +82,7 @@ def test_a_random_force_alone_depends_on_nothing():
 @pytest.mark.parametrize(
     ("symbol", "coefficient", "on"), [("lambda", 1e-3, "speed"), ("damping_drift", 2e-3, "time")]
 )
-def test_a_force_that_is_left_out_shows_on_what_it_depends(symbol, coefficient, on):
+def test_the_dependences_of_a_missing_force_are_found(symbol, coefficient, on):
     whole = {f.symbol: f for name in ("contact_forces", "candidate_effects") for f in st.load_library(name)}
     kept = FORCES.select(["zeta", "delta"])
     library = st.forces.ForceLibrary("whole", (*kept, whole[symbol]))

@@ -148,7 +148,7 @@ def test_sampling_rate(tmp_path, decimal):
         read_record(both, sampling_rate=100, time="time")
 
 
-def test_whole_stamps_without_a_unit_are_said_to_be_taken_as_seconds(tmp_path):
+def test_whole_stamps_without_a_unit_are_read_as_seconds_with_a_notice(tmp_path):
     """They may be milliseconds, or count samples."""
     path = written(tmp_path, table(time=np.arange(60), angle=ANGLE[::5]))
     assert (
@@ -229,7 +229,7 @@ def test_missing_extra_is_named(tmp_path, monkeypatch, name, module):
     path = written(tmp_path, magic + bytes(100), name)
     absent = f'raise ImportError("none", name={module!r})'
     (tmp_path / f"{module}.py").write_text(absent, encoding="utf-8")
-    # Files of foreign formats are read first by a process of their own.
+    # Files of foreign formats are first read in a separate process.
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(probe, "_processes", {})
     with pytest.raises(RecordError, match=r"package .*is needed: pip install pyarrow npTDMS"):
@@ -288,7 +288,7 @@ def test_bad_file_is_refused_in_one_line(tmp_path, name):
 
 
 def read_or_refused(path):
-    """The record, or None if it was refused in one line; any other exception is a fault."""
+    """The record, or None if it was refused in one line; any other exception is a bug."""
     try:
         return read_record(path)
     except SysidTribError as error:
@@ -310,7 +310,7 @@ def test_any_text_is_read_or_refused(tmp_path_factory, content):
         assert np.all(np.diff(record["time"]) > 0)
 
 
-def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):
+def test_an_unknown_unit_is_reported_with_the_known_ones(tmp_path):
     known = "rad, deg, mrad, m, mm, px, V, au, rad/s, deg/s, m/s^2 or g"
     said = f"unit furlong is unknown (known are {known}): coefficients are in this unit"
     stated = read_record(written(tmp_path, table(header="time (s),signal (furlong)")))
@@ -319,7 +319,7 @@ def test_a_unit_that_is_not_known_is_said_with_those_that_are(tmp_path):
     assert read_record(plain, units="furlong").attrs["reading"] == said
     assert "known are" not in read_record(plain, units="px").attrs["reading"]
     # A slip in the unit of an angle would leave coefficients off by powers of it.
-    with pytest.raises(UsageError, match=r"'degr' is no known unit of an angle; give rad, mrad, deg"):
+    with pytest.raises(UsageError, match=r"'degr' is not a known unit of an angle; give rad, mrad, deg"):
         read_record(plain, units="degr", signal="angle")
 
 
@@ -350,7 +350,7 @@ def test_arrays_of_numpy(tmp_path):
     array_holds(tmp_path / "rate.npz", "phi")
 
 
-def test_what_numpy_pickled_is_not_read(tmp_path):
+def test_pickled_arrays_are_not_read(tmp_path):
     np.save(tmp_path / "p.npy", np.array([{"t": 1}, None], dtype=object))
     with pytest.raises(RecordError, match="cannot be read"):
         read_record(tmp_path / "p.npy")

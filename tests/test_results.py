@@ -55,7 +55,7 @@ def test_provenance():
     assert attrs["sysid_trib_version"] == sysid_trib.__version__
     assert (attrs["record_source"], attrs["record_checksum"]) == (["run.csv"], ["abc"])
     assert attrs["library_title"] == FORCES.title
-    # netCDF holds nothing else in attributes.
+    # netCDF supports only these types of attributes.
     assert all(isinstance(value, str | int | float | list) for value in attrs.values())
 
 
@@ -156,7 +156,9 @@ def test_a_disk_that_fills_up_leaves_the_older_file(tmp_path, monkeypatch, fault
     target = tmp_path / name
     target.write_text("older")
     monkeypatch.setattr(os, "fsync", fault)
-    with pytest.raises(RecordError, match=rf"{name}: cannot be written \(.*{reason}"):
+    with pytest.raises(
+        RecordError, match=rf"{name}: cannot be written \(.*{reason}.*\); choose another place\.$"
+    ):
         write(target)
     assert [p.name for p in tmp_path.iterdir()] == [name]
     assert target.read_text() == "older"
@@ -176,7 +178,7 @@ SHOWN = {
     "facts.json": "this is the output of a command with --json",
     "page.html": "this is a page of HTML, no record; a browser shows it",
     "many.zarr": "this is the store of a campaign, no record; its page many.html shows it",
-    # Not of this package: what was said of it before is right.
+    # Not files of this package: their messages are unchanged.
     "folder": "this is a directory; name a file in it",
     "other.nc": "there are no numbers in it",
     "other.json": "no column for the angle",
@@ -207,13 +209,13 @@ def folder(tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", SHOWN)
-def test_what_is_no_record_is_named_with_what_shows_it(folder, name):
+def test_other_files_than_records_are_named_with_the_command_for_them(folder, name):
     ending = run("look", folder / name)
     assert SHOWN[name] in ending.complaint
     assert ending.status == 1
 
 
-def test_a_variable_scales_alike_in_every_table():
+def test_a_variable_scales_equally_in_every_table():
     rows = [(name, row) for table in RESULT_TABLES.values() for name, row in table.items()]
     rows += [(name, row) for table in TABLES.values() for name, row in table.items()]
     assert [name for name, row in rows if len(row) > 3 and row[3] != scaling_of(name)] == []

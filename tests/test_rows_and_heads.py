@@ -1,4 +1,4 @@
-"""Heads and rows as laboratories write them: what is meant is read, else one sentence says why not."""
+"""Heads and rows as laboratories write them: the intended content is read, or a sentence gives the reason."""
 
 import io
 import struct
@@ -37,7 +37,7 @@ BY_VALUE, BY_CHANCE = np.argsort(SWING), np.random.default_rng(1).permutation(TI
 
 @pytest.mark.parametrize("order", [BY_VALUE, BY_VALUE[::-1], BY_CHANCE, np.arange(TIME.size)[::-1]])
 @pytest.mark.parametrize("head", ["", "time (s),theta (rad)\n"])
-def test_rows_in_no_order_of_time_are_sorted_and_it_is_said(tmp_path, order, head):
+def test_rows_out_of_order_are_sorted_with_a_notice(tmp_path, order, head):
     record = record_of(tmp_path, head + rows(TIME[order], SWING[order]))
     is_the_swing(record)
     assert "rows are not in order of time" in record.attrs["reading"]
@@ -214,7 +214,7 @@ def test_units_in_a_list(tmp_path):
     assert noted_unit(["Time unit: ms"]) == ""
 
 
-def test_what_swings_about_gravity_is_no_angle(tmp_path):
+def test_a_signal_about_gravity_is_no_angle(tmp_path):
     felt = 9.4 + 14.0 * SWING
     with pytest.raises(UsageError, match=r"swings about 9\.\d+, like an accelerometer .*--units m/s\^2"):
         record_of(tmp_path, "t,s1\n" + rows(TIME, felt))

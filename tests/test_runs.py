@@ -29,8 +29,8 @@ def test_a_list_of_one_is_the_run_itself():
     assert identify([decay], LIBRARY, method).identical(identify(decay, LIBRARY, method))
 
 
-def test_two_short_runs_tell_apart_what_one_cannot():
-    """Tied at one amplitude, nu and epsilon are told apart by another: fewer than two periods each."""
+def test_two_short_runs_separate_forces_that_one_cannot():
+    """Nu and epsilon, inseparable at one amplitude, are separated by two: under two periods each."""
     weak = [replace(paper_run(FIVE, duration=4.0), start=start) for start in (0.1, 0.6)]
     decays = [run.decay(seed) for seed, run in enumerate(weak)]
     both = identify(decays, LIBRARY, Direct())
@@ -71,7 +71,7 @@ def test_a_force_that_differs_is_named():
     assert found.value.sel(quantity="lambda", run=1).item() == pytest.approx(2e-4, abs=4e-5)
 
 
-def test_a_run_that_alone_decides_nothing_says_so():
+def test_a_run_that_determines_nothing_alone_is_reported():
     stub = LONG.decay(1).isel(time=slice(0, 150))
     runs = [LONG.decay(2), stub]
     found = run_agreement(runs, identify(runs, LIBRARY, Averaging()))
@@ -81,7 +81,7 @@ def test_a_run_that_alone_decides_nothing_says_so():
 
 
 @pytest.mark.in_full
-def test_difference_is_what_the_contact_adds():
+def test_the_difference_is_the_force_of_the_contact():
     """A contact run minus a contactless one: friction, and the shift of the frequency."""
     free = Run(replace(LONG.model, coefficients={"zeta": 0.004}, reference_frequency=8.87), LONG.time)
     z, stiffness = [], []
@@ -104,7 +104,7 @@ def test_difference_is_what_the_contact_adds():
 
 
 @pytest.mark.parametrize("nothing", [[], [LONG.decay(1).drop_vars("angle")], ["run.csv"]])
-def test_what_is_no_run_is_refused(nothing):
+def test_invalid_runs_are_refused(nothing):
     with pytest.raises(UsageError, match=r"No run is given|a Dataset with angle|read it"):
         identify(nothing, LIBRARY, Direct())
 

@@ -1,4 +1,4 @@
-"""Two samples held against each other: coefficients that differ, errors between runs, and what is said."""
+"""Comparison of two samples: coefficients that differ, errors between runs, and texts."""
 
 import json
 from dataclasses import replace
@@ -61,14 +61,14 @@ def test_friction_alone_is_no_stiffness():
     assert abs(found.stiffness_difference) < 3.0 * found.stiffness_difference_standard_error
     # That of the frequencies is 0.05^2 - 0.005^2.
     assert found.stiffness_difference_standard_error < 2e-4
-    # Also where the first sample has no such force.
+    # Also if the first sample lacks this force.
     free = replace(RUN, model=RUN.model.with_coefficients(FIVE | {"zeta": 0.0}))
     without = identify(free.decay(1), LIBRARY.select([s for s in FIVE if s != "zeta"]), Direct())
     found = difference(without, identify(runs[1].decay(1), LIBRARY, Direct()))
     assert abs(found.stiffness_difference) < 3.0 * found.stiffness_difference_standard_error
 
 
-def test_what_both_hold_does_not_differ_at_another_frequency():
+def test_coefficients_fixed_in_both_do_not_differ_at_another_frequency():
     holding = Direct(constraints={"epsilon": FIVE["epsilon"]})
     runs = [replace(RUN, model=replace(RUN.model, reference_frequency=w)) for w in (9.9, 9.8)]
     found = difference(*(identify(run.decay(1), LIBRARY, holding) for run in runs))
@@ -80,12 +80,21 @@ def test_what_both_hold_does_not_differ_at_another_frequency():
     assert abs(found.stiffness_difference / found.stiffness_difference_standard_error) > 10.0
 
 
-def test_answers_of_identify_and_what_is_none(samples):
+def test_results_of_identify_and_other_objects(samples):
     (first, _), (other,) = samples
     for wrong in ([], [first, RUN.decay(1)], "a.csv", None):
         with pytest.raises(UsageError, match="two identifications"):
             difference(first, wrong)
     assert difference(first, other).attrs["first_method"] == "direct"
+
+
+def test_samples_that_differ_in_no_single_coefficient_are_described_in_two_sentences():
+    tree = held_against([RUN.decay(1)], [MORE_FRICTION.decay(2)], LIBRARY, Direct())
+    tree.attrs["verdict"] = "together they differ"
+    tree["differs"] = tree.differs & False
+    first = " ".join(s for block in difference_blocks(tree)[:2] for s in block.sentences)
+    assert "for 5 degrees of freedom" in first
+    assert "the records do not determine in which coefficients. These differences explain it" in first
 
 
 def test_equal_samples_do_not_differ():
@@ -94,7 +103,7 @@ def test_equal_samples_do_not_differ():
 
 
 @pytest.mark.in_full
-def test_equal_samples_differ_as_often_as_the_level_says():
+def test_equal_samples_differ_at_the_rate_of_the_level():
     first, second = (identified(RUN, *range(at, at + 12)) for at in (100, 200))
     p_values = [difference(a, b).p_value_of_all.item() for a, b in zip(first, second, strict=True)]
     # Of twelve uniform ones: 1 in 10,000 sets of them has one below.
@@ -122,7 +131,7 @@ def test_no_test_rests_on_a_coefficient_at_its_bound():
 
 
 @pytest.mark.slow
-def test_the_command_says_it_first_and_writes_it_all(tmp_path):
+def test_the_command_prints_the_differences_first_and_writes_all_numbers(tmp_path):
     for name, run, seed in (("a.csv", RUN, 1), ("b.csv", MORE_FRICTION, 2), ("c.csv", MORE_FRICTION, 3)):
         run.decay(seed).to_dataframe().to_csv(tmp_path / name)
     a, b, c = (str(tmp_path / name) for name in ("a.csv", "b.csv", "c.csv"))
@@ -130,7 +139,7 @@ def test_the_command_says_it_first_and_writes_it_all(tmp_path):
     ending = command("difference", a, b, "--csv", table, "--latex", tex, "-o", out, "--plot", str(tmp_path))
     assert ending.status == 0, ending.err
     first = ending.out.splitlines()[0]
-    assert "where all others are equal it is zeta by (-4." in first or first.startswith("zeta differs:")
+    assert "if the others are zero: zeta by (-4." in first or first.startswith("zeta differs:")
     assert (tmp_path / "difference.pdf").exists()
     assert "first minus second,zeta" in (tmp_path / "d.csv").read_text()
     assert "difference" in (tmp_path / "d.tex").read_text()

@@ -1,4 +1,4 @@
-"""Terms of the sensor beside forces: what is measured is x + coefficient * h(x, v, t)."""
+"""Terms of the sensor together with forces: the measured signal is x + coefficient * h(x, v, t)."""
 
 import json
 from dataclasses import replace
@@ -66,7 +66,7 @@ def test_methods_of_amplitudes_and_frequencies_refuse_them(method):
 
 
 def test_a_sensor_term_alone_is_no_model():
-    with pytest.raises(DecayError, match="No force is left"):
+    with pytest.raises(DecayError, match="There is no force to identify"):
         Direct().identify(record(0), LIBRARY.select(["sensor_curve"]))
 
 
@@ -83,7 +83,7 @@ def test_the_command_line_takes_forces_and_terms_of_the_libraries_that_come_alon
         assert abs(term["value"] - truth["sensor_curve"]) < 4.0 * term["standard_error"]
 
 
-# Another run: its sensor terms are its own.
+# Another run with different sensor terms.
 
 OTHER_TERMS = {"sensor_curve": -0.03, "sensor_cubic": 0.02, "shutter": -0.01}
 
@@ -133,7 +133,7 @@ def test_another_film_has_a_camera_of_its_own(monkeypatch, data_folder):
         st.free_decay(st.read_record(folder / name, angle=1, units="rad"))
         for name in ("run_1.txt", "run_high.txt")
     )
-    # The bob is still held before.
+    # Before, the bob is still held.
     high = high.sel(time=slice(0.3, None))
     forces = ["gravity", "zeta", "delta", "epsilon"]
     results = [

@@ -69,7 +69,7 @@ def test_a_library_with_expressions_reads_back_as_it_was_written(joint):
     assert joint["load_friction"].inputs == ("goal", "kp", "on")
     again = library_of_text(joint.to_toml(), "again")
     assert again.forces == joint.forces
-    # Without the force whose coefficient it holds, too.
+    # Also if the library lacks the force whose coefficient is in the formula.
     alone = joint.select(["load_friction"])
     assert library_of_text(alone.to_toml(), "alone").forces == alone.forces
 
@@ -120,7 +120,7 @@ def test_both_methods_find_the_friction_law_of_the_joint(joint, runs):
 
 
 @pytest.mark.parametrize("method", ["direct", "fitted", "measured"])
-def test_delay_gain_and_zero_of_the_sensor_are_found_beside_the_forces(joint, method):
+def test_delay_gain_and_zero_of_the_sensor_are_found_with_the_forces(joint, method):
     # The control loop sees the true angle: the terms belong to the recorder.
     sensor = {"sensor_delay": 0.05, "sensor_gain": 0.03, "sensor_bias": 0.02}
     forces = joint.select((*FORCES, *sensor))
@@ -133,7 +133,7 @@ def test_delay_gain_and_zero_of_the_sensor_are_found_beside_the_forces(joint, me
         assert result.coefficient.sel(force=symbol).item() == pytest.approx(value, rel=0.15)
         assert 0.0 < result.standard_error.sel(force=symbol).item() < 0.2 * value
     assert result.coefficient.sel(force="lambda").item() == pytest.approx(TRUTH["lambda"], rel=0.05)
-    # A zero of all runs leaves none to each.
+    # With a common zero for all runs, no run has a separate zero.
     assert not np.any(result.offset.values)
 
 
@@ -147,7 +147,7 @@ def test_a_control_loop_may_see_the_zero_of_its_sensor(folder):
     assert result.coefficient.sel(force="motor").item() == pytest.approx(TRUTH["motor"], rel=0.02)
 
 
-def test_a_start_as_measured_is_what_the_sensor_shows(joint):
+def test_a_measured_start_is_the_value_of_the_sensor(joint):
     forces, sensor = joint.select((*FORCES, "sensor_bias")), {"sensor_bias": 0.05}
     run = stored(forces, 400, "lift", sensor)
     method = st.methods.Trajectory(random_force="off", constraints=HELD | sensor, starts="measured")
@@ -211,7 +211,7 @@ def test_runs_with_the_torque_always_on_do_not_separate_back_emf_from_viscous_fr
     assert st.validation.identifiability(runs, forces, constraints=HELD).attrs["sentences"] == ""
 
 
-def test_the_command_says_what_motion_separates_forces_that_are_the_same(folder):
+def test_the_command_states_the_motion_that_separates_forces(folder):
     ending = command(folder, ["kp100_sweep.csv"], FORCES)
     assert ending.status == 1
     assert "the same force" in ending.err
@@ -323,7 +323,7 @@ def test_a_start_as_measured_fits_nothing_to_the_record(joint, runs):
         st.predict(result, runs[3], starts="measured", warm_up=1.0)
 
 
-def test_two_motors_are_told_apart_by_all_of_their_runs(joint):
+def test_two_motors_are_distinguished_by_all_of_their_runs(joint):
     forces = joint.select(FORCES)
     other = [stored(forces, kp, motion, {"load_friction": 0.4}) for kp in (100, 400) for motion in GOALS]
     first = [stored(forces, kp, motion, {}) for kp in (100, 400) for motion in GOALS]

@@ -52,8 +52,8 @@ def test_laws_and_mu_are_the_forces_of_the_coefficients():
     assert np.all(data.friction_coefficient_low < data.friction_coefficient)
 
 
-def test_errors_of_what_is_given_are_those_of_repeated_measurements():
-    """The stated error is the scatter of the law at one sliding speed over draws of what was measured."""
+def test_errors_of_given_quantities_agree_with_repeated_measurements():
+    """The stated error is the scatter of the law at a sliding speed over draws of measured quantities."""
     result = with_laws(DRY)
     stated = st.physics.laws_in_si(result, inertia=INERTIA, load=LOAD, radius=RADIUS)
     random, found = np.random.default_rng(1), []
@@ -71,7 +71,7 @@ def test_errors_of_what_is_given_are_those_of_repeated_measurements():
     np.testing.assert_allclose(root / stated.friction, INERTIA[1] / INERTIA[0], rtol=1e-9)
 
 
-def test_calibration_error_is_in_the_laws_but_not_in_what_is_proportional():
+def test_calibration_error_is_in_the_laws_except_proportional_ones():
     part = 0.02
     result = st.physics.with_scale_error(with_laws(DRY), part)
     # F - v F' of a constant is it, of a square minus it, of a straight line zero.
@@ -126,7 +126,7 @@ def test_a_displacement_takes_a_mass_and_gives_newtons():
         ({"inertia": INERTIA, "load": (0.0, 0.0), "radius": RADIUS}, "must be a positive number"),
     ],
 )
-def test_what_is_missing_or_impossible_is_refused(given, match):
+def test_missing_or_impossible_quantities_are_refused(given, match):
     with pytest.raises(UsageError, match=match):
         st.physics.laws_in_si(uncertain(DRY), **given)
 
@@ -200,7 +200,7 @@ def test_where_laws_differ_is_where_the_band_excludes_zero():
 
 
 @pytest.mark.slow
-def test_equal_laws_differ_as_often_as_the_level_says():
+def test_equal_laws_differ_at_the_rate_of_the_level():
     """In draws of two samples with the same law 5 % of bands exclude zero, and p-values are uniform."""
     values = np.array([*DRY.values(), W])
     covariance = correlated(values, 0.01)

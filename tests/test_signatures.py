@@ -1,4 +1,4 @@
-"""Averages over a cycle: exact loops, scaling, integrators; and which forces they cannot tell apart."""
+"""Averages over a cycle: exact loops, scaling, integrators; and forces that they cannot distinguish."""
 
 from itertools import pairwise
 
@@ -11,17 +11,15 @@ from scipy.integrate import quad, solve_ivp
 from scipy.special import beta
 
 from sysid_trib import load_library
-from sysid_trib.cycles.signatures import (
-    averages,
+from sysid_trib.cycles.signatures import averages, signature, tabulated_averages
+from sysid_trib.errors import LibraryError, UsageError
+from sysid_trib.forces.library import parse_library
+from sysid_trib.validation.separability import (
     exactly_dependent,
     indistinguishable,
     inseparable,
-    signature,
-    tabulated_averages,
     without_signature,
 )
-from sysid_trib.errors import LibraryError, UsageError
-from sysid_trib.forces.library import parse_library
 
 A = np.array([0.005, 0.03, 0.1, 0.2, 0.7, 1.5])
 
@@ -57,7 +55,7 @@ def test_dahl_is_the_exact_loop(s):
 
 
 @pytest.mark.parametrize("symbol", ["bouc_wen", "bouc_wen_2"])
-def test_bouc_wen_is_what_an_integrator_settles_to(symbol):
+def test_bouc_wen_agrees_with_the_steady_state_of_an_integrator(symbol):
     a, b = 0.3, 30.0
     found = candidate(symbol)
 
@@ -137,7 +135,7 @@ def test_narrow_features_are_resolved():
 def test_series_are_the_averages(symbol, off):
     a = np.geomspace(1e-3, 1.0, 60)
     pairs = zip(tabulated_averages(candidate(symbol), a), averages(candidate(symbol), a), strict=True)
-    # Where a slip begins, the signature of the last has a kink.
+    # At the beginning of slip, the signature of the last one has a kink.
     assert all(np.all(np.abs(series - exact) <= off * a) for series, exact in pairs)
 
 
@@ -202,7 +200,7 @@ def test_forces_with_a_past_are_compared_along_a_motion():
     assert exactly_dependent(forces, 0.3) == [("zeta", "dahl", "twice")]
 
 
-def test_what_no_release_separates():
+def test_forces_that_no_release_separates():
     offered = {force.symbol: force for force in (*load_library(), *load_library("candidate_effects"))}
     alike = {("cubic_damping", "van_der_pol"), ("maxwell", "resonator"), ("even_spring", "even_spring")}
     others = {("zeta", "delta"), ("nu", "epsilon"), ("even_spring", "even_drag"), ("lambda", "maxwell")}

@@ -137,7 +137,7 @@ def half_periods(model, start):
     return found, trajectory(model, np.concatenate([[0.0], found.reversals]), start).angle
 
 
-def test_a_jenkins_element_dissipates_what_its_sliding_takes():
+def test_a_jenkins_element_dissipates_the_energy_of_sliding():
     k, s = 0.1, 0.03
     found, turned = half_periods(Model(ODD, {"jenkins": k}, W, {"jenkins.s": s}), 0.5)
     # The first half period starts unstrained: the spring is loaded over s, unlike over 2 s later.
@@ -159,7 +159,7 @@ def test_a_masing_element_follows_its_branches():
         h -= (b - a) * abs(b - a) / 2
 
 
-def test_a_dahl_element_dissipates_what_its_state_takes():
+def test_a_dahl_element_dissipates_the_energy_of_its_state():
     c, s = 0.1, 0.03
     _, turned = half_periods(odd(dahl=c), 0.5)
     z = 0.0
@@ -170,7 +170,7 @@ def test_a_dahl_element_dissipates_what_its_state_takes():
         z = way + (z - way) * np.exp(-path / s)
 
 
-def test_a_disturbed_oscillator_sticks_and_goes_on():
+def test_a_disturbed_oscillator_sticks_and_moves_again():
     found = trajectory(odd(ambient=0.1, dry=0.05), TIME)
     stuck = np.mean(found.rate == 0.0)
     assert 0.2 < stuck < 0.9
@@ -200,7 +200,7 @@ starts = st.tuples(st.floats(-0.8, 0.8), st.floats(-3.0, 3.0))
 
 @settings(max_examples=30)
 @given(coefficients=strengths, start=starts)
-def test_energy_never_grows_and_both_sides_are_alike(coefficients, start):
+def test_energy_never_grows_and_both_sides_are_symmetric(coefficients, start):
     model = Model(SIX, coefficients, W)
     found = trajectory(model, TIME[:1001], *start)
     assert np.all(np.diff(energy(found.angle, found.rate / W, coefficients)) <= 1e-13)
@@ -256,7 +256,7 @@ def test_sensor_terms_change_the_measured_angle_alone():
     np.testing.assert_allclose(measured.angle, expected, rtol=0, atol=1e-15)
 
 
-def test_the_dataset_says_what_it_holds():
+def test_the_dataset_describes_its_contents():
     found = simulate(odd(dahl=0.1), TIME, 0.2)
     assert set(found.data_vars) == {"angle", "rate", "stop_time", "dahl.z"}
     assert (found.angle.units, found.rate.units, found.stop_time.units) == ("rad", "rad/s", "s")

@@ -1,4 +1,4 @@
-"""Laws as curves: recovered within their bands, formulas within the band, and what a curve cannot be."""
+"""Laws as curves: recovered within their bands, formulas within the band, and impossible curves."""
 
 import json
 from dataclasses import replace
@@ -204,13 +204,13 @@ def direct_of(noise):
     return fit_of([st.free_decay(motion)], st.methods.Direct(random_force="off", refine=False), model)
 
 
-def test_a_record_with_little_noise_tells_position_from_speed():
+def test_a_record_with_little_noise_separates_position_from_speed():
     both = readings(direct_of(2e-5), 0.2)
     assert both.separated.item()
     assert both.standard_error.item() < both.error_of_law.item()
 
 
-def test_a_noisy_record_determines_only_what_position_and_speed_make_together():
+def test_a_noisy_record_determines_only_the_sum_of_position_and_speed():
     both = readings(direct_of(3e-3), 0.2)
     assert not both.separated.item()
     # Of 0.3 x^2 v and 0.01 v over a cycle of 0.2 rad.
@@ -220,7 +220,7 @@ def test_a_noisy_record_determines_only_what_position_and_speed_make_together():
 
 
 def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds():
-    """Only the first swings reach the largest speeds: parts agree there because they are the same samples."""
+    """Only the first swings reach the largest speeds: parts agree there because they share these samples."""
     places = np.linspace(0.1, 1.0, 10)
     everywhere = np.ones(10, dtype=bool)
     noise = 0.01 * np.ones(10)
@@ -229,7 +229,7 @@ def test_an_error_of_the_model_that_no_second_part_shows_is_that_of_other_speeds
         return bands.Law("friction", "speed", places, everywhere, values, np.diag(noise**2))
 
     whole = law(places)
-    # What the second part does not reach it does not change.
+    # The range that the second part does not reach remains unchanged.
     parts = [law(places + 0.1 * (places < 0.65)), law(places - 0.1 * (places < 0.65))]
     errors = bands.standard_errors(_movement(whole, parts, 0.65))
     assert np.all(errors[:6] > 5.0 * noise[:6])

@@ -45,7 +45,7 @@ def test_a_line_is_found_in_a_short_record_above_and_below_the_motion(frequency)
     assert amplitude == pytest.approx(3e-3, rel=0.1)
 
 
-def test_what_a_missing_force_leaves_beside_the_motion_is_no_line():
+def test_the_residual_of_a_missing_force_is_no_line():
     forces = st.load_library().select(["zeta", "delta", "nu", "epsilon"])
     model = st.Model(forces, dict(zip(forces.symbols, (0.005, 0.037, -0.4, 0.3), strict=True)), 9.91)
     clean = st.simulate(model, TIME[:2500], angle=0.3)
@@ -89,7 +89,7 @@ def hum(request):
 
 
 @pytest.mark.slow
-def test_hum_is_said_and_where_the_motion_is_explains_nothing(hum):
+def test_hum_is_reported_but_explains_nothing_at_the_motions_frequency(hum):
     frequency, tree = hum
     assert f"{frequency:.4g} Hz of 4.2" in next(line_sentences(tree))
     if frequency < 9.0:
@@ -98,11 +98,11 @@ def test_hum_is_said_and_where_the_motion_is_explains_nothing(hum):
         assert verdict_sentence(tree).endswith("noise and a spectral line.")
 
 
-def test_intervals_hold_beside_hum(hum):
+def test_intervals_cover_with_hum(hum):
     result = hum[1]["direct_2" if "direct_2" in hum[1] else "direct"].to_dataset()
     z = (result.coefficient - np.array([0.005, 0.02])) / result.standard_error
     assert np.all(np.abs(z.values) < 3.0)
 
 
-def test_a_fit_of_the_motion_is_the_answer_beside_hum(hum):
+def test_a_fit_of_the_motion_is_preferred_with_hum(hum):
     assert hum[1]["judged"].attrs["preferred"] == hum[1]["agreement"].attrs["second"]

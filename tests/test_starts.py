@@ -1,4 +1,4 @@
-"""Starts: of predictions, which try several, and of discover, which begins with what identify finds."""
+"""Starts: predictions try several, and discover begins with the result of identify."""
 
 import numpy as np
 import pytest
@@ -26,7 +26,7 @@ def test_a_prediction_whose_phase_slips_is_better_than_no_motion():
     assert predicted.attrs["note"] == ""
 
 
-def test_a_prediction_worse_than_no_motion_says_so():
+def test_a_prediction_worse_than_no_motion_is_reported():
     wrong = Direct(8.0, random_force="off").identify(swing(0.3, 8.0, 1e-3), library_of_formulas(zeta="2*v"))
     other = swing(0.3, W, 1e-3)
     predicted = st.predict(wrong, other, warm_up=2.0)

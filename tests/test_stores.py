@@ -37,7 +37,7 @@ def made(tmp_path_factory):
 
 
 def flip(place):
-    """One bit of the numbers themselves, so that only their checksum tells."""
+    """Flip one bit of the stored numbers, so that only their checksum detects it."""
     import zarr
 
     group = zarr.open_group(place, mode="r+")
@@ -77,7 +77,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_what_is_damaged_in_a_store_is_noticed(made, tmp_path, damage):
+def test_damage_in_a_store_is_detected(made, tmp_path, damage):
     records, base = made
     place = tmp_path / "a.zarr"
     shutil.copytree(base, place)
@@ -97,10 +97,18 @@ def test_one_campaign_at_a_time_writes_to_a_store(made, tmp_path):
     shutil.copytree(base, place)
     with sole_writer(place), pytest.raises(RecordError, match="another campaign writes to this store"):
         do(records, place)
-    # What a process that was killed has left locks nothing.
+    # A lock file left by a killed process locks nothing.
     (tmp_path / ".a.zarr.lock").touch()
     assert do(records, place).sizes["record"] == 3
     assert os.listdir(tmp_path) == ["a.zarr"]
+
+
+def test_a_file_is_no_store(made, tmp_path):
+    records = made[0]
+    (tmp_path / "x.zarr").symlink_to(records[0])
+    said = run("campaign", *records, "--task", "identify", *OPTIONS, "-o", tmp_path / "x.zarr").complaint
+    assert "is a file, not the store of a campaign; choose another place with -o." in said
+    assert "zarr'" not in said
 
 
 def test_a_link_to_a_store_stays_one(made, tmp_path):

@@ -1,4 +1,4 @@
-"""One table of numbers for any result: by method and quantity, parts of curves left out."""
+"""One table of numbers for any result: by method and quantity, without basis functions of curves."""
 
 from pathlib import Path
 
@@ -34,7 +34,7 @@ def test_rows_are_coefficients_with_intervals_and_units(single):
     assert table.unit[("direct", "reference_frequency")] == "rad/s"
 
 
-def test_what_is_held_has_no_error(single):
+def test_fixed_parameters_have_no_error(single):
     held = Direct(constraints={"epsilon": 0.3}).identify(RUN.decay(1), LIBRARY)
     row = st.summary(held).loc[("direct", "epsilon")]
     assert (row.value, row.low, row.high, row.standard_error) == (0.3, 0.3, 0.3, 0.0)

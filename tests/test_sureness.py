@@ -66,7 +66,7 @@ def test_a_profile_ends_at_a_bound_and_comes_in_the_unit_of_the_record(decay):
     assert ends[1] == pytest.approx(ends[0], rel=1e-6)
     bounded = identify(decay, LIBRARY, Direct(), constraints={"delta": (0.0368, None)})
     found = profile(decay, bounded, ["delta"]).isel(parameter=0)
-    # The bound itself, not what rounding makes of it.
+    # The exact bound, without rounding errors.
     assert found.low.item() == 0.0368
     assert found.asymmetric.item()
 
@@ -126,7 +126,7 @@ def test_emcee_draws_the_posterior_from_the_log_likelihood(decay, result):
     likelihood = log_likelihood(decay, result)
     start = np.random.default_rng(1).multivariate_normal(likelihood.estimate, likelihood.covariance, size=32)
     sampler = emcee.EnsembleSampler(32, len(likelihood.names), likelihood)
-    # The state of the global generator would make the draws of each run others.
+    # With the state of the global generator, the draws of each run would differ.
     sampler.random_state = np.random.RandomState(1).get_state()
     sampler.run_mcmc(start, 400)
     draws = sampler.get_chain(discard=100, flat=True)
@@ -143,7 +143,7 @@ def test_constraints_of_the_result_are_those_of_the_profile(decay):
     assert found.standard_error.item() < 0.9 * free.standard_error.item()
     with pytest.raises(UsageError, match="tied"):
         profile(decay, tied, ["nu"])
-    # All held at the estimate of one: nothing else is known better by it.
+    # All are fixed at the estimate of one, which improves no other parameter.
     assert found.deviance.min().item() >= 0.0
 
 
@@ -160,7 +160,7 @@ def test_every_fit_is_of_the_same_forces_at_one_reference(decay, result):
 
 
 @pytest.mark.slow
-def test_a_fit_that_fails_says_why(decay, result):
+def test_the_reason_of_a_failed_fit_is_stated(decay, result):
     drift = (*LIBRARY, library_of_formulas(drift="t").forces[0])
     library = ForceLibrary("with a drift", (*drift[:-1], replace(drift[-1], kind="sensor")))
     found = sensitivity(decay, identify(decay, library, Direct()))

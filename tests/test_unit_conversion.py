@@ -130,7 +130,7 @@ def swinging(amplitude: float) -> np.ndarray:
         ("torsion", 40.0, "angle in deg"),
     ],
 )
-def test_gravity_tells_the_unit_of_a_pendulum_alone(tmp_path, system, amplitude, said) -> None:
+def test_gravity_determines_the_unit_only_for_a_pendulum(tmp_path, system, amplitude, said) -> None:
     file = write_table(tmp_path / "swing.csv", "t,phi", *swinging(amplitude))
     ending = run("look", file, *(("--system", system) if system else ()))
     assert said in ending.out + ending.err

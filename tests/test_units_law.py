@@ -49,7 +49,7 @@ def test_an_identification_is_the_same_in_every_unit(method, option, power, time
 
 
 @pytest.mark.parametrize(("power", "time_power"), POWERS)
-def test_what_is_kept_of_a_record_is_the_same_in_every_unit(power, time_power):
+def test_stored_parts_of_a_record_are_the_same_in_every_unit(power, time_power):
     # Without noise, at rest in its last third, and at times that jitter by a tenth of a step.
     model = st.Model(FORCES.select(["lambda", "zeta"]), {"lambda": 8e-3, "zeta": 5e-3}, 8.0)
     time = TIME + np.random.default_rng(1).uniform(-2.5e-3, 2.5e-3, TIME.size)

@@ -55,12 +55,12 @@ def test_a_pendulum_has_gravity_far_from_its_frequency():
 
 
 @pytest.mark.slow
-def test_a_ripple_of_the_angle_is_not_explained_by_what_a_random_force_leaves():
+def test_a_ripple_of_the_angle_is_not_explained_by_the_residual_of_a_random_force():
     """Springs stand in its place, and the rest is blamed on a random force, which goes with the angle."""
     ripple = library_of_formulas(zeta="2*v", ripple="sin(40*x)")
     angle = trajectory(Model(ripple, {"zeta": 3e-3, "ripple": 2e-3}, W), TIME, 0.3, 0.0).angle
     tree = discover(decay(TIME, angle, 1), library("zeta"), library("freeplay", "quintic", "epsilon"))
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert discovery_json(tree)["noise_p_value"] < 0.01
     assert verdict_sentences(tree)[0].startswith("Unknown effect")
 
@@ -70,7 +70,7 @@ def test_an_effect_that_the_limit_leaves_out_is_not_unknown():
     run = with_effect({"cubic_damping": 0.2, "even_spring": 1e-2}, seed=8)
     few = EFFECTS.select(["cubic_damping", "even_spring", "bias"])
     tree = discover(run, BASE, few, max_effects=1)
-    assert tree.attrs["verdict"] == "explained"
+    assert tree.attrs["search_outcome"] == "explained"
     (named,) = tree["steps"].symbol.values
     assert {named, tree.attrs["closing_effect"]} == {"cubic_damping", "even_spring"}
     assert discovery_json(tree)["closing_effect"] == tree.attrs["closing_effect"]
@@ -78,11 +78,11 @@ def test_an_effect_that_the_limit_leaves_out_is_not_unknown():
 
 
 @pytest.mark.slow
-def test_what_the_limit_and_the_library_leave_out_is_unknown():
+def test_effects_excluded_by_the_limit_and_the_library_are_unknown():
     run = with_effect({"cubic_damping": 0.2, "even_spring": 1e-2, "inertia": 0.5}, seed=8)
     few = EFFECTS.select(["cubic_damping", "even_spring"])
     tree = discover(run, BASE, few, max_effects=1)
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert tree.attrs["closing_effect"] == ""
 
 
@@ -107,7 +107,7 @@ def test_a_likely_rival_is_in_the_set():
 
 
 @pytest.mark.slow
-def test_two_effects_do_not_take_each_others_place_without_end():
+def test_two_effects_do_not_replace_each_other_endlessly():
     base = {"lambda": 1.7e-4, "zeta": 0.005, "nu": 0.22}
     run = with_effect({"dahl": 3e-4}, seed=0, base=base, shapes={"dahl.s": 0.042})
     found = searched([run], EFFECTS.select(["dahl", "lugre"]), library(*base))
@@ -132,12 +132,12 @@ def found(pendulum):
     return discover(pendulum, start, offered, constraints={"gravity": 1.0}, refit=True)
 
 
-def test_a_held_force_stays_and_the_rest_is_found(found):
+def test_a_fixed_force_stays_and_the_others_are_found(found):
     after = found["after"].to_dataset()
     values = dict(zip(after.force.values, after.coefficient.values, strict=True))
     errors = dict(zip(after.force.values, after.standard_error.values, strict=True))
     assert found["steps"].symbol.values.tolist() == ["lambda"]
-    assert found.attrs["verdict"] == "explained"
+    assert found.attrs["search_outcome"] == "explained"
     assert (values["gravity"], errors["gravity"]) == (1.0, 0.0)
     assert after.constraint.sel(force="gravity").item() == "fixed"
     assert abs(values["lambda"] - FORCES["lambda"]) < 3.0 * errors["lambda"]
@@ -152,15 +152,15 @@ def test_its_frequency_is_as_well_known_as_by_direct_identification(pendulum, fo
     assert abs(float(after.reference_frequency) - W) < 3.0 * error
 
 
-def test_what_is_no_force_of_the_model_is_not_held(pendulum):
+def test_only_forces_of_the_model_are_fixed(pendulum):
     with pytest.raises(UsageError, match="No force 'gravity' of the model can be held"):
         discover(pendulum, library("zeta"), library("lambda"), constraints={"gravity": 1.0})
-    with pytest.raises(UsageError, match="Every force of the start model is held"):
+    with pytest.raises(UsageError, match="Every force of the start model is fixed"):
         discover(pendulum, library("zeta"), library("lambda"), constraints={"zeta": 0.01})
 
 
 @pytest.mark.slow
-def test_the_command_holds_what_the_system_has(pendulum, tmp_path):
+def test_the_command_fixes_the_forces_of_the_system(pendulum, tmp_path):
     path = write_csv(tmp_path / "swing.csv", pendulum.time.values, pendulum.angle.values)
     asked = ("--system", "pendulum", "--forces", "lambda,zeta", "--max-effects", "0", "--json")
     model = json.loads(run("discover", path, *asked).out)["model"]

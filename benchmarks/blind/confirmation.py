@@ -129,7 +129,7 @@ def named(
     steps, after = tree["steps"].dataset, tree["after"].dataset
     by_symbol = after.sel(force=list(base))
     return {
-        "verdict": tree.attrs["verdict"],
+        "verdict": tree.attrs["search_outcome"],
         "converged": bool(tree["converged"]),
         "failed_fits": tree.attrs["failed_fits"],
         "steps": [_step(steps.isel(step=i)) for i in range(steps.sizes.get("step", 0))],

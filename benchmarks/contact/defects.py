@@ -1,16 +1,21 @@
 """Defects of a motion, its samples and its rows, and of files that are no text."""
 
+import bz2  # noqa: F401
 import gzip  # noqa: F401
+import io
 import json  # noqa: F401
-from collections.abc import Iterable
+import tarfile
+import zipfile
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import h5py
 import numpy as np
+import openpyxl
 import pandas as pd
 import xarray as xr  # noqa: F401
 from numpy.linalg import norm  # noqa: F401
-from scipy.io import savemat  # noqa: F401
+from scipy.io import savemat, wavfile  # noqa: F401
 from scipy.signal import lfilter
 
 from benchmarks.contact.writing import Array, Draw, Swing, decay_at
@@ -221,3 +226,65 @@ def lvm(samples: int, rate: float, sign: str, columns: str) -> str:
         f"{date.format(chr(9))}Y_Unit_Label\tVolts\t\nX_Dimension\tTime\t\nX0\t0{sign}0000000000000000E+0\t\n"
         f"Delta_X\t{step}\t\n***End_of_Header***\t\t\nX_Value\tVoltage\tComment"
     )
+
+
+def flattened(parts: Iterable[Rows]) -> Rows:
+    """Rows of parts below each other."""
+    return [row for part in parts for row in part]
+
+
+def hdf5_of(path: Path, data: Mapping[str, Array], attributes: Mapping[str, Mapping[str, object]]) -> None:
+    """HDF5: datasets with their attributes."""
+    with h5py.File(path, "w") as file:
+        for name, values in data.items():
+            file[name] = values
+            file[name].attrs.update(attributes.get(name, {}))
+
+
+def structs(items: list[dict[str, object]]) -> np.ndarray:
+    """An array of structs for MATLAB."""
+    made = np.empty((1, len(items)), dtype=[(name, "O") for name in items[0]])
+    for at, item in enumerate(items):
+        for name, value in item.items():
+            made[0, at][name] = value
+    return made
+
+
+def zipped(path: Path, parts: Mapping[str, bytes]) -> None:
+    """A .zip of files."""
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, content in parts.items():
+            archive.writestr(name, content)
+
+
+def tarred(path: Path, parts: Mapping[str, bytes]) -> None:
+    """A .tar.gz of files."""
+    with tarfile.open(path, "w:gz") as archive:
+        for name, content in parts.items():
+            entry = tarfile.TarInfo(name)
+            entry.size = len(content)
+            archive.addfile(entry, io.BytesIO(content))
+
+
+def merged_book(path: Path, rows: list[list[object]], merged: list[str]) -> None:
+    """An Excel file with merged cells."""
+    made = openpyxl.Workbook()
+    for row in rows:
+        made.active.append(row)
+    for cells in merged:
+        made.active.merge_cells(cells)
+    made.save(path)
+
+
+def universal_file(values: Array, step: float) -> str:
+    """A universal file, dataset 58: a function over time."""
+    head = ["    -1", "    58", "run 12", "NONE", "12-Mar-19 14:02:33", "NONE", "NONE"]
+    head += [
+        "    1         0    0         0 NONE         1   1 NONE         0   0",
+        f"         4{len(values):10d}         1  0.00000e+00{step:13.5e}  0.00000e+00",
+        "        17    0    0    0                 Time                    s",
+        "        12    0    0    0         Acceleration                 NONE",
+        *["         0    0    0    0                 NONE                 NONE"] * 2,
+    ]
+    rows = ["".join(f"{value:13.5e}" for value in values[at : at + 6]) for at in range(0, len(values), 6)]
+    return "\n".join([*head, *rows, "    -1"]) + "\n"

@@ -1,4 +1,4 @@
-"""The kinds of lab files, from a table: one is drawn, written, said to be what it is, and read."""
+"""The kinds of lab files, from tables: one is drawn, written, said to be what it is, and read."""
 
 import re
 import tomllib
@@ -16,10 +16,11 @@ from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
 
-KINDS, SPELLINGS = (
+KINDS, EXPORTS, SPELLINGS = (
     tomllib.loads(Path(__file__).with_name(name).read_text("utf-8"))
-    for name in ("kinds.toml", "spellings.toml")
+    for name in ("kinds.toml", "exports.toml", "spellings.toml")
 )
+KINDS |= EXPORTS
 HEADS = ["Time (s),Angle (rad)", "t [s],theta [rad]", "time,angle_rad"]
 KNOWN = {**vars(np), **vars(writing), **vars(defects), **SPELLINGS}
 PARTS = {"sep": ",", "comma": False, "end": "\n", "tail": "", "encoding": "utf-8", "head": HEADS}

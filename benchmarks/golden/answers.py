@@ -30,7 +30,7 @@ def answer(case: Case) -> Answer:
 
 
 def _compact(found: Mapping[str, Any]) -> Answer:
-    words = {key: found[key] for key in ("verdict", "answer", "best") if key in found}
+    words = {key: found[key] for key in ("verdict", "search_outcome", "answer", "best") if key in found}
     values: dict[str, Any] = {}
     p_values: dict[str, Any] = {}
     models = found.get("methods") or {"model": found.get("model")}

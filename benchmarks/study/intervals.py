@@ -19,8 +19,8 @@ from helpers import FIVE, decay
 
 import sysid_trib as st
 from benchmarks.study.common import columns, over_seeds, shown
-from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.forces import ForceLibrary
+from sysid_trib.questions.averaged_motion import averaged_rates, predict_envelope
 
 W, RATE = 9.9, 50.0
 CONTACT, CANDIDATES = st.load_library(), st.load_library("candidate_effects")

@@ -1,4 +1,4 @@
-"""Many records by one task: on the cores of a machine or of a cluster, into one store."""
+"""Many records with one task: on the cores of a machine or of a cluster, into one store."""
 
 from sysid_trib._lazy import public_names
 

@@ -9,12 +9,12 @@ from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
-from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY, comparable
 from sysid_trib.results.variables import described
+from sysid_trib.validation.common_reference import ASYMPTOTIC_FREQUENCY, comparable
 from sysid_trib.validation.random_effects import DEVIATIONS, LIMIT, RandomEffects, precision
 from sysid_trib.validation.refits import at_reference
 
-# Family-wise level of each quantity (Bonferroni): below it a condition acts, or runs scatter.
+# Family-wise level for each quantity (Bonferroni): with a smaller p-value a condition acts, or runs scatter.
 VARIES_LEVEL = 0.01
 COMMON, UNDECIDED_RUNS = "common", "too few runs"
 
@@ -24,7 +24,7 @@ def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None,
     try:
         table = pd.DataFrame({} if conditions is None else conditions).reset_index(drop=True)
     except ValueError as error:
-        raise UsageError(f"The conditions are no table: {error}.") from None
+        raise UsageError(f"The conditions are not a table: {error}.") from None
     if len(table.columns) and len(table) != runs:
         raise UsageError(f"The conditions have {len(table)} rows for {runs} runs; give one row a run.")
     for name in table:
@@ -39,8 +39,8 @@ def _conditions_table(conditions: Mapping[str, ArrayLike] | pd.DataFrame | None,
 def _design(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
     """Return the columns of the fit by term, and the condition of each; that of the mean is ''.
 
-    A column of numbers, or one of each group of texts but the first, over which its effect is. All are about
-    their means: the mean stays that of all runs.
+    There is one column for a numerical condition, and one for each group of texts except the first, which is
+    the reference. All columns are centred, so that the mean is that of all runs.
     """
     columns, condition_of = [pd.DataFrame({"mean": np.ones(len(table))})], [""]
     for name, column in table.items():
@@ -61,14 +61,15 @@ def without_collinear(table: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]
     Parameters
     ----------
     table : DataFrame
-        Conditions that vary, a row a run.
+        Conditions that vary, one row per run.
 
     Returns
     -------
     table : DataFrame
         Conditions with separable effects.
     collinear : dict of str to str
-        Each of the others, and with which it goes: `'load'`, or `'load', 'speed' together`.
+        Each of the other conditions, and those with which it is confounded:
+        `'load'`, or `'load', 'speed' together`.
     """
     kept: list[str] = []
     collinear = {}
@@ -104,41 +105,43 @@ def between_runs(
     Parameters
     ----------
     results : sequence of Dataset, or Dataset
-        Identifications of a run each, with the same forces; or `value(run, quantity)` and
-        `standard_error(run, quantity)`, as `run_agreement` gives them, nan where a run says nothing.
+        Identifications of one run each, with the same forces; or `value(run, quantity)` and
+        `standard_error(run, quantity)`, as from `run_agreement`, nan if a run has no estimate.
     conditions : mapping or DataFrame, optional
-        Columns of one entry a run: numbers (load, humidity) act linearly, texts (material) by groups.
+        Columns with one entry per run: numbers (load, humidity) act linearly, texts (material) as groups.
     laboratories : str, optional
-        The column that says which laboratory, or operator, or rig, a run is of: compared by ISO 5725-2,
-        and no condition.
+        The column with the laboratory, operator or rig of each run; these are compared according to ISO
+        5725-2 and are not a condition.
 
     Returns
     -------
     Dataset
         Over `quantity` (each force, and the asymptotic frequency): `between_run`, the standard deviation of
-        what scatters between runs beyond their stated errors and the conditions, with `between_run_lower` and
-        `between_run_upper` (95 %); `scatter_p_value` of no such scatter, `homogeneity_p_value` of one value
-        for all runs; `verdict`: common, varies with ..., scatters, too few runs. Over `run` the values at one
-        reference frequency with their errors, `shrunken` estimates, which use all runs, and `z`, how far a
-        run is from what all others and its conditions let expect, over scatter and error. Over `term`
-        `effect`: the mean (at the mean of numerical conditions, and of the first group), and by how much it
-        rises per unit of a condition, or in another group; `condition_p_value` over `condition`. With
-        `laboratories` also `repeatability`, `between_laboratory` and `reproducibility` (standard deviations
-        of values as measured, with their intervals of 95 %), and the limits of the first and the last.
+        the scatter between runs beyond their stated errors and the conditions, with `between_run_lower` and
+        `between_run_upper` (95 %); `scatter_p_value` for no such scatter, `homogeneity_p_value` for one value
+        for all runs; `verdict`: common, varies with ..., scatters, too few runs. Over `run`: values at one
+        reference frequency with their errors, `shrunken` estimates, which use all runs, and `z`, the
+        deviation of a run from the value expected from all others and its conditions, over scatter and error.
+        Over `term`: `effect`, which is the mean (at the mean of numerical conditions, and of the first
+        group), and the increase per unit of a condition, or in another group; `condition_p_value` over
+        `condition`. With `laboratories` also `repeatability`, `between_laboratory` and `reproducibility`
+        (standard deviations of values as measured, with 95 % intervals), and the limits of the first and the
+        last.
 
     Raises
     ------
     UsageError
-        Fewer than two runs, no force in all of them, conditions of another number of runs, or without a
-        value, or that do not vary or cannot be told apart.
+        There are fewer than two runs, no common force, or conditions that have another number of runs, lack a
+        value, do not vary or are confounded.
 
     Notes
     -----
-    Each quantity by itself: value = mean + conditions + scatter + error, the variances of the errors known
-    (random-effects meta-regression). Spread by Paule and Mandel, its interval by Q-profile (Viechtbauer
-    2007); tests of conditions after Knapp and Hartung (2003); shrunken estimates average over what is not
-    known of the spread; distances are from the fit and the scatter of all other runs (Viechtbauer and Cheung
-    2010). A condition acts where its p-value is below 1 % over the number of quantities.
+    Each quantity is treated separately: value = mean + conditions + scatter + error, where the variances of
+    the errors are known (random-effects meta-regression). The variance of the scatter is estimated by the
+    method of Paule and Mandel, its interval by Q-profile (Viechtbauer 2007); conditions are tested after
+    Knapp and Hartung (2003); shrunken estimates are averages over the uncertainty of this variance;
+    deviations are relative to the fit and the scatter of all other runs (Viechtbauer and Cheung 2010). A
+    condition acts if its p-value is below 1 % over the number of quantities.
 
     Examples
     --------
@@ -214,7 +217,7 @@ def _quantity(
     scatter_p_value, homogeneity_p_value = np.nan, np.nan
     verdict = UNDECIDED_RUNS
     if known.sum() > design.shape[1] and np.linalg.matrix_rank(design[known]) == design.shape[1]:
-        # In units of the errors, whatever the quantity's own.
+        # In units of the errors, independent of the quantity's unit.
         unit = float(np.median(errors[known]))
         scaled = values[known] / unit, errors[known] / unit
         fit = RandomEffects(*scaled, design[known])
@@ -248,5 +251,5 @@ def _quantity(
 
 
 def _with_interval(name: str, interval: Array) -> dict[str, float]:
-    """Return a value and the ends of its interval of 95 %."""
+    """Return a value and the limits of its 95 % interval."""
     return {f"{name}{end}": value for end, value in zip(("", "_lower", "_upper"), interval, strict=True)}

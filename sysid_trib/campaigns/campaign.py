@@ -1,4 +1,4 @@
-"""`campaign`: many records by one task, on workers of dask or in this process, into one store."""
+"""`campaign`: many records with one task, on workers of dask or in this process, into one store."""
 
 import os
 import signal
@@ -23,14 +23,14 @@ from sysid_trib.campaigns.task import TASKS, CampaignRecords, Name, Task, empty_
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.results.store import Status
 
-# Least number of blocks of a store, and the most records of a block: a killed process loses at most one
-# block.
+# Smallest number of blocks of a store, and largest number of records in a block: if a process is killed, at
+# most one block is lost.
 BLOCKS, LARGEST_BLOCK = 1000, 100
 EXTRA = ("distributed", "zarr")
-# Interval at which the workers are counted, s; on a busy machine a new worker takes more than the 15 s after
-# which dask gives its place up.
+# Interval at which the workers are counted, s. On a busy machine a new worker needs more than the 15 s after
+# which dask gives up on it.
 LOOKED_AFTER, STARTS_WITHIN = 20.0, "120s"
-# Number of workers that may die with a block before it is given up.
+# Number of workers that may die during a block before the block is given up.
 DEATHS = 10
 # Intervals at which each process checks its loop, and the load of the machine; at dask's defaults (20 ms, 0.5
 # s) idle processes take a twentieth of a core.
@@ -53,46 +53,49 @@ def campaign(
     Parameters
     ----------
     records : sequence of path or record
-        Files, or decays in memory, `(t, angle)` too. What else names a record is a text that `Task.read`
-        makes decays of.
+        Files, or decays in memory, also as `(t, angle)`. Other records are named by texts from which
+        `Task.read` makes decays.
     task : Task or str
         The task for each record: `identify`, `compare` or `discover` with its defaults, or a `Task`.
     output : path-like
-        The store. One that is there is gone on with: what is done in it is not done again, unless a record's
-        file has changed since; more records may come to it.
+        Path of the store. An existing store is continued: finished records are not computed again unless
+        their files have changed; further records may be added.
     workers : int or str
-        Processes on this machine; 0: this process alone, without dask. Or the address of a scheduler of dask
-        (tcp://...), whose workers see the files under the same names.
+        Number of processes on this machine; 0 means this process alone, without dask. Or the address of a
+        scheduler of dask (tcp://...), whose workers see the files under the same names.
     memory : str
-        Limit of each process on this machine ("2GB"), by default its share of all; a process that needs more
-        is replaced.
+        Memory limit of each process on this machine ("2GB"), by default an equal share of all memory; a
+        process that needs more is replaced.
     tell : Tell, optional
-        Called with what is done and what failed.
+        Function that is called with the progress and the failures.
 
     Returns
     -------
     Dataset
-        Over `record`, `model`, `force`: `coefficient` with `standard_error`; over `record` and `model`
-        reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors; over
-        `record`: `status` (0 waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` of a
-        record without numbers, `verdict`, `named` effects, `p_value` of the agreement of both methods,
-        `seconds`; of `discover` besides `tied`, what those named cannot be separated from ("epsilon or
-        gravity"), and over `record` and `force` the corrected `effect_p_value` of each that is named; of a
-        study `true_coefficient`. Values are read when they are used. `store.sel(model="direct")` chooses the
-        model of one method.
+        Over `record`, `model`, `force`: `coefficient` with `standard_error`; over `record` and `model`:
+        reference and asymptotic frequency (rad/s), `noise`, density of the random force, with errors, and the
+        variables of the group `judged` of the task's function (`verdict`, `residual_over_noise`, `p_value`,
+        ...), without those of single runs; over `record`: `preferred` (the preferred model), `status` (0
+        waiting, 1 done, 2 refused, 3 failed, 4 lost with its worker), `message` for a record without numbers,
+        `seconds`; for a cross-check `agreement_p_value`; for `discover` also `search_outcome`, `converged`,
+        `named` effects, `tied`, the effects that cannot be separated from the named ones ("epsilon or
+        gravity"), and over `record` and `force` the corrected `effect_p_value` of each named effect. Values
+        are read on access. `store.sel(model="direct")` selects the model of one method; a method that does
+        not apply to a record has nan and no verdict there.
 
     Raises
     ------
     UsageError
-        No records, a store of another campaign, no scheduler, or no dask or zarr.
+        There are no records, the store belongs to another campaign, there is no scheduler, or dask or zarr is
+        missing.
     RecordError
         The store cannot be written.
 
     Notes
     -----
-    Records of a study have seeds of their own (`SeedSequence` by the record's number): results depend neither
-    on the number of workers nor on the order. One bad record ends nothing; one whose worker died eleven times
-    is given up, and tried again when the campaign is gone on with.
+    Each record of a study has its own seed (`SeedSequence` with the record's number): results depend neither
+    on the number of workers nor on the order. An invalid record does not stop the campaign. A record whose
+    worker died eleven times is given up, and tried again when the campaign is continued.
     """
     check_extra()
     if getattr(current_process(), "_inheriting", False):
@@ -106,7 +109,7 @@ def campaign(
         raise UsageError(f"campaign needs a Task, or one of {', '.join(TASKS)}; not {task!r}.")
     if isinstance(records, str | os.PathLike | xr.Dataset) or not len(records):
         raise UsageError("A campaign needs a list of at least one record.")
-    # A link to a store stays one when records come to it.
+    # A link to a store remains a link when records are added.
     path = Path(output).resolve() if Path(output).is_symlink() else Path(output)
     with sole_writer(path):
         count = len(records)
@@ -130,7 +133,7 @@ def check_extra() -> None:
     Raises
     ------
     UsageError
-        With what installs them.
+        The message states how to install it.
     """
     if lacking := [name for name in EXTRA if find_spec(name) is None]:
         raise UsageError(
@@ -143,7 +146,7 @@ def _finished_blocks(
 ) -> Iterator[tuple[Index, list[Row]]]:
     """Yield the record numbers and the rows of each block, in the order of completion.
 
-    See `campaign` for workers and memory; a block that waits is read when it is sent.
+    See `campaign` for workers and memory; a waiting block is read when it is sent.
     """
     if not workers:
         for block in blocks:
@@ -166,7 +169,7 @@ def _through(
         sent[future.key] = block
         return future
 
-    # On this machine not all may have started yet.
+    # On this machine, not all workers may have started yet.
     count = workers if isinstance(workers, int) else len(client.nthreads())
     # Blocks that wait at each worker: enough to keep it busy, few enough for the memory.
     running = as_completed([submit(block) for block in islice(waiting, 3 * max(1, count))])
@@ -175,7 +178,7 @@ def _through(
         if future.status == "finished":
             yield block, future.result()
         elif len(block) > 1:
-            # One of them ends its workers: each by itself.
+            # One of its records kills its workers, so the records are run one by one.
             for at in block:
                 running.add(submit(np.array([at])))
         else:
@@ -223,7 +226,7 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
                 n_workers=0,
                 threads_per_worker=1,
                 memory_limit=memory,
-                # Without a page; the server in its place must not use the port of other servers.
+                # Without a web page; the minimal server in its place must not use the port of other servers.
                 dashboard_address="127.0.0.1:0",
                 scheduler_kwargs={"dashboard": False},
                 silence_logs=CRITICAL,
@@ -242,11 +245,11 @@ def _client(workers: int | str, memory: str) -> Iterator[Any]:
 
 @contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hide interrupts from threads and processes that start in this context.
+    """Block interrupts in threads and processes that start in this context.
 
-    It is for this process, which ends them; each of theirs would print a traceback.
+    Only this process handles an interrupt, and ends them; each of them would print a traceback.
     """
-    # The first process that is started would let interrupts through again.
+    # The first started process would otherwise enable interrupts again.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -259,8 +262,8 @@ def _interrupts_held() -> Iterator[None]:
 def _without_current_folder() -> Iterator[None]:
     """Keep processes that start in this context from importing from the current folder.
 
-    A file `signal.py` next to the records would be executed. They get the path of this process, and find the
-    imports of the user's script by it.
+    A file `signal.py` next to the records would be executed. The processes get the path of this process, in
+    which they find the imports of the user's script.
     """
     before = os.environ.get(SAFE_PATH)
     os.environ[SAFE_PATH] = "1"

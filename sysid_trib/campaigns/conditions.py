@@ -9,39 +9,39 @@ import xarray as xr
 
 from sysid_trib.errors import RecordError, UsageError
 from sysid_trib.records.tables import check_is_file
-from sysid_trib.results.references import ASYMPTOTIC_FREQUENCY
-from sysid_trib.results.store import Status
+from sysid_trib.results.store import Status, of_model
+from sysid_trib.validation.common_reference import ASYMPTOTIC_FREQUENCY
 
-# Column of a table of conditions that names the records; without it rows are in the order of the records.
+# Column with the names of the records in a table of conditions; without it, rows are in the order of records.
 RECORD = "record"
 
 
-def estimates_of(store: xr.Dataset, method: str) -> xr.Dataset:
-    """Return coefficients and asymptotic frequency of all records with numbers, as `between_runs` takes them.
+def estimates_of(store: xr.Dataset, model: str) -> xr.Dataset:
+    """Return coefficients and frequency of all records with numbers, in the form for `between_runs`.
 
     Parameters
     ----------
     store : Dataset
         Store of a campaign.
-    method : str
-        Label of the identification.
+    model : str
+        Label of the identification, as `of_model` takes it.
 
     Returns
     -------
     Dataset
         `value(run, quantity)` and `standard_error(run, quantity)`, coefficients at the mean reference
-        frequency (attrs), `run` the record's name, `at(run)` its place. Records in another unit than most
-        are not among them (attrs: `signal_units`, `other_units` their number).
+        frequency (attrs), `run` (name of the record) and `at(run)` (its position). Records in another unit
+        than the majority are omitted (attrs: `signal_units`, and `other_units`, their number).
     """
     places = np.flatnonzero(store.status.values == Status.DONE)
     units = store.signal_units.values[places].astype(str)
     usual = pd.Series(units).mode().get(0, "")
     places = places[units == usual]
-    done = store.isel(record=places).sel(model=method)
+    done = of_model(store.isel(record=places), model)
     reference = done.reference_frequency.values
     mean = float(np.nanmean(reference)) if np.any(np.isfinite(reference)) else np.nan
     degrees = done.speed_degree.values
-    # A force without a degree keeps its size; its coefficient is compared as it is.
+    # A force without a degree does not scale; its coefficient is compared unchanged.
     power = np.where(np.isnan(degrees), 0.0, 2.0 - degrees)
     factor = (reference[:, None] / mean) ** power
     values = np.column_stack([factor * done.coefficient.values, done.asymptotic_frequency.values])
@@ -63,8 +63,8 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
     Parameters
     ----------
     path : Path
-        CSV with a heading. A column `record` names the records, by file name or as they were given; without
-        it rows are in their order.
+        CSV file with a heading. A column `record` contains the names of the records, as file names or as they
+        were given; without it, rows are in the order of the records.
     records : sequence of str
         Names of the records.
 
@@ -73,15 +73,15 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
     UsageError
         There is no such file, or it has no row for a record.
     RecordError
-        It is no table.
+        The file is not a table.
     """
     check_is_file(path)
     try:
         with path.open() as file:
             heading = file.readline()
-        # Separator of spreadsheets in which the comma is the decimal mark.
+        # Separator in spreadsheets with a decimal comma.
         marks = {"sep": ";", "decimal": ","} if ";" in heading and "," not in heading else {}
-        # Separator of cells that are copied out of a spreadsheet.
+        # Separator of cells copied from a spreadsheet.
         marks = {"sep": "\t"} if "\t" in heading and "," not in heading else marks
         table = pd.read_csv(path, skipinitialspace=True, **marks)
     except (OSError, ValueError) as error:
@@ -116,7 +116,7 @@ def read_conditions(path: Path, records: Sequence[str]) -> pd.DataFrame:
 
 
 def _check_values(path: Path, table: pd.DataFrame) -> None:
-    """Raise an error, before the work is done, for a table in which a record lacks a condition."""
+    """Raise an error, before any computation, for a table in which a record lacks a condition."""
     for column in table:
         missing = np.flatnonzero(table[column].isna())
         if len(missing):

@@ -1,6 +1,6 @@
 """Rows of a store, one per record; and rows on disk: chunks, checksums, one writer.
 
-Zarr itself takes each chunk through threads of its own, which takes ten times as long as the file does.
+Zarr itself takes each chunk through its own threads, which takes ten times as long as the file does.
 """
 
 import errno
@@ -16,7 +16,8 @@ import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError
-from sysid_trib.results.store import EFFECT_P_VALUE, TIED
+from sysid_trib.results.judged import SEARCH_OUTCOME
+from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_NAMES, TIED
 from sysid_trib.results.variables import RESULT_TABLES
 
 # Ending of the remains of a chunk of a killed process, as with zarr.
@@ -24,25 +25,43 @@ UNFINISHED = ".partial"
 Row: TypeAlias = dict[str, Any]
 
 EDGES = ("lowest", "highest")
-# Parts of a record's time: enough to show its decay, its stop and foreign samples.
+# Number of parts of a record's time: enough to show its decay, its end and foreign samples.
 OUTLINE_PARTS = 60
-OF_SEARCH = {TIED, EFFECT_P_VALUE}
+# Variables of `discover` alone, and of a cross-check alone.
+OF_SEARCH = frozenset({TIED, EFFECT_P_VALUE, SEARCH_OUTCOME, "named", "converged"})
+OF_CROSS_CHECK = frozenset({"agreement_p_value"})
 # CRC-32 of a record's name and row.
 CHECKSUM = "checksum"
 
 
+# Units in the tables of results that differ in a store: each record has its own signal unit; a text has no
+# unit.
+UNITS_IN_STORE = {"rad": "see signal_units", "text": ""}
 # Dimensions other than the record, unit and meaning of each variable.
 VARIABLES = {
-    name: (tuple(dims.split()), units, meaning)
-    for name, (dims, units, meaning, *_) in RESULT_TABLES["campaign"].items()
+    name: (tuple(dims.split()), UNITS_IN_STORE.get(units, units), meaning)
+    for name, (dims, units, meaning, *_) in {
+        **RESULT_TABLES["campaign"],
+        **{name: RESULT_TABLES["judged"][name] for name in JUDGED_NAMES},
+    }.items()
 }
 # NumPy's nan for missing numbers; texts with their length: a million records of 400 letters are 1.6 GB.
 STORED_KINDS = {
-    **{TIED: "U400", "message": "U400", "named": "U200", "verdict": "U100", "record_checksum": "U64"},
-    **{"signal_units": "U40", "status": "i1", CHECKSUM: "i8"},
+    TIED: "U400",
+    "message": "U400",
+    "named": "U200",
+    "failure": "U100",
+    "preferred": "U100",
+    "record_checksum": "U64",
+    "signal_units": "U40",
+    "verdict": "U30",
+    SEARCH_OUTCOME: "U20",
+    "converged": "b1",
+    "status": "i1",
+    CHECKSUM: "i8",
 }
 # Unknown values.
-FILL = {"f": np.nan, "U": "", "i": 0}
+FILL = {"f": np.nan, "U": "", "i": 0, "b": False}
 
 
 def empty(name: str, sizes: Mapping[str, int]) -> Array:
@@ -59,10 +78,10 @@ def write_chunk(folder: Path, array: Any, number: int, values: Array) -> None:
     folder : Path
         Folder of the array.
     array : zarr.Array
-        Array of format 2, without filters, its chunks parts of the first dimension alone.
+        Zarr array of format 2, without filters, with chunks along the first dimension only.
     number : int
     values : (record, ...) array
-        Values of the chunk; the last one of an array may hold less than others.
+        Values of the chunk; the last one of an array may contain fewer values.
 
     Raises
     ------
@@ -93,7 +112,7 @@ def read_chunk(folder: Path, array: Any, number: int) -> Array:
     Raises
     ------
     OSError, RuntimeError, ValueError
-        It is damaged.
+        The chunk is damaged.
     """
     whole = np.full(array.chunks, array.fill_value, dtype=array.dtype)
     try:
@@ -101,7 +120,7 @@ def read_chunk(folder: Path, array: Any, number: int) -> Array:
     except FileNotFoundError:
         return whole
     for compressor in reversed(array.compressors):
-        # Into as many bytes as it is of, and no more.
+        # Exactly the expected number of bytes.
         content = compressor.decode(content, out=np.empty(whole.nbytes, dtype="uint8"))
     return np.frombuffer(content, dtype=array.dtype).reshape(array.chunks).copy()
 
@@ -111,14 +130,14 @@ def _place(folder: Path, array: Any, number: int) -> Path:
 
 
 def row_arrays(arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the arrays that hold the rows of the records, in the order of the checksum."""
+    """Return the arrays with one row per record, in the order of the checksum."""
     return {
         name: array for name, array in sorted(arrays.items()) if is_per_record(array) and name != "record"
     }
 
 
 def labels_checksum(arrays: Mapping[str, Any]) -> int:
-    """Return the CRC-32 of the labels that all records share: methods, forces and their units."""
+    """Return the CRC-32 of the labels that are common to all records: methods, forces and their units."""
     checksum = 0
     for name, array in sorted(arrays.items()):
         if not is_per_record(array):
@@ -132,7 +151,7 @@ def row_checksums(columns: Mapping[str, Array], names: Sequence[str], labels: in
     Parameters
     ----------
     columns : mapping of str to (record, ...) array
-        As `row_arrays` has them.
+        Arrays in the form of `row_arrays`.
     names : sequence of str
         Names of the records.
     labels : int
@@ -168,7 +187,7 @@ def new_array(
 def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
     """Copy the rows of an old group into a new one, a block of records at a time.
 
-    `names` : of the records of the new one, those of the old one among them.
+    `names`: records of the new group, including those of the old one.
     """
     place = {name: at for at, name in enumerate(np.asarray(old["record"][:]).astype(str).tolist())}
     known = np.array([place.get(name, -1) for name in names])
@@ -182,7 +201,7 @@ def copy_rows(old: Any, new: Any, names: Sequence[str], block: int) -> None:
                 new[name][first : first + block] = values
 
 
-# Error numbers of a file that another process has locked: EDEADLK occurs on Windows.
+# Error numbers for a file that another process has locked: EDEADLK occurs on Windows.
 TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK)
 
 
@@ -193,7 +212,7 @@ def sole_writer(path: Path) -> Iterator[None]:
     Raises
     ------
     RecordError
-        Another campaign holds it.
+        Another campaign holds the lock.
     """
     place = path.with_name(f".{path.name}.lock")
     held = _held(place, path)
@@ -201,8 +220,8 @@ def sole_writer(path: Path) -> Iterator[None]:
         yield
     finally:
         if held is not None:
-            # Removed while it is held: whoever opened it before finds that it is gone. Windows removes no
-            # file that anyone has open.
+            # Removed while it is locked: any process that has opened it finds that it is gone. On Windows, an
+            # open file cannot be removed.
             if sys.platform != "win32":
                 place.unlink(missing_ok=True)
             os.close(held)
@@ -212,12 +231,12 @@ def sole_writer(path: Path) -> Iterator[None]:
 
 
 def _held(place: Path, path: Path) -> int | None:
-    """Return the lock as an open file; None where files cannot be locked."""
+    """Return the lock as an open file; None if files cannot be locked."""
     while True:
         try:
             file = os.open(place, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError:
-            # A place that cannot be written is refused by what writes the store.
+            # If the path cannot be written, writing the store raises the error.
             return None
         try:
             _lock(file)
@@ -232,12 +251,12 @@ def _held(place: Path, path: Path) -> int | None:
         with suppress(FileNotFoundError):
             if os.path.samestat(os.fstat(file), place.stat()):
                 return file
-        # The campaign that held it has removed it.
+        # The campaign with the lock has removed the file.
         os.close(file)
 
 
 def _lock(file: int) -> None:
-    """Lock an open file at once; raise an OSError of `TAKEN` if another process has locked it."""
+    """Lock an open file without waiting; raise an OSError of `TAKEN` if another process has locked it."""
     if sys.platform == "win32":
         import msvcrt
 
@@ -250,5 +269,5 @@ def _lock(file: int) -> None:
     except BlockingIOError:
         raise
     except OSError:
-        # File systems of a network may have locks of records alone.
+        # Network file systems may support only record locks.
         fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

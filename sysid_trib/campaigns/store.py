@@ -1,12 +1,12 @@
 """The Zarr store of a campaign: created once, then filled a block of records at a time.
 
-A chunk holds one block of records. A block is written by one process, its status last, and each chunk is
-renamed into its place when it is whole: at any moment the store can be read, and what is done is known.
+A chunk contains one block of records. A block is written by one process, its status last, and each chunk is
+renamed when it is complete: at any moment the store can be read, and finished records are known.
 """
 
 import os
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -27,12 +27,14 @@ from sysid_trib.campaigns.task import (
     record_at,
 )
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
-from sysid_trib.results.store import Status
+from sysid_trib.results.store import STORE_FORMAT, Status
 
 FINGERPRINT = "task_fingerprint"
-# Kinds of arrays: numbers, texts and small integers; another kind is not read, as it could run code.
-KINDS = "fUi"
-# Bytes of the names that all records share; more is no name of a force or a method.
+FORMAT = "format_version"
+# Kinds of arrays: numbers, texts, small integers and booleans; other kinds are not read, because they could
+# run code.
+KINDS = "fUib"
+# Largest size in bytes of the names common to all records.
 LARGEST_LABELS = 2**24
 
 
@@ -46,9 +48,9 @@ class Store:
     Raises
     ------
     RecordError
-        It is no store of a campaign.
+        The path is not a store of a campaign, or its format has another version.
     ValueError, KeyError
-        Its arrays are others; other errors of zarr where one is damaged.
+        Its arrays are of other kinds; zarr raises other errors if an array is damaged.
     """
 
     def __init__(self, path: Path) -> None:
@@ -57,8 +59,14 @@ class Store:
         self.path, self.group = path, zarr.open_group(path, mode="r")
         if FINGERPRINT not in self.group.attrs:
             raise RecordError(f"{path}: is not the store of a campaign; choose another place with -o.")
-        # One after the other: several at once complain at exit if they are not awaited. And only once: each
-        # time takes as long as writing a record.
+        if self.group.attrs.get(FORMAT) != STORE_FORMAT:
+            raise RecordError(
+                f"{path}: this store of a campaign has {_format_text(self.group.attrs)}, and this version of "
+                f"sysid_trib reads and continues format {STORE_FORMAT}; run the campaign again with another "
+                "place -o, or read the old numbers with xarray.open_zarr."
+            )
+        # One after the other: several at once cause warnings at exit if they are not awaited. And only once:
+        # each opening takes as long as writing a record.
         folders = [place.parent for place in sorted(path.glob("*/.zarray"))]
         self.arrays: dict[str, Any] = {at.name: zarr.open_array(at, mode="r") for at in folders}
         count, self.block = self.arrays["status"].shape[0], int(self.arrays["status"].chunks[0])
@@ -78,7 +86,7 @@ class Store:
         return names, {k: stored.read_chunk(self.path / k, array, number)[: len(names)] for k, array in rows}
 
     def check(self) -> None:
-        """Raise an error that names the first record whose row is not as it was written."""
+        """Raise an error that names the first record whose row differs from what was written."""
         for number in range(-(-len(self.names) // self.block)):
             names, columns = self._block(number)
             status, known = columns["status"], columns[CHECKSUM]
@@ -93,15 +101,15 @@ class Store:
         Returns
         -------
         blocks : list of (record,) arrays of int
-            Records of each block: those that wait, whose worker died, or that have another file now.
+            Records of each block that wait, whose worker died, or whose file has changed.
         changed, bad : int
-            How many have another file; how many others were refused, or failed.
+            Number of records with changed files; number of others that were refused, or failed.
         """
         status, known = (np.asarray(self.arrays[name][:]) for name in ("status", "record_checksum"))
         changed = np.zeros(len(status), dtype=bool)
         for at in np.flatnonzero(status != Status.WAITING).tolist():
             checksum = checksum_of(record_at(records, at))
-            # A record that no longer exists, or that only the workers see, is taken as unchanged.
+            # A record that no longer exists, or that only the workers can read, counts as unchanged.
             changed[at] = bool(checksum) and checksum != str(known[at])
         blocks = np.arange(len(status)) // self.block
         bad = np.isin(status, (Status.REFUSED, Status.FAILED))
@@ -115,14 +123,14 @@ class Store:
         Raises
         ------
         RecordError
-            The disk is full, or the store is gone.
+            The disk is full, or the store is missing.
         """
         number = int(at[0]) // self.block
         places = at - number * self.block
         try:
             names, columns = self._block(number)
             if columns["status"][places].any():
-                # A new row does not count until it is complete.
+                # A new row is invalid until it is complete.
                 columns["status"][places] = Status.WAITING
                 stored.write_chunk(self.path / "status", self.arrays["status"], number, columns["status"])
             for name in columns.keys() & rows[0].keys():
@@ -130,7 +138,7 @@ class Store:
             rows_done = {name: column[places] for name, column in columns.items()}
             names_done = [names[place] for place in places]
             columns[CHECKSUM][places] = stored.row_checksums(rows_done, names_done, self._labels)
-            # Status last: a block counts when all of it is there.
+            # Status last: a block is valid only when it is complete.
             for name in sorted(columns, key=lambda name: name == "status"):
                 stored.write_chunk(self.path / name, self.arrays[name], number, columns[name])
         except OSError as error:
@@ -149,16 +157,18 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
     task : Task
     records : CampaignRecords
     block : int
-        Records in a chunk, of a new store.
+        Number of records in a chunk of a new store.
 
     Raises
     ------
     UsageError
-        The store is of another campaign.
+        The store belongs to another campaign.
     RecordError
-        It cannot be made, or is no store.
+        The store cannot be created, or the path is not a store.
     """
     names = names_of(records)
+    if path.is_file():
+        raise RecordError(f"{path}: is a file, not the store of a campaign; choose another place with -o.")
     with _readable(path):
         _recover(path)
         if not path.exists():
@@ -182,7 +192,7 @@ def store_for(path: Path, task: Task, records: CampaignRecords, block: int) -> S
 
 
 def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
-    """Return the store of a campaign as a Dataset, read when it is used.
+    """Return the store of a campaign as a Dataset that is read on access.
 
     Parameters
     ----------
@@ -196,7 +206,7 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     Raises
     ------
     RecordError
-        It is no such store.
+        The path is not such a store, or its format has another version.
     """
     place = Path(path)
     with _readable(place):
@@ -207,12 +217,17 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
 def as_dataset(path: Path) -> xr.Dataset:
     """Return a checked store as a Dataset."""
     store = xr.open_zarr(path, consolidated=False, chunks=None, mask_and_scale=False)
-    # A directory lists its arrays in any order; the printed order of dims must not depend on it.
+    # A directory lists its arrays in any order, but the printed order of dims must be fixed.
     store = store[sorted(name for name in map(str, store.data_vars) if name != CHECKSUM)]
     for array in store.variables.values():
-        # No value is missing: an uncomputed value is nan, waiting, or an empty text.
+        # No value is missing: a value that has not been computed is nan, waiting, or an empty text.
         array.attrs.pop("_FillValue", None)
     return store
+
+
+def _format_text(attrs: Mapping[str, Any]) -> str:
+    """Return the format of a store in words; stores of formats before 5 do not state it."""
+    return f"format {attrs[FORMAT]}" if FORMAT in attrs else "a format before 5"
 
 
 def _damaged(path: Path, reason: object) -> RecordError:
@@ -225,7 +240,7 @@ def _damaged(path: Path, reason: object) -> RecordError:
 def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any = None) -> None:
     """Create a store next to its final place and rename it: empty, or with the rows of a replaced one.
 
-    A kill between the two steps of that is mended by `_recover`.
+    If the process is killed between these two steps, `_recover` restores the store.
     """
     import zarr
 
@@ -244,7 +259,7 @@ def _make(path: Path, task: Task, records: CampaignRecords, block: int, old: Any
 
 
 def _recover(path: Path) -> None:
-    """Restore a store that was moved but not replaced; remove what a killed process left next to it."""
+    """Restore a store that was moved but not replaced; remove temporary files of a killed process."""
     shutil.rmtree(_near(path, "partial"), ignore_errors=True)
     taken_away = _near(path, "replaced")
     if taken_away.exists() and not path.exists():
@@ -283,22 +298,22 @@ def _fill(group: Any, task: Task, records: CampaignRecords, block: int) -> None:
         }
         attrs = {"long_name": meaning} | ({"units": units} if units else {})
         array.attrs.update(attrs | (flags if name == "status" else {}))
-    begun_with = {FINGERPRINT: fingerprint(records, task), "task": task.name}
+    begun_with = {FINGERPRINT: fingerprint(records, task), FORMAT: STORE_FORMAT, "task": task.name}
     group.attrs.update(begun_with | {"coordinates": "unit speed_degree"})
 
 
 @contextmanager
 def _readable(path: Path) -> Iterator[None]:
-    """Raise an error that says that a store is damaged or missing, if it cannot be read."""
+    """Raise an error that states that a store is damaged or missing, if it cannot be read."""
     try:
         yield
     except (SysidTribError, MemoryError):
         raise
     except OSError as error:
         raise RecordError(
-            f"{path}: cannot be made, or is no store of a campaign ({error.strerror or error}); choose "
+            f"{path}: cannot be created, or is not a store of a campaign ({error.strerror or error}); choose "
             "another with -o."
         ) from None
-    # A damaged store can raise any exception in its reader.
+    # Reading a damaged store can raise any exception.
     except Exception as error:
         raise _damaged(path, error) from None

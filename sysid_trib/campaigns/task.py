@@ -17,55 +17,55 @@ from sysid_trib._version import __version__
 from sysid_trib.campaigns import rows as stored
 from sysid_trib.discovery.discover import discover
 from sysid_trib.errors import SysidTribError, UsageError, readable
-from sysid_trib.forces.constraints import Constraints, ConstraintTable
+from sysid_trib.forces.constraints import ConstraintTable
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.offered import further_forces
-from sysid_trib.methods import Averaging, Direct, Trajectory, scope
-from sysid_trib.methods.options import constrained
+from sysid_trib.methods import Averaging, Direct, scope
+from sysid_trib.methods.options import constrained, with_random_force, with_stated
 from sysid_trib.physics.si_laws import laws_in_si
 from sysid_trib.records.free_decay import free_decays
 from sysid_trib.records.in_memory import one_record
 from sysid_trib.records.read import read_records
-from sysid_trib.records.runs import RecordLike, one_or_all
+from sysid_trib.records.runs import Decays, RecordLike, one_or_all
 from sysid_trib.results import effects, judged, variables
+from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.references import with_contactless_frequency
 from sysid_trib.results.schema import force_labels
-from sysid_trib.results.store import EFFECT_P_VALUE, PREDICTS_BEST, TIED, Status
+from sysid_trib.results.store import EFFECT_P_VALUE, JUDGED_NAMES, STORE_FORMAT, TIED, Status
 from sysid_trib.smooth_laws.bands import interpolation
 from sysid_trib.smooth_laws.laws import laws
-from sysid_trib.validation import compare, cross_check, verdict
+from sysid_trib.validation import compare
+from sysid_trib.validation.identify import identified_and_judged, identify, usual_methods
+from sysid_trib.validation.method_labels import by_unique_label
 
 Name: TypeAlias = Literal["identify", "compare", "discover", "laws"]
 Read: TypeAlias = Callable[[str], Sequence[xr.Dataset]]
-# Files, names that the task reads, or decays in memory.
+# Files, names that the task can read, or decays in memory.
 CampaignRecords: TypeAlias = Sequence[str | os.PathLike[str] | RecordLike]
 
 TASKS = get_args(Name)
-# Format of a store; another format belongs to another version.
-STORE_FORMAT = 4
-# Groups of a discovery that are identifications: the start model and the final one.
+# Groups of a discovery with identifications: the start model and the final one.
 MODELS = ("before", "after")
-# For laws: both methods, and the preferred one.
-PREFERRED = "preferred"
-LAW_LABELS = ("averaging", "direct", PREFERRED)
+# `identify` and `laws` use two of these methods, depending on the record.
+USUAL_LABELS = ("averaging", "trajectory", "direct")
 
 
 def names_of(records: CampaignRecords) -> list[str]:
-    """Return the names that records have in a store."""
+    """Return the names of records in a store."""
     return [readable(_name_of(item, at)) for at, item in enumerate(records)]
 
 
 def _name_of(record: Any, at: int) -> str:
-    """Return the name of the record at a place."""
+    """Return the name of a record by its position."""
     if isinstance(record, str | os.PathLike):
         return str(record)
     return str(getattr(record, "attrs", {}).get("source", f"record {at}"))
 
 
 def record_at(records: CampaignRecords, at: int) -> str | xr.Dataset:
-    """Return a record as `rows_of` takes it."""
+    """Return a record in the form for `rows_of`."""
     item = records[at]
     return os.fspath(item) if isinstance(item, str | os.PathLike) else one_record(item, "campaign")
 
@@ -83,28 +83,29 @@ class Task:
     ----------
     name : {"identify", "compare", "discover", "laws"}
     library : ForceLibrary, str, or what `library` takes, optional
-        The forces offered, by default those of `contact_forces`; of `discover` those of the start model, by
-        default viscous friction; of `laws` those that may be named and of which formulas are made.
+        The offered forces, by default those of `contact_forces`; for `discover` those of the start model, by
+        default viscous friction; for `laws` those that may be named and used in formulas.
     methods : mapping of str to method, optional
-        By label. Without it `identify` takes averaging and direct with a random force that is estimated, and
-        `compare` every method.
+        Methods by label. By default, `identify` uses the two methods of the command for each record
+        (`usual_methods`), and `compare` every method.
     candidates : ForceLibrary, str, or what `library` takes, optional
         Candidates of `discover`; by default those of the command.
-    judged : bool, optional
-        Cross-check the two methods of `identify`. It gives a verdict and takes longer than the methods. The
+    cross_checked : bool, optional
+        Compare the two methods of `identify` with each other, which takes longer than the methods. The
         default is True if no methods are given.
     read : callable
-        Gives the free decays of a file: runs of one experiment.
+        Function that returns the free decays of a file: runs of one experiment.
     constraints : mapping of str to float, (float, float) or str
         Fixed values, bounds and ties, as in `identify`.
     contactless : (float, float), rad/s, optional
     options : mapping
-        As the functions take them: further arguments of `cross_check`, `discover` or `laws`.
+        Further arguments of `discover` or `laws`; for `identify` without `methods`, the options
+        `reference_frequency`, `shapes` and `random_force` of its two methods.
     speeds : sequence of float
-        For `laws`: speeds at which the friction of each record is kept, in the signal's unit per second; with
-        a mass in m/s. A speed that a record does not reach has no number.
+        For `laws`: speeds at which the friction of each record is stored, in the signal's unit per second, or
+        in m/s with a mass. A speed that a record does not reach has the value nan.
     measured : mapping of str to (float, float)
-        For `laws`: inertia or mass, load, radius with their errors, as in `laws_in_si`.
+        For `laws`: inertia or mass, load and radius with their errors, as in `laws_in_si`.
 
     Raises
     ------
@@ -116,7 +117,7 @@ class Task:
     library: ForceLibrary = field(default_factory=load_library)
     methods: Mapping[str, scope.Method] = field(default_factory=dict)
     candidates: ForceLibrary | None = None
-    judged: bool | None = None
+    cross_checked: bool | None = None
     read: Read = decays_of_file
     constraints: ConstraintTable = field(default_factory=dict)
     contactless: tuple[float, float] | None = None
@@ -138,20 +139,24 @@ class Task:
             raise UsageError("The speeds of laws are numbers above 0.")
         if self.name == "discover" and self.candidates is None:
             object.__setattr__(self, "candidates", further_forces(load_library(), self.library))
-        judged = not self.methods if self.judged is None else self.judged
-        object.__setattr__(self, "judged", judged and self.name == "identify")
-        if not self.methods:
-            usual = {"averaging": Averaging(), "direct": Direct()}
-            object.__setattr__(self, "methods", compare.every_method() if self.name == "compare" else usual)
-        if self.judged and len(self.methods) != 2:
-            raise UsageError("A cross-check needs two methods; give two, or judged=False.")
+        checked = not self.methods if self.cross_checked is None else self.cross_checked
+        object.__setattr__(self, "cross_checked", checked and self.name == "identify")
+        methods = dict(self.methods)
+        if self.cross_checked and methods and len(methods) != 2:
+            raise UsageError("A cross-check needs two methods; give two, or cross_checked=False.")
+        if not methods and self.name == "compare":
+            methods = compare.every_method()
+        elif not methods and self.name == "identify" and not self.cross_checked:
+            methods = {"averaging": Averaging(), "direct": Direct()}
+        named = by_unique_label([*methods.items()], compare.RESERVED)
+        object.__setattr__(self, "methods", named)
 
     @property
     def labels(self) -> list[str]:
         """Labels of the identifications of a record."""
-        if self.name == "laws":
-            return list(LAW_LABELS)
-        return list(MODELS) if self.name == "discover" else list(self.methods)
+        if self.name == "discover":
+            return list(MODELS)
+        return list(self.methods) or list(USUAL_LABELS)
 
     @property
     def forces(self) -> ForceLibrary:
@@ -163,7 +168,7 @@ class Task:
     def quantities(self) -> dict[str, tuple[str, float]]:
         """Names of the force axis, each with its unit and the degree of a force in the rate.
 
-        Of laws it is the friction at each speed, over the inertia or in SI units, and its coefficient.
+        For laws, it is the friction at each speed, over the inertia or in SI units, and its coefficient.
         """
         if self.name != "laws":
             labels = force_labels(list(self.forces))
@@ -196,32 +201,48 @@ class Task:
             return compare.compare(
                 decays, self.library, self.methods, contactless=self.contactless, constraints=self.constraints
             )
-        methods = dict(self.methods)
-        averaging, taken = methods.get("averaging"), [decay.attrs.get("taken_as_it_is") for decay in decays]
-        if self.judged and isinstance(averaging, Averaging) and any(taken):
-            # There is no envelope to be averaged: the fit of the motion, as `identify` has.
-            names = ("reference_frequency", "shapes", "random_force")
-            trajectory = Trajectory(**{name: getattr(averaging, name) for name in names})
-            methods = {"trajectory": trajectory} | {k: m for k, m in methods.items() if m is not averaging}
-        table = Constraints(self.constraints)
-        chosen = [constrained(method, table) for method in methods.values()]
-        asked = one_or_all(list(decays)), self.library, chosen
-        if self.judged:
-            tree = cross_check.identified_and_checked(*asked, **self.options)
-        else:
-            tree = xr.DataTree.from_dict(dict(zip(methods, verdict.identifications(*asked), strict=True)))
+        runs = one_or_all(list(decays))
+        if self.cross_checked:
+            chosen = [*self.methods.values()] or self._usual_methods(runs)
+            return identify(
+                runs, self.library, chosen, constraints=self.constraints, contactless=self.contactless
+            )
+        methods = {
+            label: constrained(method, with_stated(self.constraints, self.library, method))
+            for label, method in self.methods.items()
+        }
+        tree = identified_and_judged(runs, self.library, methods, made_by="campaign")
         return tree if self.contactless is None else with_contactless_frequency(tree, *self.contactless)
+
+    def _usual_methods(self, runs: Decays) -> list[scope.Method]:
+        """Return the two methods of the command `identify` for a record, with the options of the task."""
+        options = dict(self.options)
+        random_force = options.pop("random_force", "auto")
+        return [
+            with_random_force(method, random_force) for method in usual_methods(runs, self.library, **options)
+        ]
+
+    def labels_in(self, tree: xr.DataTree) -> dict[str, str]:
+        """Return the label in a store of each identification of a result, by the name of its group."""
+        if self.cross_checked and self.methods:
+            # A cross-check names its groups by the methods.
+            return dict(zip(judged.judged_of(tree).model.values.tolist(), self.methods, strict=True))
+        return {label: label for label in self.labels}
 
 
 def empty_row(task: Task) -> stored.Row:
     """Return a row without a result: nan, and empty texts."""
     sizes = {dim: len(names) for dim, names in task.axes.items()} | {"part": stored.OUTLINE_PARTS}
-    without = set() if task.name == "discover" else stored.OF_SEARCH
+    without: set[str] = set()
+    if task.name != "discover":
+        without.update(stored.OF_SEARCH)
+    if not task.cross_checked:
+        without.update(stored.OF_CROSS_CHECK)
     return {name: stored.empty(name, sizes) for name in stored.VARIABLES if name not in without}
 
 
 def rows_of(task: Task, records: Sequence[Any]) -> list[stored.Row]:
-    """Compute the rows of some records in turn; a record that fails has its reason instead of numbers.
+    """Compute the rows of some records in turn; a failed record has the reason instead of numbers.
 
     Parameters
     ----------
@@ -242,7 +263,7 @@ def _row_of(task: Task, record: Any) -> stored.Row:
     except SysidTribError as error:
         row |= {"status": Status.REFUSED, "message": str(error)}
     except Exception as error:
-        # One bad record does not end a campaign; its error is kept with it.
+        # An invalid record does not end a campaign; its error is stored with it.
         row |= {"status": Status.FAILED, "message": f"{type(error).__name__}: {error}"}
     return row | {"seconds": perf_counter() - start}
 
@@ -261,7 +282,7 @@ def _outline(decay: xr.Dataset) -> np.ndarray:
 
 def checksum_of(record: Any) -> str:
     """Return the SHA-256 of a record's file; empty if the file cannot be read."""
-    # A pipe would be waited for.
+    # Opening a pipe would block.
     if not isinstance(record, str) or not os.path.isfile(record):
         return ""
     try:
@@ -272,33 +293,44 @@ def checksum_of(record: Any) -> str:
 
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
-    """Put the numbers of a result into the places of the store."""
-    row = {name: of for name, of in empty_row(task).items() if "model" in stored.VARIABLES[name][0]}
+    """Return the numbers of a result as a row of the store."""
+    row, labels = empty_row(task), task.labels_in(tree)
+    numbers = [
+        name
+        for name, empty in row.items()
+        if "model" in stored.VARIABLES[name][0] and name not in JUDGED_NAMES and empty.size
+    ]
+    row = {name: row[name] for name in numbers}
     axes = task.axes
-    for at, label in enumerate(task.labels):
-        # Numbers that are withheld from a record's text are not kept either.
-        if label == PREFERRED:
-            label = judged.preferred_of(tree)
-        given = label in tree.children and "covariance" in tree[label]
-        if given and not (task.judged and label in judged.failures(tree)):
-            result = tree[label].to_dataset()
-            for name in (name for name, empty in row.items() if name in result and empty.size):
-                # Forces and shape parameters that the result lacks stay nan.
-                of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
-                row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
-            if task.name == "laws":
-                row["coefficient"][at], row["standard_error"][at] = _frictions(task, result)
-    if "agreement" in tree.children and "p_value" in tree["agreement"]:
-        row |= {"p_value": float(tree["agreement"].p_value), "verdict": judged.verdict_of(tree)}
-    if task.name == "laws":
-        row |= {"verdict": f"{judged.verdict_of(tree)}, by {judged.preferred_of(tree)}"}
-    if task.name == "compare":
-        row |= {"verdict": f"{PREDICTS_BEST}{tree['comparison'].attrs['best']}"}
+    # Numbers that are not shown in the text of a record are not stored either.
+    withheld = judged.failures(tree) if task.cross_checked else {}
+    for group, label in labels.items():
+        if group not in tree.children or "covariance" not in tree[group] or group in withheld:
+            continue
+        result, at = tree[group].to_dataset(), task.labels.index(label)
+        for name in (name for name in numbers if name in result):
+            # Forces and shape parameters that are not in the result stay nan.
+            of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}
+            row[name][at] = result[name].reindex(of_store) if of_store else np.mean(result[name])
+        if task.name == "laws":
+            row["coefficient"][at], row["standard_error"][at] = _frictions(task, result)
+    row |= _judged(task, tree, labels)
+    if task.cross_checked and "p_value" in tree["agreement"]:
+        # There is no such test for driven records.
+        row["agreement_p_value"] = float(tree["agreement"].p_value)
     if task.name == "discover":
-        # For a discovery, after its verdict.
-        early = "" if tree["converged"] else " (its search ended before it had converged)"
-        row |= {"verdict": f"{tree.attrs['verdict']}{early}"} | _named(tree, task.forces.symbols)
+        row |= _of_search(tree, task.forces.symbols)
     return row
+
+
+def _judged(task: Task, tree: xr.DataTree, labels: Mapping[str, str]) -> stored.Row:
+    """Return the variables of `judged` for each model of the store, and the preferred model."""
+    table = judged.judged_of(tree)[list(JUDGED_NAMES)]
+    table = table.assign_coords(model=[labels[name] for name in table.model.values.tolist()])
+    texts = {name: "" for name, of in table.data_vars.items() if of.dtype.kind in "UO"}
+    table = table.reindex(model=task.labels, fill_value=texts)
+    values = {name: table[name].values for name in JUDGED_NAMES}
+    return values | {"preferred": labels[judged.preferred_of(tree)]}
 
 
 def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -314,13 +346,15 @@ def _frictions(task: Task, result: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(values), np.sqrt(np.concatenate(variances))
 
 
-def _named(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
-    """Return the effects that a discovery named, each with its p-value and its competing effects."""
+def _of_search(tree: xr.DataTree, symbols: Sequence[str]) -> stored.Row:
+    """Return the outcome of a search, and its effects with their p-values and competing effects."""
     steps = effects.steps_taken(tree)
     p_values = {step.symbol.item(): step.p_value.item() for step in steps}
-    # Competing effects that a store has by name, the most probable of each effect.
+    # Competing effects that are stored by name: the most probable of each effect.
     tied = [effects.tied_name(step, 10) for step in steps if effects.alternatives_of(step)]
     return {
+        SEARCH_OUTCOME: tree.attrs[SEARCH_OUTCOME],
+        "converged": bool(tree["converged"]),
         "named": ", ".join(p_values),
         TIED: "; ".join(tied),
         EFFECT_P_VALUE: np.array([p_values.get(symbol, np.nan) for symbol in symbols]),
@@ -331,14 +365,15 @@ def fingerprint(records: CampaignRecords, task: Task) -> str:
     """Return the text that identifies a campaign; further records may be added."""
     libraries = [library.to_toml() for library in (task.library, task.candidates) if library is not None]
     methods = {label: repr(method) for label, method in task.methods.items()}
-    asked: list[Any] = [task.name, task.judged, methods, repr(task.constraints), repr(task.contactless)]
+    asked: list[Any] = [task.name, task.cross_checked, methods]
+    asked += [repr(task.constraints), repr(task.contactless)]
     options = sorted((name, repr(value)) for name, value in task.options.items())
     if task.name == "laws":
         asked += [list(task.speeds), sorted(task.measured.items())]
-    # Files say themselves when they change.
+    # Changes of files are recognised separately.
     held = [item for item in records if isinstance(item, xr.Dataset)]
     in_memory = [hashlib.sha256(item["angle"].values.tobytes()).hexdigest() for item in held]
-    # The function without its address in memory.
+    # Text of the function without its address in memory.
     inner = getattr(task.read, "func", task.read)
     given = (getattr(task.read, "args", ()), getattr(task.read, "keywords", {}))
     read = f"{inner.__module__}.{inner.__qualname__} {given!r}"

@@ -1,1 +1,1 @@
-"""The commands of the command line, one a file; each imports what it needs when it runs."""
+"""The commands of the command line, one per file; each imports the modules it needs when it runs."""

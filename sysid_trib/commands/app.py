@@ -3,6 +3,7 @@
 Modules that compute are imported when a command runs.
 """
 
+import gc
 import re
 import shlex
 import sys
@@ -13,6 +14,7 @@ from importlib import import_module
 from inspect import Parameter, Signature
 from math import isfinite
 from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any
 
 import typer
@@ -38,7 +40,7 @@ def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Pa
     """Return an option as an argument for typer, under the title of its group in the help."""
     usual = {"metavar": row.get("value"), "help": row["help"], "rich_help_panel": row["title"]}
     if row.get("positional"):
-        # An unreadable value is refused where it is read.
+        # An unreadable value is refused by the code that reads it.
         read = typer.Argument(show_default=default != [], readable=False, **usual)
     else:
         flags = ("-o", "--output") if row["flag"] == "-o" else (row["flag"], *row.get("formerly", ()))
@@ -47,19 +49,19 @@ def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Pa
 
 
 RECORDS = "records"
-# Options of the next command on the same records and forces.
+# Options that the next command on the same records and forces takes over.
 TAKEN_OVER = {**rows_of(RECORDS, "model", "start", "search"), "passive": rows_of("laws")["passive"]}
 
 
 def command_after(command: str, others: Mapping[str, str | None], given: CommandOptions) -> str:
-    """Return a command with the options given before, and others replaced (`next_step.NextStep`)."""
+    """Return a command with the given options, some of them replaced (`next_step.NextStep`)."""
     known = rows_of_command(command)
     defaults = defaults_of(type(given))
     taken = {name: value for name, value in vars(given).items() if name in TAKEN_OVER}
     if taken.get("candidates") and "candidates" not in known and taken["library"] == defaults["library"]:
-        # Forces that the package ships are known to every command, one's own candidates by their file.
+        # Forces of the package are known to every command, a user's own candidates only by their file.
         taken["library"] = taken["candidates"]
-    # Values as the user wrote them. A dash at the beginning of a word would be an option.
+    # Values as the user wrote them. A word that begins with a dash would be read as an option.
     written = {Path(word): word for word in sys.argv[1:]}
     files = [written.get(file, str(file)) for file in taken.pop(RECORDS, [])]
     words = [f"./{file}" if file.startswith("-") else file for file in files]
@@ -68,7 +70,7 @@ def command_after(command: str, others: Mapping[str, str | None], given: Command
         value = taken.get(name)
         if name in taken and name in known and name.strip("_") not in others and value != defaults[name]:
             for item in value if isinstance(value, list) else [value]:
-                # A switch is its flag alone.
+                # A switch consists of its flag alone.
                 words += [row["flag"], *([] if isinstance(item, bool) else [_as_given(item)])]
     for name, value in others.items():
         if value is not None and name != RECORDS:
@@ -77,7 +79,7 @@ def command_after(command: str, others: Mapping[str, str | None], given: Command
 
 
 def _as_given(value: Any) -> str:
-    """Write the value of an option as a user would: 10000, not 10000.0."""
+    """Return the value of an option as a user would write it: 10000, not 10000.0."""
     return str(value).removesuffix(".0") if isinstance(value, float) else str(value)
 
 
@@ -143,7 +145,7 @@ def parse_number(text: str, option: str) -> float:
 
 
 class GroupedCommand(TyperCommand):
-    """A command whose help has its options under the title of their group, and its examples at the end."""
+    """A command whose help shows its options under the titles of their groups, and examples at the end."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the options, group by group."""
@@ -182,11 +184,27 @@ def _options(
     """Identify the forces of an oscillator from its free decay."""
 
 
-def _add(name: str, home: str, options: list[str], help: str, examples: list[str]) -> None:
-    """Add the command that a row of the table describes.
+def _imported(home: str) -> ModuleType:
+    """Import and return the module of a command; the garbage collector ignores all imported objects.
 
-    The function of its name in the module `home`, which is imported when it runs, takes what says how far it
-    is and what was given, and gives what prints.
+    Modules exist as long as the process. Repeated searches of them would take a fifth of the time of a short
+    command.
+    """
+    if home in sys.modules:
+        return sys.modules[home]
+    gc.disable()
+    try:
+        return import_module(home)
+    finally:
+        gc.freeze()
+        gc.enable()
+
+
+def _add(name: str, home: str, options: list[str], help: str, examples: list[str]) -> None:
+    """Add the command described by a row of the table.
+
+    The function with the name of the command in the module `home`, which is imported when it runs, is called
+    with a progress function and the given options, and returns a function that prints.
     """
     rows = rows_of_command(name)
     options_class = OPTIONS_OF[name]
@@ -197,7 +215,7 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
         given = options_class(**values)
         with terminal.working(values.get(RECORDS, ())) as tell:
             terminal.check_values(given, rows)
-            say = getattr(import_module(f"sysid_trib.commands.{home}"), name)(tell, given)
+            say = getattr(_imported(f"sysid_trib.commands.{home}"), name)(tell, given)
         say()
 
     kinds = {option.name: option.type for option in fields(options_class)}

@@ -20,12 +20,12 @@ from sysid_trib.forces.systems import load_system
 from sysid_trib.likelihood.random_force import OPTIONS, RandomForceOption
 from sysid_trib.records.inputs import named_inputs
 from sysid_trib.results.judged import main_result
-from sysid_trib.results.kinds import kind_of
+from sysid_trib.results.kinds import check_is_model
 from sysid_trib.results.random_force import DENSITY_UNITS
 
 
 def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrary:
-    """Return the requested forces, with the linear elastic one if alpha is wanted.
+    """Return the requested forces, with the linear elastic force if alpha is requested.
 
     A named force that the library lacks is taken from the libraries of the package.
     """
@@ -49,16 +49,16 @@ def offered_forces(library: str, forces: str | None, alpha: bool) -> ForceLibrar
 
 @dataclass(frozen=True)
 class AskedModel:
-    """Model to be identified, with the forces that the system always has.
+    """Model to be identified, with the fixed forces of the system.
 
     Attributes
     ----------
     library : ForceLibrary
         The forces.
     shapes : dict of str to float
-        Shape parameters that are held.
+        Fixed shape parameters.
     constraints : ConstraintTable
-        With those of the system.
+        Constraints, including those of the system.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
     reference_frequency : float or None, rad/s
         None: fitted.
@@ -75,7 +75,7 @@ class AskedModel:
 
 
 def asked_model(given: ModelOptions) -> AskedModel:
-    """Return the model to identify, with the forces that the system always has."""
+    """Return the model to identify, with the fixed forces of the system."""
     moving = load_system(given.system)
     contactless = app.parse_value_with_error(given.omega0, "--omega0")
     held = given.reference_frequency
@@ -83,7 +83,7 @@ def asked_model(given: ModelOptions) -> AskedModel:
         raise UsageError("--omega0 and --reference-frequency both define alpha: choose one.")
     offered = offered_forces(given.library, moving.with_held(given.forces), bool(contactless or held))
     if given.forces is None:
-        # An input that is named acts, as in `discover`.
+        # A named input acts on the model, as in `discover`.
         offered = with_inputs_acting(offered, driving_of(given))
     shapes = held_shapes(given.set_, offered)
     constraints = asked_constraints(given.fix, given.bound, given.tie)
@@ -120,22 +120,22 @@ def asked_constraints(fix: list[str], bound: list[str], tie: list[str]) -> Const
 def asked_search(
     given: SearchOptions, inputs: Collection[str] = ()
 ) -> tuple[ForceLibrary, ForceLibrary, dict[str, Any]]:
-    """Return start model, candidates and options of the search, as `discover` takes them.
+    """Return start model, candidates and options of the search, in the form for `discover`.
 
     Parameters
     ----------
     given : SearchOptions
-        Without forces the start model has viscous friction and inputs. Without candidates of its own it may
-        lack the library's other forces and the usual effects. What the system always has is held, what it
-        cannot have is not offered.
+        If no forces are given, the start model has viscous friction and the inputs. If no candidates are
+        given, they are the other forces of the library and the usual effects. Forces that the system always
+        has are fixed, and forces that it cannot have are not offered.
     inputs : collection of str
-        Names of what drives.
+        Names of the driving inputs.
 
     Raises
     ------
     UsageError
-        A level that is none, a time limit that leaves no time, or a candidate with the symbol of another
-        force of the model: a name would then say nothing.
+        The level is not between 0 and 1, the time limit is not positive, or a candidate has the symbol of
+        another force of the model, so that the symbol would be ambiguous.
     """
     held = given.reference_frequency
     moving = load_system(given.system)
@@ -195,9 +195,8 @@ def parse_random_force(text: str) -> RandomForceOption:
 
 def model_of_file(result: Path, tree: xr.DataTree) -> xr.Dataset:
     """Return the identification that represents a saved result; raise an error if there is none."""
+    check_is_model(tree, str(result))
     answer = main_result(tree)
-    if answer is None and kind_of(tree) == "difference":
-        raise UsageError(f"{result} is a comparison of samples, not a model; give a result of identify.")
     if answer is None:
         raise UsageError(f"{result} contains no model that follows its record; give a result of identify.")
     return answer

@@ -24,10 +24,10 @@ from sysid_trib.errors import RecordError, Tell, UsageError
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.systems import load_system
 from sysid_trib.printing.campaign import campaign_blocks, campaign_json
-from sysid_trib.results.store import counts_of, reported_method
+from sysid_trib.results.store import counts_of, reported_model
 from sysid_trib.smooth_laws.method import law_methods
 
-# Options of the task laws alone.
+# Options for the task laws only.
 OF_LAWS = ["speeds", "inertia", "mass", "load", "radius"]
 
 
@@ -73,25 +73,25 @@ def campaign(tell: Tell, given: CampaignOptions) -> Callable[[], None]:
 
 
 def decays_of(given: ModelOptions, path: str) -> Sequence[xr.Dataset]:
-    """Read the decays of a file as the options say; raise an error for a frequency that cannot be theirs."""
+    """Read the decays of a file with the given options; raise an error for an impossible frequency."""
     return read_decays(given.but(records=[Path(path)]))[0]
 
 
 def _task(given: CampaignOptions) -> task.Task:
-    """Return the task that the options ask for; raise an error for an option that it does not have."""
+    """Return the task of the options; raise an error for an option that does not belong to the task."""
     name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
-    # The reading of a file depends neither on the other files, nor on the place of its row.
+    # How a file is read depends neither on the other files nor on the position of its row.
     of_reading = {option.name: getattr(given, option.name) for option in fields(ModelOptions)}
     read = partial(decays_of, ModelOptions(**of_reading | {"records": []}))
-    # Options that the task would ignore silently.
+    # Options that the task would silently ignore.
     idle_options = {
         "discover": [*(option for option in GROUPS["model"] if option not in GROUPS["start"]), *OF_LAWS],
         "laws": [*GROUPS["search"], *(option for option in GROUPS["model"] if option not in GROUPS["laws"])],
     }.get(name, [*GROUPS["search"], *OF_LAWS])
     if idle := given.changed(idle_options):
-        raise UsageError(f"{idle[0]} is no option of --task {name}; leave it out, or give another task.")
+        raise UsageError(f"{idle[0]} is not an option of --task {name}; omit it, or give another task.")
     if name == "laws":
         return _task_of_laws(given, read)
     if name == "discover":
@@ -101,22 +101,27 @@ def _task(given: CampaignOptions) -> task.Task:
         return task.Task("discover", start, candidates=offered, read=read, options=how)
     asked = asked_model(given)
     methods = methods_asked(asked)
-    # The two methods that `identify` cross-checks.
-    wanted = ["averaging", "direct"] if name == "identify" else list(methods)
+    # Without --methods `identify` takes the two of the command for each record.
+    wanted = [] if name == "identify" else list(methods)
     if given.methods:
         wanted = [label.strip() for label in given.methods.split(",")]
     if name == "identify" and (curves := [label for label in wanted if label in law_methods()]):
         raise UsageError(f"--methods '{curves[0]}' has no coefficients: give --task laws --speeds 0.1,0.5.")
     if misspelt := [label for label in wanted if label not in methods]:
         raise UsageError(f"--methods '{misspelt[0]}' is unknown; there are {', '.join(methods)}.")
+    of_usual_methods = {
+        "reference_frequency": asked.reference_frequency,
+        "shapes": asked.shapes,
+        "random_force": asked.random_force,
+    }
     return task.Task(
         cast(task.Name, name),
         asked.library,
         {label: methods[label] for label in wanted},
-        judged=name == "identify" and not given.methods,
         read=read,
         constraints=asked.constraints,
         contactless=asked.contactless,
+        options={} if wanted else of_usual_methods,
     )
 
 
@@ -153,7 +158,7 @@ def _speeds(text: str | None) -> tuple[float, ...]:
 
 
 def _records(patterns: list[Path], conditions: Path | None) -> list[str]:
-    """Return the files, those of patterns among them; the table of conditions is no record."""
+    """Return the files, including those that match patterns; the table of conditions is not a record."""
     files: list[str] = []
     for pattern in map(str, patterns):
         those = sorted(glob(pattern)) if has_magic(pattern) and not Path(pattern).exists() else [pattern]
@@ -180,8 +185,8 @@ def _conditions(given: CampaignOptions, names: list[str]) -> Any:
 
 
 def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dataset | None:
-    """Return the variation between records by the reported identification; None if there are too few."""
-    estimates = estimates_of(store, reported_method(store))
+    """Return the variation between records for the reported identification; None if there are too few."""
+    estimates = estimates_of(store, reported_model(store))
     if min(estimates.sizes["run"], estimates.sizes["quantity"]) < 1 or estimates.sizes["run"] < 2:
         return None
     if table is None:
@@ -193,7 +198,7 @@ def _compared(store: xr.Dataset, table: Any, laboratories: str | None) -> xr.Dat
             f"--laboratories '{laboratories}': all records with a result are from one "
             f"laboratory; leave it out."
         )
-    # The work is done: look at the remaining conditions.
+    # The fits are done: collinear conditions are omitted instead of raising an error.
     conditions, collinear = without_collinear(rows.drop(columns=laboratories or []))
     if laboratories is not None:
         conditions[laboratories] = rows[laboratories]

@@ -22,7 +22,6 @@ from sysid_trib.commands.options import (
 )
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
 from sysid_trib.commands.terminal import deliver
-from sysid_trib.discovery.discover import discover as searched
 from sysid_trib.errors import DecayError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
@@ -47,7 +46,7 @@ from sysid_trib.validation.compare import compare as compared, every_method
 from sysid_trib.validation.driven import is_driven, predict
 from sysid_trib.validation.identify import identify as identified, usual_methods
 
-# The end of a refusal by `identify`.
+# End of an error message of `identify`.
 OR_FEWER = "give a longer record or fewer."
 
 
@@ -66,7 +65,7 @@ def own_names(text: str | None) -> tuple[str, ...]:
 
 
 def names_in(text: str | None) -> list[str]:
-    """Return names between commas, each once."""
+    """Return the names in a comma-separated text, without duplicates."""
     names = [name.strip() for name in (text or "").split(",")]
     return list(dict.fromkeys(filter(None, names)))
 
@@ -77,7 +76,7 @@ def _texts(given: DestinationOptions, tree: xr.DataTree) -> dict[Path | None, Ca
 
 
 def record_sentences(tree: xr.DataTree, sentences: Sequence[str]) -> list[str]:
-    """Return the sentence on each record, and on its cuts."""
+    """Return a sentence on each record and on its cuts."""
     said = []
     for sentence, group in zip(sentences, record_groups(tree), strict=True):
         said.append(sentence)
@@ -153,7 +152,7 @@ def checked_starts(word: str, *, driven: bool) -> StartsOption:
 
 @contextmanager
 def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
-    """Name in the error the force that a record too short for all forces determines."""
+    """Add to the error of a record that is too short for all forces: viscous friction alone."""
     try:
         yield
     except DecayError as error:
@@ -165,7 +164,7 @@ def _fewer_forces_named(library: ForceLibrary) -> Iterator[None]:
 
 
 def measured_given(given: SIOptions) -> dict[str, tuple[float, float]]:
-    """Return the values that give SI units, with errors; raise an error if one is missing."""
+    """Return the given quantities for SI units, with errors; raise an error if one is missing."""
     texts = {"inertia": given.inertia, "mass": given.mass, "load": given.load, "radius": given.radius}
     pairs = {name: parse_value_with_error(text, f"--{name}") for name, text in texts.items()}
     known = {name: pair for name, pair in pairs.items() if pair is not None}
@@ -200,7 +199,10 @@ def _data(tree: xr.DataTree, predicted: list[xr.Dataset]) -> dict[str, Any]:
 
 
 def discover(tell: Tell, given: DiscoverOptions) -> Callable[[], None]:
-    """Search the effects that a model lacks."""
+    """Search for the effects that a model lacks."""
+    # The other commands of this module need neither a search nor its imports.
+    from sysid_trib.discovery.discover import discover as searched
+
     driving = driving_of(given)
     is_example = not given.records and given.forces is None
     asked = given.but(forces=EXAMPLE_FORCES) if is_example else given
@@ -219,7 +221,7 @@ def discover(tell: Tell, given: DiscoverOptions) -> Callable[[], None]:
 
 
 def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dataset], list[xr.Dataset], str]:
-    """Split decays into a part to learn from and a held-out window, with its description."""
+    """Split decays into a part for identification and a held-out window, and describe the window."""
     if window is None:
         return decays, [], ""
     low, high = parse_window(window, "--holdout")
@@ -244,7 +246,7 @@ def _held_out(decays: list[xr.Dataset], window: str | None) -> tuple[list[xr.Dat
 
 
 def methods_asked(asked: AskedModel) -> dict[str, Method]:
-    """Return every method, by its label, with frequency, shapes and random force of the request."""
+    """Return every method by its label, with the given frequency, shapes and random force."""
     methods = every_method(asked.reference_frequency, asked.shapes) | law_methods()
     return {label: with_random_force(method, asked.random_force) for label, method in methods.items()}
 
@@ -268,7 +270,7 @@ def compare(tell: Tell, given: CompareOptions) -> Callable[[], None]:
     return deliver(given, tell, says, tree, _texts(given, tree))
 
 
-# Separates the records of the two samples.
+# Separator of the records of the two samples.
 AND = Path(":")
 
 
@@ -303,14 +305,14 @@ def laws_of_samples(
     asked: AskedModel,
     tell: Tell,
 ) -> dict[str, xr.Dataset]:
-    """Return the laws of both samples and their difference, with the held forces."""
+    """Return the laws of both samples and their difference, with the fixed forces of the system."""
     return laws_held_against(
         first,
         second,
         system=given.system,
         constraints=asked_constraints(given.fix, given.bound, given.tie).table,
         library=load_library(given.library),
-        # The laws find by themselves whether a random force helps.
+        # The laws determine themselves whether a random force improves the fit.
         random_force="off" if asked.random_force == "auto" else asked.random_force,
         tell=tell,
     )

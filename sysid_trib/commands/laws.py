@@ -1,4 +1,4 @@
-"""Command `laws`: friction and restoring force as curves, without a formula."""
+"""Command `laws`: friction and restoring force as curves without a formula."""
 
 from collections.abc import Callable
 from functools import partial
@@ -72,7 +72,7 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
 
 
 def _predicted(tree: xr.DataTree, given: LawsOptions, tell: Tell) -> list[xr.Dataset]:
-    """Predict the records of --test by the preferred laws."""
+    """Predict the records of --test with the preferred laws."""
     if given.test is None:
         return []
     tell("prediction")

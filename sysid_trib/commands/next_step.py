@@ -1,4 +1,4 @@
-"""Next step after a result: the command, and the reason."""
+"""The next step after a result: a command, and the reason for it."""
 
 import shlex
 from collections.abc import Mapping
@@ -20,14 +20,14 @@ from sysid_trib.results.kinds import identifications_of, kind_of
 from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.results.variables import record_groups
 
-# Placeholder for a file that the user is to measure first; its mark shows that the file does not exist.
+# Placeholder for a file that the user has to measure first; the brackets show that it does not exist.
 SECOND_RECORD = "<SECOND_RECORD.csv>"
 # Number of effects beyond `--max-effects` if further candidates are significant.
 MORE_EFFECTS = 2
 
 
 class NextStep(NamedTuple):
-    """The command that follows from a result.
+    """A command to run after a result.
 
     Attributes
     ----------
@@ -35,8 +35,8 @@ class NextStep(NamedTuple):
     reason : str
         Purpose of the command, in a few words.
     options : mapping of str to str or None
-        Options that replace those of the command that has run: a switch has an empty value, an option that
-        is left out None; `records` is one more.
+        Options that replace those of the previous command: a switch has an empty value, and None means that
+        the option is omitted; `records` is also possible.
     """
 
     command: str
@@ -44,8 +44,8 @@ class NextStep(NamedTuple):
     options: Mapping[str, str | None]
 
 
-# The order of next steps: the command that follows from each state of a result, and its purpose. An empty
-# command is an end. A chain of commands ends within four, and none is repeated.
+# Commands that follow from each state of a result, and their purpose. An empty command ends the chain. Each
+# chain ends after at most four commands and repeats none of them.
 NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     # After identify.
     "explained": ("compare", "every method, and its prediction of a held-out part"),
@@ -56,7 +56,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
         "discover",
         "amplitude and frequency are those of a pendulum under gravity",
     ),
-    # With effects that are in no usual library: a search has named them before.
+    # With effects that are in no usual library, because an earlier search named them.
     "approximate with named effects": (
         "laws",
         "friction and restoring force as curves, without choosing a form",
@@ -82,7 +82,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
 
 
 def next_step(tree: xr.DataTree) -> NextStep | None:
-    """Return the command that follows from a result; None at an end."""
+    """Return the command that follows from a result; None at the end of a chain."""
     after = {"discover": _after_discovery, "compare": _after_comparison, "laws": _after_laws}
     state, options = after.get(kind_of(tree), _after_identification)(tree)
     command, reason = NEXT_COMMANDS[state]
@@ -90,7 +90,7 @@ def next_step(tree: xr.DataTree) -> NextStep | None:
 
 
 class StateOfResult(NamedTuple):
-    """A state of `NEXT_COMMANDS`, and options of the command that follows."""
+    """A state of `NEXT_COMMANDS`, and options of the next command."""
 
     name: str
     options: Mapping[str, str | None]
@@ -112,7 +112,7 @@ def _after_identification(tree: xr.DataTree) -> StateOfResult:
 
 
 def _undetermined(result: xr.Dataset) -> StateOfResult:
-    """Return the step after a record that determines no force: fewer forces."""
+    """Return the step after a record that does not determine the forces: fewer forces."""
     viscous = [*library_of(result, whole=True).damping_factors][:1]
     if viscous and result.force.values.tolist() != viscous:
         return StateOfResult("undetermined", {"forces": viscous[0], "window": None})
@@ -133,18 +133,18 @@ def _after_comparison(tree: xr.DataTree) -> StateOfResult:
 
 
 def _largest_library(tree: xr.DataTree) -> ForceLibrary:
-    """Return the largest set of forces in a result: methods for two forces have only these."""
+    """Return the largest set of forces in a result: methods for two forces have only those."""
     return library_of(max(identifications_of(tree).values(), key=lambda result: result.sizes["force"]))
 
 
 def _search_options(library: ForceLibrary) -> dict[str, str]:
-    """Return the forces given, as options, if others are missing; sensor terms are only candidates."""
+    """Return the given forces, as options, if others are missing; sensor terms are only candidates."""
     forces = [force.symbol for force in library if force.kind != "sensor"]
     return {"forces": ",".join(forces)} if len(forces) < len(library) else {}
 
 
 def _effects_named(library: ForceLibrary) -> bool:
-    """Return true if a model has effects that only a search, or its user, can have named."""
+    """Return true if a model has effects that only an earlier search or the user can have named."""
     of_systems = (symbol for system in load_systems().values() for symbol in system.symbols)
     usual = {*load_library().symbols, *of_systems}
     return bool(set(library.symbols) & set(load_library(EFFECTS).symbols) - usual)
@@ -154,7 +154,7 @@ def _after_discovery(tree: xr.DataTree) -> StateOfResult:
     if tree.attrs.get("out_of_time"):
         return StateOfResult("out of time", {"time_limit": None})
     after, driven = tree["after"].to_dataset(), kinds.is_of_driven(tree)
-    unexplained = tree.attrs["verdict"] == "unknown effect"
+    unexplained = judged.has_unknown_effect(tree)
     if unexplained and not driven:
         return StateOfResult("unknown effect", {})
     if not effects.determines(after):
@@ -170,7 +170,7 @@ def _after_discovery(tree: xr.DataTree) -> StateOfResult:
 
 
 def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
-    """Return further commands that may follow, each with its condition; none of them is needed."""
+    """Return further, optional commands, each with its condition."""
     made = list[tuple[str, str, Mapping[str, str | None]]]()
     if kind_of(tree) == "discover":
         if tied := _tied(tree):
@@ -196,7 +196,7 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
 
 
 def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
-    """Return the scale that would correct a pendulum's frequency; empty if none is needed."""
+    """Return the scale factor that would correct a pendulum's frequency; empty if none is needed."""
     unexplained = kind_of(tree) == "cross_check" and not judged.is_explained(tree)
     groups = record_groups(tree)
     if given.system != PENDULUM or given.changed(["scale"]) or len(groups) > 1 or not unexplained:
@@ -206,9 +206,9 @@ def _scale_error(tree: xr.DataTree, given: RecordOptions) -> str:
 
 
 def _tied(tree: xr.DataTree) -> list[str]:
-    """Return an effect and its competing effects; nothing where every name is certain.
+    """Return an effect and its competing effects; nothing if every name is certain.
 
-    Nothing for a record that is no file, beside which another could be given.
+    Also nothing for a record that is not a file, because no other record could be given with it.
     """
     if not all(tree[group].attrs.get("record_checksum") for group in record_groups(tree)):
         return []
@@ -221,22 +221,22 @@ def _tied(tree: xr.DataTree) -> list[str]:
 def _swings_unexplained(tree: xr.DataTree) -> bool:
     """Return true if a model does not explain records of pendulums."""
     if kind_of(tree) == "discover":
-        unexplained = tree.attrs["verdict"] == "unknown effect"
+        unexplained = judged.has_unknown_effect(tree)
     else:
         unexplained = kind_of(tree) == "cross_check" and not judged.is_explained(tree)
     records = (tree[group].to_dataset() for group in record_groups(tree))
     return unexplained and all(pointers(record)["points_to_system"] == PENDULUM for record in records)
 
 
-# Place of a result that is to be kept.
+# Path for a result to be saved.
 KEPT = "result.nc"
 
 
 def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | None:
-    """Return the step after a driven identification, or the whole command; None if the general rule applies.
+    """Return the step after a driven identification, or the whole command; None: use the general rule.
 
-    A model that explains the record is kept, and shown once it is. A body without a restoring force is
-    searched for no further force.
+    If the model explains the record, the result is saved first and then shown. No search is suggested for a
+    body without a restoring force.
     """
     if not (_moves_freely(tree) or judged.is_explained(tree)):
         return None
@@ -255,7 +255,7 @@ def _after_driven(tree: xr.DataTree, given: RecordOptions) -> NextStep | str | N
 
 
 def _moves_freely(tree: xr.DataTree) -> bool:
-    """Return true if the body of a driven record has no restoring force, which a search needs."""
+    """Return true if the body of a driven record lacks the restoring force that a search needs."""
     result = judged.main_result(tree)
     if result is None or not kinds.is_of_driven(tree):
         return False
@@ -268,14 +268,14 @@ def _moves_freely(tree: xr.DataTree) -> bool:
 
 
 def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
-    """Keep the command that follows from a result as its attribute `next`, and others as `alternatives`.
+    """Store the next command in the attribute `next` of a result, and other commands in `alternatives`.
 
     Parameters
     ----------
     tree : DataTree
         Result of a command.
     given : RecordOptions
-        Options of the command; the next command takes over those that it knows.
+        Options of the command; the next command takes over those that it also has.
     """
     step = next_step(tree)
     if kind_of(tree) == "driven" and (after := _after_driven(tree, given)) is not None:
@@ -293,24 +293,24 @@ def keep_next(tree: xr.DataTree, given: RecordOptions) -> None:
         tree.attrs["alternatives"] = "\n".join(others)
 
 
-# Amplitudes that an identification needs for each of its forces.
+# Number of amplitudes that an identification needs for each of its forces.
 AMPLITUDES_A_FORCE = 3
 
 
 def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
-    """Return options of `identify` that the backbones indicate and all decays can determine.
+    """Return options of `identify` that follow from the backbones and that all decays can determine.
 
     Parameters
     ----------
     tree : DataTree
         Result of `look`.
     system : str or None
-        System, if the user has named it.
+        Name of the system, if the user has given it.
     """
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
     library = load_library()
     viscous = [*library.damping_factors][:1]
-    # Drag alone, or dry friction, may stay within the band: no body is without some viscous friction.
+    # Drag alone, or dry friction alone, may fit within the band, but every body has some viscous friction.
     pointed = [s for decay in decays for s in str(decay.attrs["points_to_forces"]).split(",") if s]
     if not pointed:
         suggested = [library.role(decay.attrs["damping_law"]) for decay in decays]
@@ -319,12 +319,12 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     of_record = systems.pop() if len(systems) == 1 else ""
     moving = load_system(system or of_record or None)
     if system is not None:
-        # The user names the system; use its forces, if the record determines them.
+        # The user has given the system; use its forces if the record determines them.
         pointed = [*moving.forces]
     elif of_record:
         pointed = [symbol for symbol in pointed if symbol in moving.forces]
     known = with_shipped(library, pointed)
-    # Envelope and frequency at each amplitude, for the forces and the frequency.
+    # One value of envelope and of frequency per amplitude, for the forces and the frequency.
     most = max(1, sum(decay.sizes["instant"] for decay in decays) // AMPLITUDES_A_FORCE)
     kept = [*dict.fromkeys([*viscous, *pointed])][:most]
     forces = ",".join(symbol for symbol in known.symbols if symbol in kept)
@@ -333,7 +333,7 @@ def pointed_options(tree: xr.DataTree, system: str | None) -> dict[str, str]:
     return {"forces": forces} | ({"system": of_record} if of_record else {})
 
 
-# A model does not follow the motion if its residual is more than this part of it.
+# A model does not follow the motion if its residual exceeds this fraction of it.
 FOLLOWING_PART = 0.3
 
 
@@ -343,9 +343,9 @@ def fitting_options(models: xr.Dataset, system: str | None) -> dict[str, str | N
     Parameters
     ----------
     models : Dataset
-        Of `fitting_models`.
+        Result of `fitting_models`.
     system : str or None
-        The moving body, if the user has named it.
+        Moving body, if the user has given it.
     """
     best = models.isel(model=0)
     if system is not None or not best.residual_over_motion.item() < FOLLOWING_PART:

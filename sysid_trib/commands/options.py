@@ -7,27 +7,27 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
-# Start model of the embedded example: a search then has two elastic forces to find.
+# Start model of the embedded example, from which a search can find two elastic forces.
 EXAMPLE_FORCES = "lambda,zeta,delta"
-# No oscillator is outside of this range in rad/s, Hz or s; far beyond it arithmetic overflows.
+# No oscillator is outside of this range in rad/s, Hz or s; far outside of it, arithmetic overflows.
 LEAST = 1e-9
 MOST = 1e9
 POSITIVE = (LEAST, MOST, "")
 
-# Rows of the table by the names of options, completed by their defaults.
+# Rows of the table, by the names of options, completed with defaults.
 OptionRows = Mapping[str, Mapping[str, Any]]
 
 
 @dataclass(frozen=True, kw_only=True)
 class CommandOptions:
-    """Options of a command with the values that were given."""
+    """Options of a command with their given values."""
 
     def but(self, **values: Any) -> Self:
         """Return the options with some values replaced."""
         return replace(self, **values)
 
     def changed(self, names: Iterable[str]) -> list[str]:
-        """Return the flags of the options among these that have another value than their default."""
+        """Return the flags of the given options whose values differ from their defaults."""
         rows = all_rows()
         defaults = defaults_of(type(self))
         return [rows[name]["flag"] for name in names if getattr(self, name) != defaults[name]]
@@ -67,7 +67,7 @@ class RecordOptions(ModeOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class ForcesOptions(RecordOptions):
-    """Forces that are offered, and the frequency to which their coefficients refer."""
+    """Offered forces, and the frequency to which their coefficients refer."""
 
     library: str = "contact_forces"
     forces: str | None = None
@@ -95,7 +95,7 @@ class ModelOptions(ForcesOptions, ConstraintOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class StartOptions(ForcesOptions):
-    """The start model of a search, and the part that it predicts."""
+    """The start model of a search, and the part of the record that it predicts."""
 
     holdout: str | None = None
 
@@ -285,7 +285,7 @@ class LibraryOptions(CommandOptions):
     latex: Path | None = None
 
 
-# The options of each command of the table.
+# Class of the options of each command in the table.
 OPTIONS_OF: dict[str, type[CommandOptions]] = {
     "look": LookOptions,
     "backbone": BackboneOptions,
@@ -305,7 +305,7 @@ OPTIONS_OF: dict[str, type[CommandOptions]] = {
 
 
 def defaults_of(options: type[CommandOptions]) -> dict[str, Any]:
-    """Return the defaults of the options of a class by their names; `...` of one that must be given."""
+    """Return the defaults of the options of a class by name; `...` for a required option."""
     defaults = dict[str, Any]()
     for option in fields(options):
         if option.default_factory is not MISSING:
@@ -316,19 +316,19 @@ def defaults_of(options: type[CommandOptions]) -> dict[str, Any]:
 
 
 TABLE = tomllib.loads(Path(__file__).with_name("commands.toml").read_text(encoding="utf-8"))
-# OptionRows of the commands by their names.
+# OptionRows of the commands by name.
 COMMANDS: dict[str, Any] = TABLE.pop("commands")
 
 
 def _whole(name: str, title: str, row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the row of an option, completed by its defaults."""
+    """Return the row of an option, completed with defaults."""
     whole: dict[str, Any] = {"title": title, "flag": f"--{name.replace('_', '-')}", **row}
     if whole.get("within") == "positive":
         whole["within"] = POSITIVE
     return whole | {"help": whole["help"].format(example=EXAMPLE_FORCES)}
 
 
-# OptionRows of the options by their names, in groups by theirs.
+# OptionRows of the options by name, in groups by the name of the group.
 GROUPS: dict[str, OptionRows] = {
     group: {
         name: _whole(name, rows["title"], TABLE[row][name] if isinstance(row, str) else row)
@@ -351,5 +351,5 @@ def rows_of_command(command: str) -> OptionRows:
 
 @cache
 def all_rows() -> OptionRows:
-    """Return one row of every option; an option has one flag in all commands."""
+    """Return one row for every option; an option has the same flag in all commands."""
     return rows_of(*GROUPS)

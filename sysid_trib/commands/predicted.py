@@ -13,13 +13,13 @@ from sysid_trib.commands.options import ModeOptions, PlanOptions, RecordOptions,
 from sysid_trib.commands.record_inputs import read_decays, sensors_of
 from sysid_trib.commands.terminal import deliver
 from sysid_trib.cycles.backbone import backbone
-from sysid_trib.cycles.modes import modes
 from sysid_trib.errors import RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.printing import driven, layout
 from sysid_trib.printing.modes import mode_response_blocks
 from sysid_trib.questions.modal_response import response_of_mode, usual_frequencies
 from sysid_trib.questions.next_run import plan as best_run
 from sysid_trib.questions.steady_response import forced_response
+from sysid_trib.records.mode_list import modes
 from sysid_trib.results.files import load
 from sysid_trib.results.kinds import kind_of
 from sysid_trib.validation.identify import identify
@@ -34,7 +34,7 @@ def plan(tell: Tell, given: PlanOptions) -> Callable[[], None]:
     wanted = numbers_by_name(given.want, "--want", "FORCE=ERROR, such as delta=0.0005")
     tell("reading")
     tree = load(given.records[0]) if [p.suffix for p in given.records] == [".nc"] else None
-    # A record may be netCDF too.
+    # A record may also be a netCDF file.
     if tree is None or not kind_of(tree):
         of_model = asked_model(given)
         decays, _ = read_decays(given)
@@ -72,7 +72,7 @@ def _result(given: ResponseOptions) -> xr.DataTree:
 
 
 def _modes_in(given: ResponseOptions) -> str:
-    """Describe the modes in a file, and the option that takes one; empty if it is no such record."""
+    """Describe the modes in a file, and the option that selects one; empty if it is not such a record."""
     try:
         listed = modes(sensors_of(_as_record(given), given.result))
     except SysidTribError:

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,8 +26,8 @@ from sysid_trib.forces.systems import load_system
 from sysid_trib.records import modes
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.free_decay import free_decays
-from sysid_trib.records.free_motion_checks import AS_IT_IS
 from sysid_trib.records.half_sines import envelope
+from sysid_trib.records.no_decay import NoDecayError
 from sysid_trib.records.one_mode import one_mode
 from sysid_trib.records.read import read_records
 from sysid_trib.records.reading import Reading
@@ -49,7 +50,7 @@ class RunsOfFile(NamedTuple):
 
 
 def what_else(path: Path) -> str:
-    """Describe a file of this package that is not a record, and how to show it; else empty.
+    """Describe a file of this package that is not a record, and how to show it; otherwise empty.
 
     Parameters
     ----------
@@ -58,7 +59,7 @@ def what_else(path: Path) -> str:
     """
     name, page = path.name, f"{path.stem}.html"
     if path.is_dir():
-        # Files of either version of Zarr.
+        # Files in either version of Zarr.
         store = any((path / file).is_file() for file in ("zarr.json", ".zgroup"))
         said = f"{name}: this is the store of a campaign, no record; its page {page} shows it."
         return said if store else ""
@@ -80,8 +81,8 @@ def what_else(path: Path) -> str:
 
 
 def _is_printed(path: Path) -> bool:
-    """Return true if a file is the JSON that a command printed."""
-    # Bytes; the output of a command with --json is far smaller.
+    """Return true if a file is the JSON output of a command."""
+    # Size in bytes; the JSON output of a command is far smaller.
     if path.stat().st_size > 2**24:
         return False
     try:
@@ -92,7 +93,7 @@ def _is_printed(path: Path) -> bool:
 
 
 def _maker_of(path: Path) -> str:
-    """Return the command or method that wrote a result; empty if it is no result."""
+    """Return the command or method that wrote a result; empty if the file is not a result."""
     try:
         tree = load(path)
     except SysidTribError:
@@ -102,12 +103,13 @@ def _maker_of(path: Path) -> str:
     return (words[1] if len(words) > 1 else str(methods[0])) if methods else ""
 
 
-# Options that say how a record is to be read.
+# Options for reading a record.
 READING = ("time", "angle", "signal", "units", "sampling_rate", "time_units", "length", "distance")
 OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
-# Hz and rad/s differ by more; a contact of 24 times the stiffness of the oscillator does not.
+# Largest ratio of frequencies. Hz and rad/s differ by more; w_inf and omega0 differ by less, even if the
+# contact is 24 times as stiff as the oscillator.
 MOST_RATIO = 5.0
-# Advice if the option is left out.
+# What to do if the frequency of an option is far from that of the record.
 INSTEAD = {
     OMEGA0: "correct it, or leave it out and compute alpha = (w_inf / omega0)^2 - 1 from w_inf of the result",
     REFERENCE: "correct it, or leave it out: w is then fitted",
@@ -122,19 +124,19 @@ def read_decays(
     Parameters
     ----------
     given : RecordOptions
-        The files, none for the embedded example, and how to read them. Frequencies of a model are refused
-        where they cannot be the records'.
+        The files and how to read them; without files, the embedded example. Frequencies of a model are
+        refused if they are impossible for the records.
     as_it_is : bool
-        As in `free_decays`; so it is too where the forces of the model are named.
+        As in `free_decays`; also true if the forces of the model are given.
     driven : bool
-        Whether inputs are taken.
+        True if inputs are used.
 
     Returns
     -------
     decays : list of xr.Dataset
-        The decays: those of a file that holds several are runs as well.
+        The decays; several decays of one file are separate runs.
     sentences : list of str
-        Descriptions of them.
+        Descriptions of the decays.
     """
     named = isinstance(given, ForcesOptions) and bool(given.forces)
     sources = read_sources(given, driven=driven)
@@ -142,7 +144,7 @@ def read_decays(
     for source in sources:
         record, runs, _ = source
         checksum = str(runs[0].attrs.get("record_checksum"))
-        # Its noise would count as if it were another's.
+        # The noise of a record given twice would count as independent.
         if checksum in sums:
             raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
         sums.append(checksum)
@@ -158,7 +160,7 @@ def read_decays(
 
 
 def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFile]:
-    """Read the runs of each file uncut, and describe them."""
+    """Read the runs of each file without cuts, and describe them."""
     if given.constant and not driven:
         raise UsageError(
             "--constant is for records of identify, laws, discover, compare and difference; leave it out of "
@@ -195,14 +197,14 @@ def calibration_of(given: RecordOptions) -> tuple[float, float]:
 
 
 def constants_of_records(given: RecordOptions) -> list[dict[str, str | float]]:
-    """Return the known constants of each record by their names.
+    """Return the known constants of each record by name.
 
     `--constant` is `kp=100`, `kp=100,400`, `kp=COLUMN` or `kp=TABLE.csv:kp`.
 
     Raises
     ------
     UsageError
-        A list has another length than the records, or a table has no row for one of them.
+        The number of values differs from the number of records, or a table has no row for a record.
     """
     form = "of the form kp=100, kp=COLUMN or kp=TABLE.csv:COLUMN"
     texts = texts_by_name(given.constant, "--constant", form)
@@ -221,7 +223,7 @@ def constants_of_records(given: RecordOptions) -> list[dict[str, str | float]]:
 
 
 def _constants(name: str, text: str, records: Sequence[str]) -> list[str | float]:
-    """Return the values of a constant, or the name of a column of each record."""
+    """Return the values of a constant, or the name of a column, for each record."""
     file, colon, column = text.rpartition(":")
     if colon and file:
         table = read_conditions(Path(file), records)
@@ -274,7 +276,7 @@ def _read(given: RecordOptions, record: Path | None, constants: Mapping[str, str
 
 
 def _several_modes(given: RecordOptions, run: xr.Dataset) -> str:
-    """List the modes in a run of accelerometers; empty for a single mode, or for one taken from others."""
+    """List the modes in a run of accelerometers; empty if there is one mode, or if one was selected."""
     if band_or_mode(given) or given.input_ is not None or int(run.attrs.get("integrations", 0)) != 2:
         return ""
     measured = run[str(run.attrs["measured"])]
@@ -283,7 +285,7 @@ def _several_modes(given: RecordOptions, run: xr.Dataset) -> str:
 
 
 def band_or_mode(given: RecordOptions) -> bool:
-    """Return true if one mode of a record is asked for, by its number or by a band."""
+    """Return true if one mode of a record is requested, by number or by a frequency band."""
     if given.mode is not None and given.band is not None:
         raise UsageError("--mode and --band both name a mode; give one.")
     wanted = given.mode is not None or given.band is not None
@@ -299,7 +301,7 @@ def sensors_of(given: RecordOptions, record: Path) -> xr.Dataset:
 
 
 def _mode_of(given: RecordOptions, record: Path) -> xr.Dataset:
-    """Return the record of the mode that is asked for."""
+    """Return the record of the requested mode."""
     sensors = sensors_of(given, record)
     if given.band is None:
         return one_mode(sensors, given.mode)
@@ -307,7 +309,7 @@ def _mode_of(given: RecordOptions, record: Path) -> xr.Dataset:
 
 
 def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
-    """Return a record with its signal multiplied."""
+    """Return a record with its signal multiplied by a factor."""
     names = [name for name in ("angle", MEASURED) if name in record and factor != 1.0]
     return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
@@ -324,17 +326,18 @@ def _decays(given: RecordOptions, record: xr.Dataset, *, as_it_is: bool = False)
     how = {"keep_outliers": given.keep_outliers, "as_it_is": as_it_is}
     try:
         return free_decays(record, window=limits, equilibrium=centre, **how)
-    except DecayError as error:
-        if AS_IT_IS not in str(error):
+    except NoDecayError as error:
+        if not error.reason.uncut:
             raise
-        message = str(error)
-    raise DecayError(message.replace(f", or {AS_IT_IS}", _as_it_is(given, record, limits, centre)))
+        refusal = error
+    reason = replace(refusal.reason, uncut=_as_it_is(given, record, limits, centre))
+    raise NoDecayError(refusal.source, reason)
 
 
 def _as_it_is(
     given: RecordOptions, record: xr.Dataset, limits: tuple[float | None, float | None], centre: float | str
 ) -> str:
-    """Describe how to take a record that is no decay as it is; empty if it is too short."""
+    """Describe how to use a record without cuts if it is not a decay; empty if it is too short."""
     try:
         for decay in free_decays(record, window=limits, equilibrium=centre, as_it_is=True):
             envelope(decay)
@@ -342,13 +345,13 @@ def _as_it_is(
         return ""
     viscous = next(iter(load_library().damping_factors))
     if isinstance(given, ForcesOptions):
-        return f", or name the forces that act, such as --forces {viscous}, to use it uncut"
-    # This command has no such option: another one takes the record.
-    return f", or use it uncut with {command_after('identify', {'forces': viscous}, given)}"
+        return f"name the forces that act, such as --forces {viscous}, to use it uncut"
+    # This command lacks the option, so another command is suggested.
+    return f"use it uncut with {command_after('identify', {'forces': viscous}, given)}"
 
 
 def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> None:
-    """Raise an error for a frequency that is the record's own in Hz, or more than a factor of five off."""
+    """Raise an error for a frequency that is the record's own in Hz, or differs by a factor above five."""
     given_ones = dict[str, float]()
     if isinstance(given, ForcesOptions) and given.reference_frequency is not None:
         given_ones[REFERENCE] = given.reference_frequency
@@ -362,7 +365,7 @@ def _check_frequencies(decays: Sequence[xr.Dataset], given: RecordOptions) -> No
             swing = swing_frequency(decay)
         for flag, frequency in given_ones.items():
             in_hertz, said = swing / (2.0 * np.pi), ""
-            # A frequency within this part of the record's own in Hz is meant in Hz.
+            # A frequency within 30 % of the record's frequency in Hz is assumed to be in Hz.
             if abs(frequency / in_hertz - 1.0) < 0.3:
                 said = f"which is {in_hertz:.4g} Hz; give it in rad/s"
             elif frequency > MOST_RATIO * swing:

@@ -29,7 +29,6 @@ from sysid_trib.commands.record_inputs import (
 from sysid_trib.commands.terminal import check_output, deliver, print_table, print_written
 from sysid_trib.cycles.backbone import backbone as curves_of
 from sysid_trib.cycles.look import look as facts
-from sysid_trib.cycles.modes import modes as modes_of
 from sysid_trib.cycles.signatures import signatures_of
 from sysid_trib.errors import DecayError, RecordError, SysidTribError, Tell, UsageError
 from sysid_trib.forces.force import ForceLibrary
@@ -38,6 +37,7 @@ from sysid_trib.forces.selection import with_shipped
 from sysid_trib.printing import code, exported, looked, parameters
 from sysid_trib.printing.modes import modes_blocks, modes_json
 from sysid_trib.records.inputs import inputs_of
+from sysid_trib.records.mode_list import modes as modes_of
 from sysid_trib.records.modes import modes as mode_frequencies
 from sysid_trib.records.sensors import ClippedError
 from sysid_trib.results.files import load, save, write_file
@@ -77,7 +77,7 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
     except DecayError as error:
         if with_drive is not None:
             return _look_at_driven(tell, with_drive)
-        # The sentences on what was read help to find the cause.
+        # The sentences on the reading of the files help to find the cause.
         return partial(_refuse, [] if given.as_json else sentences, error)
     if with_drive is not None and _is_driven_within(with_drive, decays):
         return _look_at_driven(tell, with_drive)
@@ -88,7 +88,7 @@ def look(tell: Tell, given: LookOptions) -> Callable[[], None]:
 
 
 def _listed_modes(given: LookOptions) -> xr.Dataset | None:
-    """Return the modes in a record of accelerometers; None for any other file, or if there is one mode."""
+    """Return the modes in a record of accelerometers; None for any other file, or for a single mode."""
     if len(given.records) != 1 or band_or_mode(given) or given.decay is not None:
         return None
     try:
@@ -104,12 +104,12 @@ def _listed_modes(given: LookOptions) -> xr.Dataset | None:
             raise
         return None
     except SysidTribError:
-        # The usual reading reports the fault of the file.
+        # The usual reading of the file reports its error.
         return None
 
 
 def _look_at_modes(tell: Tell, given: LookOptions, listed: xr.Dataset) -> Callable[[], None]:
-    """Show the modes in a record, and the command that takes one of them."""
+    """Show the modes in a record, and the command that selects one of them."""
     tell("modes")
     names = ", ".join(str(name) for name in listed.sensor.values)
     attrs = listed.attrs
@@ -122,7 +122,7 @@ def _look_at_modes(tell: Tell, given: LookOptions, listed: xr.Dataset) -> Callab
 
 
 def _with_its_drive(given: LookOptions, records: list[xr.Dataset]) -> LookOptions | None:
-    """Return the options with the columns of signal and drive named; None if no column drives."""
+    """Return the options with the columns of signal and drive; None if no column is a drive."""
     acting = list(records[0].attrs.get("drives", ()))
     if not acting or len(records) > 1:
         return None
@@ -130,14 +130,14 @@ def _with_its_drive(given: LookOptions, records: list[xr.Dataset]) -> LookOption
     return given.but(angle=angle, input_=acting[0])
 
 
-# A drive that changes within a decay by less than this part of its range is switched off there.
+# A drive that changes within a decay by less than this fraction of its range is switched off there.
 STILL = 0.02
-# Part of a force's correlation with the signal from which it is the reaction of a spring, measured with it.
+# From this correlation with the signal, a force is the reaction of a spring, measured together with it.
 REACTION = 0.9
 
 
 def _is_driven_within(given: LookOptions, decays: list[xr.Dataset]) -> bool:
-    """Return true if a drive acts within the parts taken for decays."""
+    """Return true if a drive acts within the parts used as decays."""
     try:
         (_, (record, *_), _), *_ = read_sources(given, driven=True)
     except SysidTribError:
@@ -172,7 +172,7 @@ def _look_at_driven(tell: Tell, given: LookOptions) -> Callable[[], None]:
 
 
 def _refuse(sentences: list[str], error: DecayError) -> None:
-    """Print the sentences on what was read, each once, and raise the error."""
+    """Print the sentences on the reading of the files, without duplicates, and raise the error."""
     for sentence in dict.fromkeys(sentences):
         print(sentence)
     raise error
@@ -283,7 +283,7 @@ def _simulated(model: Model, motion: SimulateOptions) -> xr.Dataset:
 
 
 def write_record(record: xr.Dataset, target: Path) -> None:
-    """Write a record as CSV (`time (s)`, `angle (rad)`) or netCDF, by the file's ending."""
+    """Write a record as CSV (`time (s)`, `angle (rad)`) or netCDF, according to the extension of the file."""
     if target.suffix.lower() == ".csv":
         table = record.angle.to_dataframe()[["angle"]].rename(columns={"angle": "angle (rad)"})
         write_file(target, table.to_csv(index_label="time (s)").encode())

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 def print_table(table: "Table") -> None:
-    """Print a table whole."""
+    """Print a table without truncation."""
     from sysid_trib.printing.written import write_table
 
     write_table(table)
@@ -41,7 +41,7 @@ def print_blocks(
     ends: Iterable[str] = (),
     written: Iterable[Path | None] = (),
 ) -> None:
-    """Print the blocks of a layer (see `write_blocks`), then the files that were written."""
+    """Print the blocks of a layer (see `write_blocks`), then the names of the written files."""
     from sysid_trib.printing.written import write_blocks
 
     write_blocks(blocks, layer, ends)
@@ -49,7 +49,7 @@ def print_blocks(
 
 
 def print_written(*places: Path | None) -> None:
-    """Print the files and folders that were written."""
+    """Print the names of written files and folders."""
     for place in places:
         if place is not None:
             print(f"Written: {place}")
@@ -68,7 +68,7 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
         try:
             yield tell
         except DecayError as error:
-            # A method knows only numbers. A colon separates two samples.
+            # A method knows its records only by their numbers. A colon separates two samples.
             said = str(error)
             names = [record.name for record in records if record.name != ":"]
             if not names or any(name in said for name in names):
@@ -79,26 +79,27 @@ def working(records: Sequence[Path] = ()) -> Iterator[Tell]:
 
 @contextmanager
 def progress() -> Iterator[Tell]:
-    """Show progress on stderr, removed at the end; nothing where no terminal is.
+    """Show progress on stderr, and remove it at the end; nothing if stderr is not a terminal.
 
-    To import what computes takes longer than a reader likes to see nothing: a command begins with this.
+    The import of computing modules takes noticeable time, so a command starts with this.
 
     Yields
     ------
     Tell
-        Takes the name of what begins; where the part of it that is done is known, the time left is shown.
+        Function that is given the name of the next activity; if its completed fraction is known, the
+        remaining time is shown.
     """
     from rich import progress as bar
     from rich.console import Console
 
     console = Console(stderr=True, markup=False)
     if not console.is_terminal:
-        # A Progress that is disabled ends with an empty line in older releases.
+        # In older releases, a disabled Progress ends with an empty line.
         yield silent
         return
     times = bar.TaskProgressColumn(), bar.TimeRemainingColumn(), bar.TimeElapsedColumn()
     columns = bar.SpinnerColumn(), bar.TextColumn("{task.description}", markup=False), *times
-    # Estimate the speed from the whole time since an activity began, however seldom it reports.
+    # Speed is estimated from the whole time since the start of an activity, even if reports are rare.
     with bar.Progress(*columns, console=console, transient=True, speed_estimate_period=1e9) as shown:
         task = shown.add_task("start", total=None)
         shown.refresh()
@@ -106,7 +107,7 @@ def progress() -> Iterator[Tell]:
         def tell(activity: str, done: float | None = None) -> None:
             nonlocal task
             if done is None or done < shown.tasks[0].completed:
-                # Something else begins.
+                # Another activity starts.
                 shown.remove_task(task)
                 task = shown.add_task(activity, total=None)
             total = None if done is None else 1.0
@@ -119,10 +120,10 @@ def progress() -> Iterator[Tell]:
 def one_thread() -> Iterator[None]:
     """Run linear algebra in one thread, and restore the number of threads afterwards.
 
-    Tables are tall and narrow: threads of BLAS wait for each other longer than they compute, a third of the
-    time of a long record.
+    The arrays are tall and narrow: threads of BLAS wait for each other longer than they compute, which costs
+    a third of the time for a long record.
     """
-    # Only libraries that are loaded can be limited: that of numpy, and one of scipy's own.
+    # Only loaded libraries can be limited: that of numpy, and a separate one of scipy.
     import scipy.linalg  # noqa: F401
     from threadpoolctl import threadpool_limits
 
@@ -131,25 +132,25 @@ def one_thread() -> Iterator[None]:
 
 
 def command_line() -> str:
-    """Return the running command in the form in which it can be given again."""
+    """Return the running command in a form in which it can be given again."""
     return readable(shlex.join(["sysid-trib", *sys.argv[1:]]))
 
 
-# mm.
+# One inch in mm.
 INCH = 25.4
-# Options that name the inputs of a command.
+# Options that name input files of a command.
 READ = ("result", "test", "library", "candidates", "system")
 
 
 def check_values(given: CommandOptions, rows: OptionRows) -> None:
-    """Raise an error, before the work is done, for a number out of range or a place that cannot be written.
+    """Raise an error, before any computation, for a number out of range or a path that cannot be written.
 
     Raises
     ------
     UsageError
-        A number out of its range, a file of another ending, or options that exclude each other.
+        A number is out of its range, a file has another extension, or options exclude each other.
     RecordError
-        A place that cannot be written, or the result would replace what is read.
+        A path cannot be written, or the result would replace an input file.
     """
     if isinstance(given, DestinationOptions) and given.explain and given.quiet:
         raise UsageError("--explain prints more and --quiet prints less: choose one.")
@@ -169,7 +170,7 @@ def check_values(given: CommandOptions, rows: OptionRows) -> None:
 
 
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = (), flag: str = "-o") -> None:
-    """Raise an error, before the work is done, for a file that cannot be written."""
+    """Raise an error, before any computation, for a file that cannot be written."""
     if target is None:
         return
     if target.is_dir():
@@ -187,7 +188,7 @@ def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = ()
 
 
 def check_folder(folder: Path | None) -> None:
-    """Raise an error for a folder of figures that is a file, or lies in one."""
+    """Raise an error for a folder of figures that is a file, or that is inside a file."""
     if folder is None:
         return
     there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
@@ -210,22 +211,22 @@ def deliver(
     Parameters
     ----------
     given : ShownOptions
-        Where it goes.
+        Options for the output.
     tell : Tell
-        Called with what begins.
+        Function that is given the name of each activity.
     says : pair of callable
-        Printed blocks, in layers, and the JSON.
+        Functions that return the printed blocks, in layers, and the JSON.
     tree : DataTree
-        Contents of a netCDF file, with the command that made it.
+        Contents of the netCDF file, with the command that made it.
     texts : mapping of Path to callable, optional
-        Contents of text files; None as a place is no file.
+        Contents of text files, by path; a path of None is not written.
     kind : str
-        Figures of which kind are drawn, where that of the result does not say it.
+        Kind of the figures, if it does not follow from the result.
 
     Returns
     -------
     callable
-        Prints it.
+        Function that prints the result.
     """
     from sysid_trib.results.files import save, write_file
 
@@ -264,7 +265,7 @@ def print_json(data: Mapping[str, Any]) -> None:
 
 
 def _draw(tree: "xr.DataTree", kind: str, folder: Path, width: float, tell: Tell) -> None:
-    """Write the figures of a result, of a width in inches."""
+    """Write the figures of a result with a width in inches."""
     tell("figures")
     from sysid_trib.plots.figure import figures_of
     from sysid_trib.results.files import write_figure

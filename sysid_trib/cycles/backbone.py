@@ -19,12 +19,12 @@ from sysid_trib.records.runs import RecordLike
 from sysid_trib.results.variables import CONFIDENCE
 
 WHOLE_TURN = 2.0 * np.pi
-# A period from extremum to extremum, on the mean of both sides: where the zero wanders, one falls more and
-# the other less. Few half periods leave one side.
+# A period extends from extremum to extremum, averaged over both sides: a moving zero makes one side fall
+# faster and the other more slowly. With few half periods only one side is used.
 BOTH_SIDES, ONE_SIDE = (0.5, 0.5, -0.5, -0.5), (1.0, 0.0, -1.0)
 LEAST_RELATIVE_NOISE = 1e-10
 # Second-order effect of damping on the frequency of a free decay, and of whole periods on the damping ratio:
-# up to this multiple of its square. Averages do not resolve it.
+# up to this multiple of the damping ratio squared. First-order averages do not contain it.
 SECOND_ORDER = {"damping_ratio": 2.0, "frequency": 1.0}
 
 
@@ -43,9 +43,10 @@ def period_rows(
     Parameters
     ----------
     measured : Dataset
-        Result of `envelope`; four half periods at least.
+        Result of `envelope` with at least four half periods.
     slopes : mapping of str to (row,) array, optional
-        Derivatives of both curves by the log amplitude: an amplitude that is off moves a row along its curve.
+        Derivatives of both curves by the log amplitude: an error of the amplitude shifts a row along its
+        curve.
 
     Returns
     -------
@@ -55,7 +56,7 @@ def period_rows(
         ``damping_ratio``, the logarithmic decrement over 2 pi, and ``frequency`` (rad/s).
     """
     b, t = measured.extremum.values, measured.extremum_time.values
-    # The first and last half-sine take their frequency from their neighbours: they are left out if there are
+    # The first and last half-sine take their frequency from their neighbours. Leave them out if there are
     # enough others.
     ends = 1 if len(b) >= 9 else 0
     change = np.array(BOTH_SIDES if ends else ONE_SIDE)
@@ -65,7 +66,7 @@ def period_rows(
         for weights in (change, np.abs(change) / 2.0, np.append(0.0, np.cumsum(change[::-1])[-2::-1]))
     )
     damping, frequency = fall @ np.log(b) / WHOLE_TURN, -WHOLE_TURN / (fall @ t)
-    # The scatter of the extrema is estimated here: their errors are only those of the samples' white noise.
+    # The scatter of the extrema is estimated here, so use only their errors due to the samples' white noise.
     relative = _errors(measured, "extremum", "scatter_of_extrema") / b
     late = _errors(measured, "extremum_time", "scatter_of_times")
     lasting, passing = half_sines.half_period_responses(measured)
@@ -85,13 +86,13 @@ def period_rows(
 
 
 def _sliding(weights: Array, count: int, ends: int) -> sp.csr_matrix:
-    """Return sums of neighbouring extrema with weights, (row, extremum), without `ends` rows at each end."""
+    """Return weighted sums of neighbouring extrema, (row, extremum), without `ends` rows at each end."""
     rows = count - len(weights) + 1 - 2 * ends
     return sum(w * sp.eye(rows, count, k=ends + at, format="csr") for at, w in enumerate(weights))
 
 
 def _errors(measured: xr.Dataset, name: str, scatter: str) -> Array:
-    """Return the standard errors by the white noise of the samples, not below rounding."""
+    """Return the standard errors due to the white noise of the samples, at least rounding."""
     error = measured[f"{name}_standard_error"].values / measured.attrs.get(scatter, 1.0)
     b = measured.extremum.values
     size = b if name == "extremum" else 1.0 / measured.frequency.values.max()
@@ -100,10 +101,11 @@ def _errors(measured: xr.Dataset, name: str, scatter: str) -> Array:
 
 CURVES = {"frequency": ("angular frequency", "rad/s"), "damping_ratio": ("damping ratio", "1")}
 CURVE_POINTS, FEWEST_HALF_PERIODS = 80, 5
-# Rounds after the first: with the bends and the slopes of the one before.
+# Number of rounds after the first; each uses the bends and slopes of the round before.
 ROUNDS = 2
 QUANTILES, FINE = 17, 801
-# Extrema of both sides together: this removes the difference between the sides, and nothing of a parabola.
+# Weights of extrema on both sides: they remove the difference between the sides and keep a parabola
+# unchanged.
 LEVEL_WEIGHTS = np.array([-1.0, 4.0, 10.0, 4.0, -1.0]) / 16.0
 
 
@@ -119,25 +121,27 @@ def backbone(decay: RecordLike) -> xr.Dataset:
     -------
     Dataset
         Over ``amplitude`` (in the unit of the decay, increasing): ``frequency`` (rad/s), ``damping_ratio``,
-        and the forces averaged over a cycle, in its unit: ``dissipative_force`` = damping ratio *
-        amplitude, ``elastic_force`` = (frequency/``smallest_amplitude_frequency`` - 1) * amplitude. Over
-        ``time``: ``amplitude_over_time``. Each with its ``..._standard_error``, and ``..._low`` and
-        ``..._high``, the ends of a band that holds the whole curve in 95 % of records. Over ``period`` the
-        single ones: ``period_amplitude``, ``period_frequency``, ``period_damping_ratio``.
+        and the forces averaged over a cycle, in the unit of the decay: ``dissipative_force`` =
+        damping ratio * amplitude, ``elastic_force`` = (frequency/``smallest_amplitude_frequency`` - 1) *
+        amplitude. Over ``time``: ``amplitude_over_time``. Each has a ``..._standard_error``, and ``..._low``
+        and ``..._high``, the ends of a band that contains the whole curve in 95 % of records. Over
+        ``period``, the values of single periods: ``period_amplitude``, ``period_frequency``,
+        ``period_damping_ratio``.
 
     Raises
     ------
     DecayError
-        Fewer than five whole half periods.
+        The decay has fewer than five whole half periods.
 
     Notes
     -----
     For the period about each half period, between extrema of half-sines (see `envelope`), the values are the
     logarithmic decrement over 2 pi and 2 pi over the duration, at the geometric mean of both extrema. Even
-    forces, the sensor's zero and its harmonics do not change them to first order. The noise is that of the
-    sensor and a random walk of amplitude and phase, as a white random force makes it, each of a size that
-    restricted likelihood weighs (see `smooth_curve`). Averages leave open, and bands hold, what damping does
-    in second order: the damping ratio squared of the frequency, twice that of the damping ratio.
+    forces, the sensor's zero and its harmonics do not change these values to first order. The noise is that
+    of the sensor plus a random walk of amplitude and phase, as a white random force causes it; restricted
+    likelihood estimates the size of each (see `smooth_curve`). The bands include the second-order effect of
+    damping, which first-order averages neglect: relative to the frequency the damping ratio squared, and
+    relative to the damping ratio twice its square.
     """
     return smoothed_backbone(records.one_record(decay, "backbone")).curves
 
@@ -145,9 +149,8 @@ def backbone(decay: RecordLike) -> xr.Dataset:
 def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
     """Return the `backbone` of a decay, and the weights of its periods in it.
 
-    For a signal integrated from one with white noise (`one_mode`), fit the curves to the measured signal,
-    because integration colours the noise. The frequency then converts its amplitudes to those of the
-    displacement.
+    If the signal was integrated (`one_mode`), integration has coloured its noise. Then the curves are fitted
+    to the measured signal, and the frequency converts its amplitudes to those of the displacement.
     """
     integrations = int(decay.attrs["integrations"]) if decay.attrs.get(signal.NOISE_IS_WHITE_IN) else 0
     measured = half_sines.envelope(_as_measured(decay) if integrations else decay)
@@ -190,7 +193,7 @@ def smoothed_backbone(decay: xr.Dataset) -> Smoothed:
 
 
 def _as_measured(decay: xr.Dataset) -> xr.Dataset:
-    """Return the decay of the measured signal, in its own unit."""
+    """Return the decay of the measured signal, in the unit of that signal."""
     measured = decay["measured"]
     angle = ("time", measured.values, dict(measured.attrs))
     return xr.Dataset(
@@ -205,9 +208,9 @@ class _Integrated:
     Attributes
     ----------
     log_amplitude, frequency : (amplitude,) array of float
-        Of the measured signal, and in rad/s.
+        Log amplitude of the measured signal, and frequency in rad/s.
     integrations : int
-        0 leaves everything as it is.
+        Number of integrations; 0 changes nothing.
     """
 
     log_amplitude: Array
@@ -231,7 +234,7 @@ class _Integrated:
 
 
 def left_open(name: str, value: Array, damping_ratio: Array) -> Array:
-    """Return the second-order error of averaging of a curve, from the damping."""
+    """Return the second-order error of averaging of a curve, from the damping ratio."""
     return np.asarray(SECOND_ORDER[name] * np.abs(damping_ratio) ** 2 * np.abs(value))
 
 
@@ -243,7 +246,8 @@ def half_width(backbone: xr.Dataset, name: str) -> Array:
 def _coordinate(u: Array) -> tuple[Array, Array]:
     """Return the positions of log amplitudes from 0 to 1, and the log amplitudes of evenly spaced points.
 
-    Half by the log amplitude, half by the number of periods below it: fine where the record is.
+    Half by the log amplitude, half by the number of periods below it: the grid is fine where the record has
+    periods.
     """
     part = np.linspace(0.0, 1.0, QUANTILES)
     low, width = u.min(), max(float(np.ptp(u)), 1e-9)
@@ -277,7 +281,7 @@ def _over_amplitude(curves: Mapping[str, SmoothCurve], amplitude: Array, unit: s
 
 
 def _over_time(measured: xr.Dataset, noise: float, unit: str, integrated: _Integrated) -> Variables:
-    """Return the amplitude at the extrema without two at either end; noise relative to their errors."""
+    """Return the amplitude at the extrema without two at either end; `noise` scales their errors."""
     log_b = np.log(measured.extremum.values)
     relative = measured.extremum_standard_error.values / measured.extremum.values
     relative = relative / measured.attrs["scatter_of_extrema"] * noise

@@ -15,14 +15,15 @@ from sysid_trib.records.runs import RecordsLike
 from sysid_trib.results.variables import Variables, group_names, variable
 
 PENDULUM = "pendulum"
-# Points of a spectrum that are kept: it is drawn, not computed with.
+# Largest number of points of a stored spectrum, which is only drawn.
 SPECTRUM_POINTS = 2000
 FEWEST_INSTANTS, FEWEST_FOR_DRIFT, DRIFT_ERRORS = 5, 12, 4.0
 
 
-# An amplitude that falls by less than this factor hardly separates one law of damping from another.
+# If the amplitude falls by less than this factor, laws of damping are hardly distinguishable.
 LEAST_FALL = 2.0
-# Power of the amplitude in the damping ratio that suggests a law: -1 of dry friction, 1 of quadratic drag.
+# Least power of the amplitude in the damping ratio that suggests a law: -1 for dry friction, 1 for quadratic
+# drag.
 CLEAR_POWER = 0.25
 
 
@@ -34,7 +35,7 @@ def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr
     records : record, or several of them
         As `read_record` returns them, or `(t, angle)`.
     decays : sequence of Dataset, optional
-        Their free decays, by default as `free_decays` returns them.
+        The free decays in the records, by default as `free_decays` returns them.
 
     Returns
     -------
@@ -42,17 +43,17 @@ def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr
         Groups `record` (`record_1`, ...) with `angle(time)`; `decay` (`decay_1`, ...) over `instant` with
         `amplitude`, `instant_time` and `frequency`, and `spectrum(frequency_line)`. Scalars of a decay:
         `start`, `stop`, `period` (s), `periods`, `first_amplitude`, `last_amplitude`, `first_damping_ratio`,
-        `last_damping_ratio`, `damping_power` (the power of the amplitude with which the damping ratio
-        changes; nan if the amplitude hardly falls), `falls_too_little`, `noise`, `drift` (of the middle; 0
-        within its errors), `sensor_step` (of what was measured; nan if none), `samples_per_period`. Units are
-        those of the record. attrs `points_to_forces`, `points_to_system`, `points_to`: what the backbone
-        points to, empty if nothing; `damping_law`, the formula of the friction that `damping_power` suggests,
-        viscous if nothing does; `modes`, where several swing at once.
+        `last_damping_ratio`, `damping_power` (the power of the amplitude in the damping ratio; nan if the
+        amplitude hardly falls), `falls_too_little`, `noise`, `drift` (of the middle of the swing; 0 within
+        its errors), `sensor_step` (of the measured signal; nan if none), `samples_per_period`. Units are
+        those of the record. Attributes: `points_to_forces`, `points_to_system` and `points_to`, which the
+        backbone indicates, empty if nothing; `damping_law`, the formula of the friction that `damping_power`
+        suggests, by default viscous; `modes`, if several modes swing at once.
 
     Raises
     ------
     DecayError
-        Fewer than three half periods.
+        The record has fewer than three half periods.
     """
     given = as_decays(records, "look")
     whole = [given] if isinstance(given, xr.Dataset) else given
@@ -71,7 +72,7 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     frequency = _median_frequency(curve)
     period = 2.0 * np.pi / frequency
     amplitude, instants = _without_drift(curve.amplitude.values), curve.instant_time.values
-    # A resampled or integrated signal has lost its steps.
+    # Take the step from the measured signal: resampling or integration removes it.
     measured = record[record.attrs.get("measured", "angle")].sel(time=slice(time[0], time[-1]))
     step_unit = str(measured.attrs.get("units", unit))
     first = _damping(instants, amplitude, frequency)
@@ -80,8 +81,8 @@ def _facts(decay: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     power = _damping_power(first, last, fall)
     law = "sign(v)" if power < -CLEAR_POWER else "v*abs(v)" if power > CLEAR_POWER else "2*v"
     step = sensor.sensor_step(measured.to_numpy())
-    # Steps are noise: by chance the values that a filter repeats lie on a lattice as well. Many samples are
-    # taken by a motion from one step to the next at most.
+    # Larger steps are noise, because repeated values of a filter may lie on a lattice by chance. A motion
+    # takes at most thirty samples from one step to the next.
     largest = 30.0 * half_periods.noise_level(measured.time.values, measured.to_numpy())
     step, noise = step if step <= largest else float("nan"), smoothing.sensor_noise(decay)
     scalars: Variables = {
@@ -120,10 +121,10 @@ def pointers(decay: xr.Dataset) -> dict[str, str]:
     Returns
     -------
     dict of str to str
-        `points_to_forces`, their symbols; `points_to_system`; `points_to`, both in words; `predicted_by`,
-        what each model leaves of the change of the frequency with amplitude; `columns_point_to_system`, the
-        columns that say the system; `points_to_scale`, a factor on the signal that the system needs, and its
-        error.
+        `points_to_forces`, their symbols; `points_to_system`; `points_to`, both in words; `predicted_by`, the
+        part of the frequency change with amplitude that each model does not explain;
+        `columns_point_to_system`, the columns that name the system; `points_to_scale`, the factor on the
+        signal with which the system fits, and its error.
     """
     pointed = pointed_to(decay)
     scale = pointed.scale
@@ -142,7 +143,7 @@ def _ranked(ranking: tuple[ElasticModel, ...]) -> str:
     """Describe how much of the frequency change the models do not explain; empty if none predicts it."""
     parts = list[str]()
     for at, model in enumerate(ranking):
-        # The first is the one that is offered. Part of the forces of a system makes no alternative.
+        # The first model is the chosen one. A subset of the forces of a system is not an alternative.
         if model.remains < 1.0 and (at == 0 or model.systems):
             systems = f" ({', '.join(model.systems)})" if model.systems else ""
             parts.append(f"{model.words} {100.0 * model.remains:.2g} %{systems}")
@@ -154,40 +155,41 @@ def _without_drift(amplitude: Array) -> Array:
     if amplitude.size < FEWEST_INSTANTS:
         return amplitude
     inner = 0.25 * (amplitude[:-2] + 2.0 * amplitude[1:-1] + amplitude[2:])
-    # The ends by the slope of their neighbours.
+    # Extrapolate the ends from their neighbours.
     first, last = 2.0 * inner[0] - inner[1], 2.0 * inner[-1] - inner[-2]
     return np.concatenate(([first], inner, [last if last > 0.0 else amplitude[-1]]))
 
 
 def _drift(curve: xr.Dataset) -> float:
-    """Return the movement of the middle along a line, from first to last half period; 0 within its errors."""
+    """Return the drift of the middle by a linear fit, first to last half period; 0 within its errors."""
     signed, time = curve.sign.values * curve.extremum.values, curve.extremum_time.values
     if signed.size < FEWEST_FOR_DRIFT:
         return 0.0
-    # The middle between extrema of both sides; decays of either sign cancel in it to third order.
+    # The middle between extrema of both sides; the decay of the amplitude cancels in it to third order.
     middle = np.convolve(signed, equilibrium.BINOMIAL, "valid")
     at = time[2:-2] - time[2:-2].mean()
     line, covariance = np.polyfit(at, middle, 1, cov=True)
-    # Neighbouring middles share extrema.
+    # Neighbouring values of the middle share extrema.
     error = np.sqrt(covariance[0, 0] * equilibrium.BINOMIAL.size)
     return float(line[0] * (time[-1] - time[0])) if abs(line[0]) > DRIFT_ERRORS * error else 0.0
 
 
-# Instants at an end of a decay that give its rate there, and the part of it by which it may be wrong.
+# Number of instants at an end of a decay that give its rate there, and the relative error allowed for this
+# rate.
 INSTANTS, KNOWN_RATE = 8, 0.1
-# Parts of a long decay in which its frequency is taken; periods one by one are too noisy.
+# Number of parts of a long decay in which the frequency is determined; single periods are too noisy.
 FREQUENCY_PARTS = 100
 
 
 def _median_frequency(curve: xr.Dataset) -> float:
-    """Return the median of the frequency (rad/s) of some periods each."""
+    """Return the median of the frequency (rad/s) over parts of a few periods each."""
     time = curve.extremum_time.values
     halves = max(2, len(time) // FREQUENCY_PARTS)
     return float(np.median(halves * np.pi / (time[halves:] - time[:-halves])))
 
 
 def _damping(time: Array, amplitude: Array, frequency: float) -> float:
-    """Return the logarithmic decay rate at the first times, over w, from enough periods to be known."""
+    """Return the logarithmic decay rate over w at the first times, from enough periods for its accuracy."""
     good = amplitude > 0.0
     time, level = time[good], np.log(amplitude[good])
     if time.size < 2:
@@ -216,7 +218,7 @@ def _damping_power(first: float, last: float, fall: float) -> float:
 
 
 def _spectrum(time: Array, angle: Array, unit: str) -> Variables:
-    """Return the one-sided density, averaged to so many points on a logarithmic axis."""
+    """Return the one-sided density, averaged to few points on a logarithmic axis."""
     sampling_rate = 1.0 / float(np.mean(np.diff(time)))
     line, power = (values[1:] for values in scipy.signal.periodogram(angle, sampling_rate, "hann"))
     if line.size > SPECTRUM_POINTS:

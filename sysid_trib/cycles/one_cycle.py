@@ -1,9 +1,9 @@
 """Averages of a force over one cycle x = a cos phi, v = -a sin phi, exact to rounding.
 
-A cycle of a force without history is cut where it changes branch, and integrated between. One with history is
-followed until its states and memory repeat after a period: cycles of all amplitudes one after the other by
-the compiled engine. The start of a steady cycle is found by Newton's method on the map of a period, whose
-derivatives the engine gives (shooting).
+The cycle of a memoryless force is cut where the force changes branch, and integrated between the cuts. A
+history-dependent force is integrated until its states and memory repeat after a period; the compiled engine
+integrates the cycles of all amplitudes one after another. The start of a steady cycle is found by Newton's
+method on the map of a period, whose derivatives the engine provides (shooting).
 """
 
 import ast
@@ -24,15 +24,15 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.steps import Steps, steps_of
 
 QUARTER = 0.5 * np.pi
-# Relative rounding error of the average of a formula,
+# Relative rounding error of the average of a formula, plus
 ROUNDING_ERROR = 1e-6
-# plus this part of the amplitude: at small ones sin(x) - x is rounding of x.
+# this fraction of the amplitude: at small amplitudes, sin(x) - x is the rounding error of x.
 CANCELLATION = 1e-14
 MAX_PIECES = 20_000
 # Phase at which a cycle begins and ends: neither the angle nor its rate is zero there.
 FIRST_PHASE = 1.0
 PERIOD = 2.0 * np.pi
-# Variables of the formulas by half cycles and angles.
+# Variables of the formulas as functions of half cycles and angles.
 NamesAt: TypeAlias = Callable[[Index, Array], dict[str, Any]]
 
 
@@ -46,7 +46,7 @@ def cycle_averages(
     force : Force
     a : (amplitude,) array of float, rad
     time : (amplitude,) array of float, s
-        Held during a cycle.
+        Time of each cycle, constant during the cycle.
     shape_values : mapping of str to float
         Value of each shape parameter by its name in the formula.
 
@@ -61,7 +61,7 @@ def cycle_averages(
         The force is not finite, too rough, or has no steady cycle.
     """
     if force.memoryless:
-        # A coefficient of another force is zero where that force is not there.
+        # Without its force, the coefficient of another force is zero.
         numbers = {**dict.fromkeys(force.uses, 0.0), **shape_values}
         means = _integrals(force, a, partial(_at_phases, a, time, numbers)) / (2 * np.pi)
     else:
@@ -69,10 +69,10 @@ def cycle_averages(
         means = np.zeros((len(a), 3))
         for rows, _, integrals in cycles_at(force, a, time, shapes):
             means[rows] = integrals / (2 * np.pi)
-        # The root mean square of h in the place of the mean of |h|.
+        # Use the root mean square of h in place of the mean of |h|.
         means[:, 2] = np.sqrt(means[:, 2])
-    # Set values that vanish by symmetry to zero, so that rounding does not look like a signature.
-    # Part of the mean of |h| below which an average is rounding.
+    # Averages that vanish by symmetry are rounding errors: set them to zero below this fraction of the mean
+    # of |h|.
     means[np.abs(means) < 1e-14 * means[:, 2:]] = 0.0
     return means[:, 0], means[:, 1]
 
@@ -85,7 +85,7 @@ def _at_phases(
     Rows are half cycles, the first of each amplitude (v < 0) before all the second ones (v > 0).
     """
     cosine, sine = np.cos(phi), np.sin(phi)
-    # A surface x or v is crossed exactly at the quarter points: no root has to be sought there.
+    # The surfaces x and v are crossed exactly at the quarter points: no root finding is needed there.
     cosine[np.abs(cosine) < 1e-15], sine[np.abs(sine) < 1e-15] = 0.0, 0.0
     row = row % a.size
     return {"t": time[row], "x": a[row] * cosine, "v": -a[row] * sine, **shape_values}
@@ -94,7 +94,7 @@ def _at_phases(
 def _pieces(force: Force, count: int, names: NamesAt) -> tuple[Index, Array, Array]:
     """Return half cycles at amplitudes, cut at their middle and at switching surfaces: (row, low, high)."""
     halves = np.repeat((0.0, np.pi), count)
-    # On half a cycle: odd, so that the quarter point, where x changes sign, is one of them.
+    # Points of half a cycle: an odd number, so that the quarter point, where x changes sign, is one of them.
     phi = halves[:, None] + np.linspace(0.0, np.pi, 97)
     every = np.arange(halves.size)
     there = names(every[:, None], phi)
@@ -122,7 +122,7 @@ def _pieces(force: Force, count: int, names: NamesAt) -> tuple[Index, Array, Arr
 def _integrals(force: Force, a: Array, names: NamesAt) -> Array:
     """Return the integrals of (h sin phi, h cos phi, |h|) over the cycle at each amplitude, (amplitude, 3).
 
-    Pieces are halved until they are exact.
+    Pieces are halved until their integrals are exact.
     """
     nodes, weights = _nodes()
     row, low, high = _pieces(force, a.size, names)
@@ -135,13 +135,14 @@ def _integrals(force: Force, a: Array, names: NamesAt) -> Array:
         terms = np.stack((h * np.sin(phi), h * np.cos(phi), np.abs(h)), axis=-1)
         fine, coarse = terms.sum(axis=1), 2.0 * terms[:, ::2].sum(axis=1)
         _check_finite(force, fine, a[row % a.size])
-        # The size is computed anew at every turn: the first may miss a narrow peak.
+        # Compute the size again in each round: the first may miss a narrow peak.
         size = total[:, 2] + np.bincount(row, fine[:, 2], len(total))
         error = np.abs(fine - coarse)[:, :2].max(axis=1)
-        # Doubling the nodes of an accepted piece changes it by less than this part of the mean of |h|.
+        # Doubling the nodes changes an accepted piece by at most this fraction of the mean of |h|.
         done = error <= 3e-13 * size[row]
         remaining = np.bincount(row[~done], error[~done], len(total))
-        # Halving does not lessen the rounding of a formula that cancels, as log(1 + v/s) at small v does.
+        # Halving does not reduce the rounding error of a formula with cancellation, such as log(1 + v/s) at
+        # small v.
         rounding = remaining < ROUNDING_ERROR * size + CANCELLATION * np.tile(a, 2)
         rounding &= (remaining > 0.6 * before) & (turn > 2)
         done, before = done | rounding[row], remaining
@@ -157,7 +158,7 @@ def _integrals(force: Force, a: Array, names: NamesAt) -> Array:
 
 
 def _check_finite(force: Force, values: Array, amplitude: Array) -> None:
-    """Refuse rows of values that are not finite, with the smallest amplitude at which that is so."""
+    """Raise an error for values that are not finite, with the smallest amplitude that has them."""
     bad = ~np.isfinite(values).all(axis=1)
     if bad.any():
         least = f"{amplitude[bad].min():.6g} rad"
@@ -166,10 +167,10 @@ def _check_finite(force: Force, values: Array, amplitude: Array) -> None:
 
 @lru_cache(maxsize=1)
 def _nodes() -> tuple[Array, Array]:
-    """Return the Tanh-sinh nodes and weights on (0, 1); every second node makes the rule of half as many.
+    """Return the tanh-sinh nodes and weights on (0, 1); every second node gives the rule with half as many.
 
-    The nodes crowd at both ends, where |v|^p, a sharp Stribeck peak or a logarithm is singular
-    (Takahasi and Mori 1974).
+    The nodes are dense at both ends, where |v|^p, a sharp Stribeck peak or a logarithm is singular (Takahasi
+    and Mori 1974).
     """
     step = 1.0 / 16.0
     s = step * np.arange(-54, 55)
@@ -180,7 +181,7 @@ def _nodes() -> tuple[Array, Array]:
 def cycles_at(
     force: Force, a: Array, time: Array, shapes: ShapeValues | None
 ) -> Iterator[tuple[Index, list[Force], Array]]:
-    """Yield steady cycles at nonzero amplitudes, each with `t` held: their rows, and `steady_cycles`."""
+    """Yield steady cycles at nonzero amplitudes, each at a constant `t`: their rows, and `steady_cycles`."""
     moves = a > 0.0
     held = time if force.holds_time else np.zeros_like(a)
     for instant in np.unique(held[moves]).tolist():
@@ -202,25 +203,25 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
     Parameters
     ----------
     force : Force
-        Its `t` is 0.
+        A history-dependent force, at `t` = 0.
     a : (amplitude,) array of float, rad
-        Positive.
+        Positive amplitudes.
     shapes : mapping of str to float, optional
         Shape parameters, `{"dahl.s": 0.02}`.
 
     Returns
     -------
     begun : list of Force
-        At each amplitude the force whose states and memory begin at `FIRST_PHASE` as on that cycle.
+        The force at each amplitude, with the states and memory that the cycle has at `FIRST_PHASE`.
     integrals : (amplitude, 3) array of float
-        Over a cycle, of h sin phi, h cos phi and h^2.
+        Integrals of h sin phi, h cos phi and h^2 over a cycle.
 
     Raises
     ------
     LibraryError
-        It has no steady cycle, or is not finite on one.
+        The force has no steady cycle, or is not finite on one.
     """
-    # Names with a space are no force's own.
+    # Names with a space cannot be names of the force.
     integrals = {"h sin phi": _product(force, "v", -1.0), "h cos phi": _product(force, "x", 1.0)}
     integrals["h squared"] = _product(force)
     model = watched(replace(force, state={**force.state, **integrals}), shapes, FROZEN)
@@ -233,7 +234,7 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
     begin[:, of_history] = np.stack([np.broadcast_to(values[name], a.shape) for name in names], axis=1)
     begin = _followed(force, model, begin, PERIOD + FIRST_PHASE, 0).end
     begin[:, :2] = np.outer(a, [np.cos(FIRST_PHASE), -np.sin(FIRST_PHASE)])
-    # Derivative of a period's map by the states; the last columns are those of the memory.
+    # Derivatives of the map of a period by the states; by the memory too if there is any.
     last, by_start = np.full(len(a), np.inf), begin.shape[1] if force.memory else first
     for _ in range(60):
         begin[:, sums] = 0.0
@@ -242,14 +243,14 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
         step = _newton_step(ends.transition[:, of_history][:, :, of_history], shift)
         size = np.maximum(np.abs(ends.end[:, of_history]).max(axis=1), a)
         change, drift = (np.abs(part).max(axis=1) / size for part in (step, shift))
-        # The error of a state that hardly forgets its start is rounding over the part that it forgets. A
-        # cycle repeats itself if its states and memory come back to this part of their size. A state that
-        # still moves by this part of its size after so many cycles drifts.
+        # A cycle is steady if states and memory return to their start within the first fraction of their
+        # size. A state that hardly depends on its start has a larger rounding error: accept it if the
+        # iteration no longer improves and the state drifts by less than the second fraction.
         if np.all((np.maximum(change, drift) <= 1e-13) | ((change >= 0.5 * last) & (drift <= 1e-9))):
             scale = np.stack([a, a, np.ones_like(a)], axis=1)
             starts = [dict(zip(names, row, strict=True)) for row in begin[:, of_history].tolist()]
             return [begun_with(force, start) for start in starts], ends.end[:, sums] / scale
-        # If Newton's step did not help, the cycle itself is continued.
+        # Without an improvement by Newton's step, continue with the end of the cycle.
         begin[:, of_history] += np.where((change < last)[:, None], step, shift)
         last = change
     raise LibraryError(
@@ -258,7 +259,7 @@ def steady_cycles(force: Force, a: Array, shapes: ShapeValues | None) -> tuple[l
 
 
 def _followed(force: Force, model: Model, begin: Array, length: float, by_start: int) -> Steps:
-    """Follow cycles one after the other."""
+    """Integrate the cycles one after another."""
     spans = np.zeros(len(begin)), np.full(len(begin), length)
     try:
         ends = steps_of(model, spans, begin, by_start=by_start)
@@ -271,13 +272,13 @@ def _followed(force: Force, model: Model, begin: Array, length: float, by_start:
 def _newton_step(map_: Array, shift: Array) -> Array:
     """Return the Newton step to a state that a period does not change, (amplitude, state)."""
     left, sizes, right = np.linalg.svd(np.eye(map_.shape[-1]) - map_)
-    # Keep states that a period changes by no more than this part.
+    # Ignore states that a period changes by no more than this fraction.
     inverse = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 1e-12)
     return np.asarray(np.einsum("rji,rj,rkj,rk->ri", right, inverse, left, shift))
 
 
 def _product(force: Force, name: str | None = None, factor: float = 1.0) -> Formula:
-    """Return the force times x or v and a number, or squared."""
+    """Return the formula of the force times x or v and a number, or of its square."""
     tree = force.formula.tree
     other = tree if name is None else ast.BinOp(ast.Constant(factor), ast.Mult(), ast.Name(name))
     return Formula(f"({force.formula.text}) times {name or 'itself'}", ast.BinOp(tree, ast.Mult(), other))

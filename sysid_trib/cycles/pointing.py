@@ -1,7 +1,8 @@
 """Forces and system indicated by the backbone of a decay: models ranked by their predictions.
 
-Each model is fitted to four fifths of a curve and predicts the fifth that was left out, in turn. Small
-amplitudes count less: friction that gives way bends the curve there, and this says little of the motion.
+Each model is fitted to four fifths of a curve and predicts the remaining fifth, for each fifth in turn. Small
+amplitudes have less weight: friction that yields elastically bends the curve there, which says little about
+the motion as a whole.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,27 +25,29 @@ from sysid_trib.forces.systems import System, load_systems
 from sysid_trib.records import half_sines
 from sysid_trib.results.signal_scale import counts_angles
 
-# Forces by formula, as libraries may use other names; and their words.
+# Forces by formula, because symbols differ between libraries; and their names in words.
 FRICTION = {"sign(v)": "dry friction", "2*v": "viscous friction", "v*abs(v)": "quadratic drag"}
 ELASTIC = {"x*abs(x)": "a quadratic spring", "x**3": "a cubic spring"}
 VISCOUS_FORMULA = "2*v"
 USUAL_LIBRARY = "contact_forces"
 
 FOLDS = 5
-# No average over a cycle is better than this part of a curve, or of its change.
+# Least relative error of an average over a cycle, for a curve and for its change.
 PRECISION = 0.02
-# More forces must predict better by this factor. Models within the errors of a curve predict it equally well.
+# A model with more forces must predict better by this factor. Models within the errors of a curve predict it
+# equally well.
 BETTER_BY, WITHIN_ERRORS = 1.1, 1.0
-# A system with a held elastic force has no coefficient to fit: its residual may be this part of the change of
-# the frequency; or a larger one, if free coefficients hardly reduce it.
+# A system with a held elastic force has no coefficient to fit. Its residual may be the first fraction of the
+# frequency change; or up to the second, if free coefficients reduce it by less than this factor.
 HELD_REMAINS, HELD_REMAINS_MOST, HELD_OVER_FREE = 0.1, 0.25, 2.5
 # Relative error of the frequency shift due to third harmonics of a pendulum and an elastic string.
 OPEN_SHIFT = 0.1
-# A scale counts if it exceeds its errors and reduces the residual of the pendulum by this factor.
+# A scale within these limits counts if it exceeds its errors by this factor and reduces the residual of the
+# pendulum to this fraction.
 SCALE_LIMITS, SCALE_ERRORS, SCALE_REMAINS = (0.87, 1.15), 4.0, 0.5
-# Phases of a quarter of a swing, for its period.
+# Phases of a quarter of a swing, for the integral of its period.
 PHASES = (np.arange(400) + 0.5) * (0.5 * np.pi / 400)
-# Largest displacements for which swings are computed, over the largest amplitude.
+# Range of the largest displacements of computed swings, over the largest amplitude.
 PEAKS, PEAK_COUNT = (0.004, 1.4), 300
 
 
@@ -55,19 +58,19 @@ class ElasticModel:
     Attributes
     ----------
     free : tuple of Force
-        With coefficients that are fitted.
+        Forces whose coefficients are fitted.
     held : tuple of (Force, float)
-        With coefficients that are known.
+        Forces whose coefficients are known.
     systems : tuple of str
         Systems that have these elastic forces, and no others.
     remains : float
         Residual of the predicted parts, over that of a constant.
     errors : float
-        The same of the errors of the curve: less tells no models apart.
+        Errors of the curve in the same measure; smaller residuals do not distinguish models.
     within_band : bool
-        Whether it stays within the band of the curve, but for what averages leave open.
+        True if the model stays within the band of the curve, apart from the error of averages.
     scale : Scale or None
-        A factor on the signal with which forces that are held predict much better; None if none does.
+        Factor on the signal with which fixed forces predict much better; None if there is no such factor.
     """
 
     free: tuple[Force, ...]
@@ -103,16 +106,18 @@ class Pointed:
     forces : tuple of str
         Symbols of the forces that improve the prediction of the curves.
     system : str
-        The system by its name; empty if several have these forces, and the columns of the file say nothing.
+        The name of the system; empty if several systems have these forces and the columns of the file do not
+        decide.
     words : str
         Both in words.
     columns : str
-        The columns by which the file is one of the system; empty if the backbone decides.
+        The columns that identify the file as one of the system; empty if the backbone decides.
     ranking : tuple of ElasticModel
-        Models of the frequency, the one that is pointed to first, then the best prediction; none if the
-        frequency is constant.
+        Models of the frequency: first the chosen one, then by their predictions; empty if the frequency is
+        constant.
     scale : Scale or None
-        By which the signal is to be multiplied so that the system fits; None if it fits, or no scale helps.
+        Factor by which the signal must be multiplied so that the system fits; None if it fits, or no factor
+        helps.
     """
 
     forces: tuple[str, ...] = ()
@@ -134,22 +139,22 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
     Returns
     -------
     Pointed
-        Forces and system; by the columns alone if there are too few half periods for a backbone.
+        Forces and system; from the columns alone if there are too few half periods for a backbone.
 
     Notes
     -----
-    Viscous friction is always there. Dry friction and drag are named if they improve the prediction of the
-    damping ratio. The frequency points to nothing if a constant stays within its band. Else each system of
-    `libraries/systems.toml` predicts it with its elastic forces: those that the system holds, as a pendulum
-    its gravity, have no coefficient to fit.
+    Viscous friction is always included. Dry friction and drag are named if they improve the prediction of the
+    damping ratio. The frequency indicates nothing if a constant stays within its band. Otherwise each system
+    of `libraries/systems.toml` predicts the frequency with its elastic forces. Forces that the system holds,
+    such as a pendulum's gravity, have no coefficient to fit.
     """
     try:
         curves = backbone(decay)
     except DecayError:
         return _by_columns(decay)
     library = load_library(USUAL_LIBRARY)
-    # Noise, or the line of another motion, moves the mean frequency of many periods, and that of their
-    # decrements, by the square of its part of the amplitude: no average takes that away.
+    # Noise, or the spectral line of another motion, shifts the mean frequency of many periods, and their
+    # decrements, by the square of its relative amplitude; averaging does not remove this.
     part = np.square(_scatter(decay, curves))
     friction = _friction(curves, library, part)
     words = [FRICTION[formula] for formula in friction]
@@ -172,7 +177,7 @@ def pointed_to(decay: xr.Dataset) -> Pointed:
 
 
 def _by_columns(decay: xr.Dataset) -> Pointed:
-    """Return the system that the columns of the file name, and these columns; or nothing."""
+    """Return the system that the columns of the file name, with these columns; else nothing."""
     attrs = decay.attrs
     signal, names = str(attrs.get("angle_column", "")), str(attrs.get("columns_in_file", "")).split("; ")
     for system in load_systems().values():
@@ -186,14 +191,14 @@ def _listed(words: Sequence[str]) -> str:
 
 
 def _errors(a: Array, error: Array, size: Array | float) -> Array:
-    """Return the errors of a curve for a fit in which large amplitudes decide."""
+    """Return the errors of a curve for a fit that gives large amplitudes more weight."""
     return np.hypot(error, PRECISION * np.abs(size)) * (a[-1] / a)
 
 
 def _score(
     columns: Sequence[Array], curve: Array, error: Array, fit: Callable[[Array, Array], Array]
 ) -> float:
-    """Return the RMS in errors of the parts of a curve that a fit to the other parts predicts."""
+    """Return the RMS, in errors, of predicting each part of a curve from a fit to the other parts."""
     table = np.column_stack(columns) / error[:, None]
     target = curve / error
     squares = []
@@ -213,13 +218,13 @@ def _free(table: Array, target: Array) -> Array:
 
 
 def _fewest(scores: Mapping[tuple[str, ...], float]) -> tuple[str, ...]:
-    """Return the fewest forces that predict as well as any."""
+    """Return the fewest forces that predict as well as the best ones."""
     best = max(min(scores.values()), WITHIN_ERRORS)
     good = [names for names, score in scores.items() if score <= BETTER_BY * best]
     return min(good, key=lambda names: (len(names), scores[names]))
 
 
-# Number of extrema for the median of the scatter, and for the mean from which each deviates.
+# Number of extrema for the median of the scatter, for the local mean, and the least number for a local mean.
 NEIGHBOURING_EXTREMA, LOCAL, FEWEST_FOR_LOCAL = 9, 41, 400
 
 
@@ -237,16 +242,16 @@ def _scatter(decay: xr.Dataset, curves: xr.Dataset) -> Array:
 
 
 def _friction(curves: xr.Dataset, library: ForceLibrary, part: Array) -> list[str]:
-    """Return the formulas of the friction that the damping ratio indicates, none if it is too uncertain.
+    """Return the formulas of the friction that the damping ratio indicates; empty if it is too uncertain.
 
-    `part` : of both curves, by which the square of the noise may move them.
+    `part` : relative shift of both curves that the square of the noise may cause.
     """
     a, ratio = curves.amplitude.values, curves.damping_ratio.values
     frequency = curves.frequency.values
-    # Decrements go with the square of the period: averages of first order leave that open.
+    # Decrements are proportional to the square of the period, which first-order averages neglect.
     shift = np.abs(frequency - np.average(frequency, weights=half_width(curves, "frequency") ** -2.0))
     width = half_width(curves, "damping_ratio") + 2.0 * (shift / frequency + part) * np.abs(ratio)
-    # A curve that is nowhere known better than so says nothing.
+    # A curve whose smallest relative error exceeds this contains too little information.
     if not np.min(width / np.abs(ratio)) < 0.5:
         return []
     roles = {formula: library.role(formula) for formula in FRICTION}
@@ -266,7 +271,7 @@ def _friction(curves: xr.Dataset, library: ForceLibrary, part: Array) -> list[st
 
 
 def _elastic_models(systems: Iterable[System]) -> list[ElasticModel]:
-    """Return the elastic forces of systems that swing freely, and each part of those that are free."""
+    """Return the elastic forces of freely swinging systems, and each subset of their fitted forces."""
     models: dict[tuple[str, ...], ElasticModel] = {}
     for system in systems:
         library = with_shipped(load_library(USUAL_LIBRARY), system.symbols)
@@ -299,12 +304,12 @@ def free_swings(held: Iterable[tuple[Force, float]], peak: Array) -> tuple[Array
     Returns
     -------
     frequency, harmonic : (peak,) array of float
-        nan where the motion does not return.
+        nan if the motion does not return.
     """
     x = peak[:, None] * np.sin(PHASES)
     speed = peak[:, None] * np.cos(PHASES)
     step = PHASES[1] - PHASES[0]
-    # Sum the potential in dx/dtau = sqrt(2 (V(peak) - V(x))) from the peak down.
+    # Integrate the potential in dx/dtau = sqrt(2 (V(peak) - V(x))) from the peak downwards.
     slope = (x + sum(value * force.value(x, np.zeros_like(x)) for force, value in held)) * speed
     below = np.cumsum(slope[:, ::-1], axis=1)[:, ::-1] * step - 0.5 * slope * step
     with np.errstate(all="ignore"):
@@ -321,9 +326,9 @@ def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
     Parameters
     ----------
     held : iterable of (Force, float)
-        As `free_swings` takes them.
+        Forces as `free_swings` takes them.
     a : (amplitude,) array of float
-        Rising, as in a backbone.
+        Increasing amplitudes, as in a backbone.
     """
     peaks = np.linspace(*PEAKS, PEAK_COUNT) * a[-1]
     frequency, harmonic = free_swings(held, peaks)
@@ -336,7 +341,7 @@ def held_frequency(held: Iterable[tuple[Force, float]], a: Array) -> Array:
 def _ranking(curves: xr.Dataset, part: Array, *, angle: bool) -> tuple[ElasticModel, ...]:
     """Return models of the frequency, the best prediction first; none if a constant stays within the band.
 
-    `part` : of the frequency, by which the square of the noise may move it.
+    `part` : relative shift of the frequency that the square of the noise may cause.
     """
     a, frequency = curves.amplitude.values, curves.frequency.values
     half = half_width(curves, "frequency") + part * frequency
@@ -365,7 +370,7 @@ def _ranking(curves: xr.Dataset, part: Array, *, angle: bool) -> tuple[ElasticMo
 
 
 def _change(a: Array, frequency: Array) -> float:
-    """Return the RMS change of the frequency with amplitude; large amplitudes decide."""
+    """Return the RMS change of the frequency with amplitude, weighted towards large amplitudes."""
     middle = np.average(frequency, weights=a**2)
     return float(np.sqrt(np.average((frequency - middle) ** 2, weights=a**2)))
 
@@ -387,7 +392,7 @@ def _chosen(ranking: Sequence[ElasticModel]) -> ElasticModel | None:
     known = next((model for model in ranking if model.held and _fits(model, least)), None)
     if known is not None:
         return known
-    # No force predicts worse than a constant.
+    # A model without forces predicts as a constant does.
     good = [
         model for model in free if model.remains <= min(1.0 / BETTER_BY, BETTER_BY * max(least, model.errors))
     ]
@@ -427,7 +432,7 @@ def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float
     Returns
     -------
     Scale or None
-        None if the forces predict as well without a factor, or badly with any.
+        None if the forces predict as well without a factor, or badly with any factor.
     """
     a, frequency = curves.amplitude.values, curves.frequency.values
     error = _errors(a, curves.frequency_standard_error.values, _change(a, frequency))
@@ -444,7 +449,7 @@ def _scale(curves: xr.Dataset, held: Sequence[tuple[Force, float]], least: float
     nearby = (held_frequency(held, end * factor * a) for end in (0.99, 1.01))
     slope = np.subtract(*nearby) / (0.02 * factor) * np.max(frequency)
     slope -= np.average(slope, weights=error**-2.0)
-    # The points of a smooth curve count as its folds do.
+    # The points of a smooth curve count as `FOLDS` independent values.
     uncertainty = float(deviation / np.sqrt(FOLDS * np.mean((slope / error) ** 2)))
     if abs(factor - 1.0) < SCALE_ERRORS * uncertainty:
         return None

@@ -1,8 +1,7 @@
 """Signatures of forces: averages <h sin phi> and <h cos phi> over a cycle x = a cos phi, v = -a sin phi.
 
-The first drives the envelope, the second the frequency (Le Bot et al. 2019, Appendix). Together they are the
-describing function of the force (Krylov-Bogoliubov averages). Forces whose signatures depend on each other no
-averaging can separate, and those that depend on each other in any motion nothing can.
+The first acts on the envelope, the second on the frequency (Le Bot et al. 2019, Appendix). Together they are
+the describing function of the force (Krylov-Bogoliubov averages).
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,15 +14,14 @@ import xarray as xr
 from numpy.polynomial import chebyshev
 from numpy.typing import ArrayLike
 
-from sysid_trib.arrays import Array, dependent_columns, variable
+from sysid_trib.arrays import Array, variable
 from sysid_trib.cycles.one_cycle import CANCELLATION, ROUNDING_ERROR, cycle_averages
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.force import Force, ForceLibrary, ShapeValues
-from sysid_trib.simulation.internal_states import states_along
 
-# Amplitudes averaged at once, to bound the memory used.
+# Number of amplitudes averaged at once, which limits the memory.
 CHUNK = 128
-# Series of averages, in parts of an octave of amplitudes: (low, high, coefficients).
+# Number of nodes and tolerance of the series of averages in parts of an octave: (low, high, coefficients).
 CHEBYSHEV_NODES, SERIES_TOLERANCE = 16, 1e-11
 
 
@@ -38,30 +36,30 @@ class OctavePart(NamedTuple):
 def signature(
     force: Force, amplitude: ArrayLike, shapes: ShapeValues | None = None, *, time: ArrayLike = 0.0
 ) -> xr.Dataset:
-    """Return the averages of a force over a cycle, by which it acts on envelope and frequency.
+    """Return the averages of a force over a cycle, which determine its effect on envelope and frequency.
 
     Parameters
     ----------
     force : Force
         A force or sensor of a library.
     amplitude : float or (amplitude,) array of float, rad
-        Not negative.
+        Amplitudes, not negative.
     shapes : mapping of str to float, optional
-        Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+        Shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
     time : float or (amplitude,) array of float, s
-        t of the formula, held during the cycle.
+        `t` of the formula, constant during the cycle.
 
     Returns
     -------
     Dataset
-        `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if it is a row.
+        `sine` = <h sin phi> and `cosine` = <h cos phi> (rad), over `amplitude` if that is an array.
         da/d(w t) = coefficient * sine; relative frequency shift = coefficient * cosine / a. A
         history-dependent force is averaged over its steady cycle. Inputs are zero.
 
     Raises
     ------
     UsageError
-        An amplitude that is not a finite angle >= 0.
+        An amplitude is not a finite angle >= 0.
     LibraryError
         The force is not finite on the cycle, or has no steady cycle.
     """
@@ -91,7 +89,7 @@ def averages(
         unit = _unit_averages(force)
         scale = a**force.degree
         return unit[0] * scale, unit[1] * scale
-    # NumPy's numbers: a shape parameter of zero gives a value that is not finite, not an exception.
+    # Use NumPy's numbers: a shape parameter of zero then gives a non-finite value instead of an exception.
     shape_values = {k: np.float64(value) for k, value in force.shape_values(shapes).items()}
     # Inputs are at rest.
     shape_values |= {channel.name: np.float64(0.0) for channel in force.channels}
@@ -114,9 +112,9 @@ def signatures_of(library: ForceLibrary) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Over `force`: `sine` and `cosine` at two `amplitude` (rad), one second after the start of a force that
-        holds time; and `power`, what a positive coefficient does to the energy: `yes` if it takes energy out,
-        `no`, `gains power` or `by amplitude`; empty of a sensor's error.
+        Over `force`: `sine` and `cosine` at two `amplitude` (rad), one second after the start for a force
+        that depends on time; and `power`, the effect of a positive coefficient on the energy: `yes` if it
+        removes energy, `no`, `gains power` or `by amplitude`; empty for an error of the sensor.
     """
     amplitudes = np.array([0.1, 1.0])
     pairs = [averages(force, amplitudes, None, 1.0 if force.holds_time else 0.0) for force in library]
@@ -131,7 +129,7 @@ def signatures_of(library: ForceLibrary) -> xr.Dataset:
 
 
 def _loses_power(force: Force) -> str:
-    """Return the effect of a positive coefficient on the energy, at amplitudes of a pendulum."""
+    """Return the effect of a positive coefficient on the energy, at typical amplitudes of a pendulum."""
     a = np.array([0.05, 0.3, 1.0])
     # Rounding of the averages.
     rounding = 1e-13
@@ -146,7 +144,7 @@ def _loses_power(force: Force) -> str:
 def tabulated_averages(
     force: Force, amplitude: Array, shapes: ShapeValues | None = None, time: ArrayLike = 0.0
 ) -> tuple[Array, Array]:
-    """Compute `averages` at many amplitudes above zero (rad); a force that is no power has a kept series."""
+    """Compute `averages` at many amplitudes above zero (rad), from a cached series except for powers."""
     if force.degree is not None or force.holds_time:
         return averages(force, amplitude, shapes, time)
     at, held = np.log2(amplitude), tuple(force.shape_values(shapes).items())
@@ -164,7 +162,7 @@ def tabulated_averages_of(
 ) -> tuple[Array, Array]:
     """Compute `tabulated_averages` of many forces: (sine, cosine), each (amplitude, force), rad.
 
-    Parts of a smooth curve, which differ in their scale alone, share one table.
+    Basis functions of a smooth curve that differ only in their scale share one table.
     """
     both = np.empty((2, len(amplitude), len(forces)))
     scaled: dict[str, list[int]] = {}
@@ -194,7 +192,7 @@ def _is_scaled(force: Force) -> bool:
 
 
 def _of_unit_scale(force: Force) -> Force:
-    """Return a force whose only shape parameter is 1, the same for all parts of a curve."""
+    """Return a force with its only shape parameter equal to 1, common to all basis functions of a curve."""
     ((name, shape),) = force.shape.items()
     return replace(force, symbol="part", name="part of a curve", shape={name: replace(shape, default=1.0)})
 
@@ -211,7 +209,8 @@ def _panels(
 ) -> Iterator[OctavePart]:
     """Yield Chebyshev series in log2 a for parts of an octave, halved until the last terms are negligible.
 
-    `before` is their size in the part that was halved: rounding does not get smaller.
+    `before` is the size of the last terms in the part that was halved; rounding errors do not decrease
+    further.
     """
     nodes = chebyshev.chebpts1(CHEBYSHEV_NODES)
     a = 2.0 ** (low + 0.5 * (nodes + 1.0) * (high - low))
@@ -220,7 +219,7 @@ def _panels(
     # The rounding error of a formula such as sin(x) - x is negligible compared with the spring's a.
     size = max(np.abs(series).max(initial=1e-300), CANCELLATION / SERIES_TOLERANCE * 2.0**high)
     last = np.abs(series[-3:]).max() / size
-    # Smallest part of an octave: a signature with a kink, as at the onset of slip, is halved no further.
+    # Smallest part of an octave: a signature with a kink, as at the onset of slip, is not halved further.
     if last < SERIES_TOLERANCE or high - low < 0.01 or 0.5 * before < last < ROUNDING_ERROR:
         yield OctavePart(low, high, series)
     else:
@@ -231,126 +230,6 @@ def _panels(
 
 @lru_cache(maxsize=1024)
 def _unit_averages(force: Force) -> tuple[float, float]:
-    """Return averages at a = 1, from which those of a homogeneous force follow by scaling."""
+    """Return averages at a = 1; those of a homogeneous force at other amplitudes follow by scaling."""
     sine, cosine = cycle_averages(force, np.ones(1), np.zeros(1), {})
     return float(sine[0]), float(cosine[0])
-
-
-AMPLITUDES = 96
-COMPARED_POINTS = 2000
-# Instants at which forces holding t are compared (s): an amplitude may be met at any time.
-LATEST_TIME = 20.0
-
-
-def indistinguishable(
-    library: ForceLibrary, amplitude_low: float, amplitude_high: float, *, shapes: ShapeValues | None = None
-) -> list[tuple[str, ...]]:
-    """Return groups of forces whose signatures are linearly dependent: no averaging method can separate them.
-
-    Parameters
-    ----------
-    library : ForceLibrary
-        The forces; sensors act on no envelope equation and are left out.
-    amplitude_low, amplitude_high : float, rad
-        The range of amplitudes in which they are compared.
-    shapes : mapping of str to float, optional
-        Shape parameters; defaults where left out.
-
-    Returns
-    -------
-    list of tuple of str
-        Groups of two or more symbols: first sets of forces with proportional signatures, then larger
-        combinations of which one is a sum of the others. Forces without any signature are in none
-        (`without_signature`).
-
-    Raises
-    ------
-    UsageError
-        Not 0 <= amplitude_low < amplitude_high.
-    """
-    forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
-    return [tuple(forces[i].symbol for i in group) for group in dependent_columns(table)]
-
-
-def without_signature(library: ForceLibrary, amplitude: float, shapes: ShapeValues | None) -> tuple[str, ...]:
-    """Return the forces that averaging neglects up to an amplitude (rad), such as even ones."""
-    forces, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
-    return tuple(force.symbol for force, column in zip(forces, table.T, strict=True) if not column.any())
-
-
-def averages_decide(
-    library: ForceLibrary, amplitude: float, *, frequency_free: bool = True, shapes: ShapeValues | None = None
-) -> bool:
-    """Return true if averages over cycles up to an amplitude (rad) separate the forces and the frequency."""
-    _, table = _signature_table(library, 0.02 * amplitude, amplitude, shapes)
-    if frequency_free and library.role("x") is None:
-        # For averages a fitted frequency is one more force, of formula x.
-        of_x = np.concatenate([np.zeros(AMPLITUDES), np.linspace(0.02 * amplitude, amplitude, AMPLITUDES)])
-        table = np.column_stack([table, of_x])
-    return bool(table.any(axis=0).all()) and not dependent_columns(table)
-
-
-def inseparable(first: Force, second: Force, amplitude: float, shapes: ShapeValues | None = None) -> bool:
-    """Return true if two forces act alike in motions of up to an amplitude (rad), or on average."""
-    pair = ForceLibrary("", (first, second))
-    if any(force.kind == "sensor" for force in pair):
-        return False
-    silent = without_signature(pair, amplitude, shapes)
-    decided = silent or averages_decide(pair, amplitude, shapes=shapes)
-    return not decided or bool(exactly_dependent(pair, amplitude, shapes=shapes))
-
-
-def exactly_dependent(
-    library: ForceLibrary, amplitude: float, *, shapes: ShapeValues | None = None
-) -> list[tuple[str, ...]]:
-    """Return groups of forces that are linearly dependent in every motion: no method can separate them.
-
-    Parameters
-    ----------
-    library : ForceLibrary
-        The forces; sensors are left out.
-    amplitude : float, rad
-        Largest angle at which they are compared.
-    shapes : mapping of str to float, optional
-        Shape parameters; defaults where left out.
-
-    Returns
-    -------
-    list of tuple of str
-        Groups of symbols.
-
-    Notes
-    -----
-    Functions of x, v and t are compared at random points; if there are history-dependent forces, all are
-    compared along one irregular motion.
-    """
-    forces = [force for force in library if force.kind == "force"]
-    random = np.random.default_rng(20190417)
-    x, v = amplitude * random.uniform(-1.0, 1.0, (2, COMPARED_POINTS))
-    t = random.uniform(0.0, LATEST_TIME, COMPARED_POINTS)
-    if not all(force.memoryless for force in forces):
-        t = np.linspace(0.0, LATEST_TIME, COMPARED_POINTS)
-        tau = 5.0 * t
-        # Two frequencies without a common measure: the motion comes near every point, and by many paths.
-        x = 0.5 * amplitude * (np.cos(tau) + np.cos(np.sqrt(2.0) * tau + 1.0))
-        v = -0.5 * amplitude * (np.sin(tau) + np.sqrt(2.0) * np.sin(np.sqrt(2.0) * tau + 1.0))
-    columns = []
-    for force in forces:
-        hidden = {} if force.memoryless else states_along(force, tau, x, v, shapes, time=t)
-        columns.append(force.value(x, v, t, shapes=shapes, hidden=hidden))
-    groups = dependent_columns(np.column_stack(columns)) if columns else []
-    return [tuple(forces[i].symbol for i in group) for group in groups]
-
-
-def _signature_table(
-    library: ForceLibrary, low: float, high: float, shapes: ShapeValues | None
-) -> tuple[list[Force], Array]:
-    """Return the forces, and a matrix with their signatures (sine above cosine) as columns."""
-    if not 0.0 <= low < high < np.inf:
-        raise UsageError(f"Amplitudes from {low:g} to {high:g} rad are no range; give 0 <= low < high.")
-    amplitude = np.linspace(low, high, AMPLITUDES)
-    # An instant unrelated to the amplitude: t*v and v must not be tied because one record ties t to a.
-    time = LATEST_TIME * np.random.default_rng(20190417).uniform(size=AMPLITUDES)
-    forces = [force for force in library if force.kind == "force"]
-    columns = [np.concatenate(averages(force, amplitude, shapes, time)) for force in forces]
-    return forces, np.column_stack(columns) if columns else np.zeros((2 * AMPLITUDES, 0))

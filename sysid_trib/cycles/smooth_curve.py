@@ -1,8 +1,8 @@
 """Smooth curve through rows with noise of unknown size: splines as a mixed model.
 
-The curve is a line and random bends (second differences of B-splines, Eilers and Marx 1996); the noise of the
-rows is s (A + r B), A of the sensor and B of a random walk. Restricted likelihood weighs each size of the
-bends and each r: the curve is the mean over them, and its errors hold that they are not known.
+The curve is a line plus random bends (second differences of B-splines, Eilers and Marx 1996). The noise of
+the rows is s (A + r B), with A of the sensor and B of a random walk. Restricted likelihood weighs each size
+of the bends and each r. The curve is the mean over them, and its errors include their uncertainty.
 """
 
 from collections.abc import Sequence
@@ -19,11 +19,12 @@ from sysid_trib.arrays import Array
 from sysid_trib.results.variables import CONFIDENCE
 
 CURVE_SPLINES, CURVE_DEGREE = 40, 3
-# Grid of the fit: variances of the bends in units of the noise, and of the walk in units of the sensor's.
+# Grid of the fit: variances of the bends in units of the noise, and of the walk in units of the sensor's
+# noise.
 BENDS = np.logspace(-5, 9, 15)
 WALKS = np.append(0.0, np.logspace(-2, 3, 11))
-# A curve may be smooth here and bend sharply there: bends are as large as their neighbours are, and no
-# smaller than a part of all.
+# A curve may be smooth in one place and bend sharply in another: the bends have the size of their neighbours,
+# but at least this fraction of the mean.
 NEAREST, LEAST_BEND = 5, 0.1
 BAND_DRAWS = 2000
 ROUNDING_PART = 1e-10
@@ -37,7 +38,7 @@ class CurveRows(NamedTuple):
     target : (row,) array of float
         The values.
     of_sensor, of_walk : (row, draw) sparse matrix
-        How unit draws of the sensor's noise and of a random force (a walk) move each.
+        Change of each value by unit draws of the sensor's noise and of a random force (a random walk).
     """
 
     target: Array
@@ -53,13 +54,13 @@ class SmoothCurve:
     ----------
     mean, standard_error : (point,) array of float
     factor : float
-        Standard errors within which 95 % of all curves lie everywhere.
+        Number of standard errors within which 95 % of all curves lie everywhere.
     weights : (point, row) array of float
         The mean is ``weights @ target``.
     noise : float
-        Standard deviation of the sensor's noise in units of the one given.
+        Standard deviation of the sensor's noise in units of the given one.
     bends : (bend,) array of float
-        Relative variances of the bends along the coordinate, for another round.
+        Relative variances of the bends along the coordinate, for the next round.
     """
 
     mean: Array
@@ -72,7 +73,7 @@ class SmoothCurve:
 
 @dataclass(frozen=True)
 class _WhitePeriods:
-    """Rows in which the noise of one ratio is white, without the line; the bends along principal axes."""
+    """Rows whose noise is white at one ratio, without the line, and the bends along principal axes."""
 
     determinant: float
     line: Array
@@ -85,7 +86,7 @@ class _WhitePeriods:
     factor: Array
 
     def deviances(self, bends: Array, count: int) -> tuple[Array, Array]:
-        """Return minus twice the log restricted likelihood, and the variance, of each size of the bends.
+        """Return minus twice the log restricted likelihood, and the variance, for each size of the bends.
 
         The prior is flat in the standard deviation of the bends.
         """
@@ -96,9 +97,9 @@ class _WhitePeriods:
         return count * np.log(variance) + squares / variance + determinant, variance
 
     def curve(self, at: Array, bend: float) -> tuple[Array, Array]:
-        """Return curve at points with bends of a size: a root of its covariance at unit noise, and its gain.
+        """Return a root of the covariance of the curve at points, at unit noise, and its gain.
 
-        Both (point, direction); the gain takes `across` to the curve.
+        Both are (point, direction), for bends of one size. The gain maps `across` to the curve.
         """
         shrunk = bend / (1.0 + bend * self.information)
         along = (at[:, 2:] - at[:, :2] @ self.line[:, 2:]) @ self.axes
@@ -123,13 +124,13 @@ def smooth_curve(
     Parameters
     ----------
     rows : CurveRows
-        Values of the curve with noise, three at least; the sensor's noise is at least of size one.
+        At least three values of the curve with noise; the size of the sensor's noise is at least one.
     position, points : (row,) and (point,) arrays of float
-        Where the rows are along the curve, and where it is wanted, from 0 to 1.
+        Positions of the rows along the curve, and of the wanted points, from 0 to 1.
     bends : (bend,) array of float, optional
-        Relative variances of the bends, from a round before; all alike without it.
+        Relative variances of the bends from the round before; without them all are equal.
     walks : (walk,) array of float
-        Variances of the walk that are tried, the first 0: fewer are enough for the bends.
+        Variances of the walk that are tried, the first 0; a coarse grid is enough to estimate the bends.
     """
     relative = np.ones(CURVE_SPLINES - 2) if bends is None else bends
     scale = np.concatenate([[1.0, 1.0], np.sqrt(relative)])
@@ -141,17 +142,16 @@ def smooth_curve(
     per_walk = float(np.median(sensor[0] / np.maximum(walk[0], np.finfo(float).tiny)))
     white = [_whitened(sensor + ratio * per_walk * walk, columns, target) for ratio in walks]
     tried = [part.deviances(BENDS * unit, count) for part in white]
-    # A walk as well is of a prior flat in its standard deviation.
+    # The prior of the walk is flat in its standard deviation too.
     prior = 0.5 * np.log(np.append(0.5 * walks[1], walks[1:]))
     deviance = np.array([d for d, _ in tried]) - prior[:, None]
     weight = np.exp(-0.5 * (deviance - deviance.min()))
-    # Likelihoods below this part of the greatest do not count.
+    # Ignore likelihoods below this fraction of the largest.
     weight[weight < 0.01] = 0.0
     weight /= weight.sum()
     k, b = np.unravel_index(int(np.argmax(weight)), weight.shape)
     expected = white[k].expected_bends(float(BENDS[b] * unit), float(tried[k][1][b]))
-    # Bends of the curve over the most likely ones: even at a kink the error of the curve is less than its
-    # noise (Hall 1992).
+    # Add bends to the most likely curve: even at a kink, its error is smaller than its noise (Hall 1992).
     likely = [(white[k], tried[k][1][b], 10.0 * BENDS[b] * unit) for k, b in np.argwhere(weight)]
     return _averaged(weight[weight > 0.0], likely, at, count, _smoothed(expected * relative))
 
@@ -168,7 +168,7 @@ def _line_and_bends(position: Array) -> Array:
 
 
 def _bands(*roots: sp.csr_matrix) -> list[Array]:
-    """Return the covariances of the rows, lower bands of equal number as scipy.linalg stores them."""
+    """Return the covariances of the rows as lower bands of equal width, in the form of scipy.linalg."""
     covariances = [root @ root.T for root in roots]
     width = 1 + max(int(np.max(np.subtract(*c.nonzero()), initial=0)) for c in covariances)
     return [np.stack([np.pad(c.diagonal(-k), (0, k)) for k in range(width)]) for c in covariances]
@@ -201,7 +201,7 @@ def _whitened(band: Array, columns: Array, target: Array) -> _WhitePeriods:
 
 
 def _smoothed(bends: Array) -> Array:
-    """Return the relative variances: the mean over neighbours, their own mean one, none far below it."""
+    """Return the relative variances: averaged over neighbours, with mean one, and none far below one."""
     kernel = np.ones(NEAREST)
     local = np.convolve(bends, kernel, "same") / np.convolve(np.ones_like(bends), kernel, "same")
     return LEAST_BEND + (1.0 - LEAST_BEND) * local / local.mean()
@@ -216,12 +216,12 @@ def _averaged(
     ----------
     weight : (likely,) array of float
     likely : sequence of (_WhitePeriods, float, float)
-        Rows of one ratio, their variance, and a size of the bends.
+        Rows at one ratio, their variance, and one size of the bends.
     at : (point, column) array of float
     count : int
         Degrees of freedom of the variances.
     bends : (bend,) array of float
-        For another round.
+        Relative variances of the bends for the next round.
     """
     roots, gains = zip(*(rows.curve(at, bend) for rows, _, bend in likely), strict=True)
     means = np.array([gain @ rows.across for gain, (rows, *_) in zip(gains, likely, strict=True)])
@@ -252,7 +252,7 @@ def simultaneous_factor(apart: Array) -> float:
     Parameters
     ----------
     apart : (draw, point) array of float
-        Draws minus the curve over its pointwise errors; nan where a draw, or the curve, has no value.
+        Draws minus the curve, over its pointwise errors; nan if a draw, or the curve, has no value.
 
     Notes
     -----

@@ -1,4 +1,4 @@
-"""Difference of model and record: when, at which amplitude, in phase or amplitude; and its growth."""
+"""Difference of model and record: its times and amplitudes, its phase and amplitude errors, its growth."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,9 +12,9 @@ from sysid_trib.discovery.free_motion import FreeMotion
 from sysid_trib.validation.missing_force import RunWithMotion, missing_force
 from sysid_trib.validation.residuals import departure_time, half_period
 
-# Errors of a rate in proportion to a power of the amplitude, or to time.
+# Candidate trends of an error rate: proportional to a power of the amplitude, or to time.
 SHAPES = {"small amplitude": -1.0, "large amplitude": 1.0, "larger amplitude": 2.0, "late times": None}
-# A trend counts if it explains this part of chi-square at least, and is significant at this level.
+# A trend counts if it explains at least this fraction of chi-square, and is significant at this level.
 EXPLAINED_PART, LEVEL = 0.5, 1e-3
 
 
@@ -26,19 +26,19 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     value, error : (span,) array of float
         The quantity and its standard error.
     run, tau, amplitude : (span,) array
-        Of each span; tau = w t.
+        Run, time and amplitude of each span; tau = w t.
 
     Returns
     -------
     rate : (span,) array of float
         The rate, over tau.
     where : str
-        Where it differs most.
+        Amplitudes or times where the rate differs most.
 
     Notes
     -----
-    A conservative force a^(p+1) makes the phase slip at a rate a^p; what the model can adjust itself, its
-    frequency or its viscous friction, is in the constant. So where the force acts is where the rate changes.
+    A conservative force a^(p+1) changes the phase at a rate a^p. The constant contains what the model can
+    adjust itself: its frequency or its viscous friction. So the force acts where the rate changes.
     """
     # Unknown values get no weight.
     known = np.isfinite(value) & np.isfinite(error) & (error > 0.0)
@@ -52,7 +52,7 @@ def trend(value: Array, error: Array, run: Array, tau: Array, amplitude: Array) 
     trends = []
     for name, power in SHAPES.items():
         rate = tau - tau.min() if power is None else amplitude**power
-        # It may jump from one run to the next, like the runs' offsets.
+        # A step between runs is possible, because these have separate offsets.
         integral = cumulative_trapezoid(rate, tau, initial=0.0)
         values, remaining = _fitted_trend(np.column_stack([plain, integral]), value, error)
         trends.append((remaining, values[-2] + values[-1] * rate, name.replace("larger", "large")))
@@ -68,7 +68,7 @@ def _fitted_trend(columns: Array, value: Array, error: Array) -> tuple[Array, fl
     return values, float(np.sum(((value - columns @ values) / error) ** 2))
 
 
-# Terms of the residual: the harmonic of the motion whose noise applies to them, and their part.
+# Terms of the residual: the harmonic of the motion whose noise applies to each, and the part it belongs to.
 DEMODULATED = {
     "offset": (0, "offset"),
     "amplitude_error": (1, "amplitude"),
@@ -92,13 +92,13 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
     Returns
     -------
     values : dict of str to array, or pair of arrays with standard errors
-        Over `span` (of all runs in turn; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
+        Over `span` (all runs one after another; `run`, `time` in s, `amplitude` in rad): `rms` (rad),
         `residual_over_noise`, and with standard errors `offset`, `amplitude_error`, `phase_error`,
-        `second_cosine`, ... (rad). As trends through these `frequency_error` and `decay_error`, of the record
-        minus the model's, over w. Over `x` and `v` (rad) the mean missing force (see `missing_force`).
-        Scalars `departure_time` (s, of the run `departure_run`).
+        `second_cosine`, ... (rad). Their trends give `frequency_error` and `decay_error`, record minus model,
+        over w. Over `x` and `v` (rad): the mean missing force (see `missing_force`). Scalars:
+        `departure_time` (s) in the run `departure_run`.
     attrs : dict
-        `parts` of which the residual is made beyond the noise, largest first, and `where` it acts.
+        `parts` of the residual beyond the noise, largest first, and `where` it acts.
     """
     departures = [
         departure_time(run.time, run.residual, run.noise.standard_deviation, half_period(run.motion.x))
@@ -110,7 +110,7 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
     pairs = zip(DEMODULATED, np.concatenate(of_runs).transpose(2, 1, 0), strict=True)
     terms: dict[str, tuple[Array, Array]] = {name: (of, error) for name, (of, error) in pairs}
     a, run, tau = values["amplitude"], values["run"], runs[0].model.reference_frequency * values["time"]
-    # Errors of frequency and decay as trends through those of phase and amplitude, and where they act.
+    # Errors of frequency and decay are the trends of the errors of phase and amplitude.
     loss = [of / a for of in terms["amplitude_error"]]
     slipping, where_phase = trend(*terms["phase_error"], run, tau, a)
     decaying, where_amplitude = trend(-loss[0], loss[1], run, tau, a)
@@ -124,13 +124,13 @@ def demodulate(runs: Sequence[FreeMotion]) -> tuple[dict[str, Any], dict[str, An
 
 
 def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]:
-    """Return spans of a run; and the terms of the residual in each, with their errors: (span, 2, term)."""
-    # After its stop a motion has no phase.
+    """Return spans of a run, and the terms of the residual in each with their errors: (span, 2, term)."""
+    # After its stop, a motion has no phase.
     moving, residual, noise = run.moving, run.residual, run.noise
     x, v = run.motion.x[:moving], run.motion.v[:moving]
     phase, amplitude = np.unwrap(np.arctan2(-v, x)), np.hypot(x, v)
     periods = np.abs(phase[-1] - phase[0]) / (2.0 * np.pi)
-    # Largest number of spans of the record in which the residual is demodulated; each has a period at least.
+    # At most 24 spans, each of at least one period, for the demodulated residual.
     spans = np.array_split(np.arange(moving), int(max(1, min(24, periods))))
     step = float(np.median(np.diff(run.time)))
     harmonics = np.array([harmonic for harmonic, _ in DEMODULATED.values()])
@@ -152,13 +152,13 @@ def _demodulated(number: int, run: FreeMotion) -> tuple[dict[str, Array], Array]
 
 
 def _fitted(residual: Array, phase: Array, amplitude: Array, noise: Array) -> tuple[Array, Array]:
-    """Return the terms of a span and their errors, (term,) each; `noise` at the harmonic of each."""
+    """Return the terms of a span and their errors, (term,) each; `noise` is that of each term's harmonic."""
     waves = [wave(m * phase) for m in (2, 3) for wave in (np.cos, np.sin)]
     first = [amplitude * np.cos(phase), -amplitude * np.sin(phase)]
     columns = np.stack([np.ones_like(phase), *first, *waves], axis=1)
     values, *_ = np.linalg.lstsq(columns, residual, rcond=None)
     errors = noise * np.sqrt(np.diag(np.linalg.pinv(columns.T @ columns)))
-    # The record is a turned and stretched motion: exact also where it has slipped far.
+    # The record is a rotated and scaled motion: this is exact also for a large phase error.
     cosine, sine, mean = 1.0 + values[1], values[2], float(np.mean(amplitude))
     values[1:3] = mean * (np.hypot(cosine, sine) - 1.0), np.arctan2(sine, cosine)
     errors[1] *= mean
@@ -187,7 +187,7 @@ def _place_of_rms(a: Array, rms: Array) -> str:
 
 
 def _missing_force(runs: Sequence[FreeMotion]) -> dict[str, Any]:
-    """Return the mean force that the model lacks over `x` and `v`, and the number of samples."""
+    """Return the mean force that the model lacks, over `x` and `v`, and the number of samples."""
     with_motions = []
     for run in runs:
         angle = run.motion.x + run.residual

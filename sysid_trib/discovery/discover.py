@@ -36,6 +36,7 @@ from sysid_trib.records import smoothing
 from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
 from sysid_trib.results import effects, judged, schema, signal_scale, variables
+from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
 from sysid_trib.validation.holdout import diebold_mariano
 
@@ -61,61 +62,61 @@ def discover(
     Parameters
     ----------
     decay : record, or several of them
-        `angle(time)` as `free_decay` returns it, `(t, angle)`, or a list of runs; with inputs if they are
-        driven.
+        `angle(time)` as `free_decay` returns it, `(t, angle)`, or a list of runs; driven records with their
+        inputs.
     model_forces : ForceLibrary, str, or what `library` takes, optional
-        The forces of the model to start from; by default viscous friction alone, and what drives.
+        The forces of the start model; by default viscous friction and the forces of known inputs.
     candidates : ForceLibrary, str, or what `library` takes, optional
-        What may be missing; by default the other forces of `contact_forces`, and `candidate_effects`; of a
-        driven record the other forces of its inputs too. Those that the model has, or whose input the records
-        lack, are not offered, and named in the result.
+        Effects that may be missing; by default the other forces of `contact_forces`, and `candidate_effects`;
+        for a driven record also the other forces of its inputs. Effects that the model has, or whose input
+        the records lack, are not offered; the result names them.
     reference_frequency : float, rad/s, optional
-        w, held; else it is fitted.
+        Reference frequency w, which is then held; otherwise it is fitted.
     constraints : mapping of str to float
-        Coefficients of forces of the model that are always there, as a pendulum's `{"gravity": 1.0}`. A
-        search bounds and ties none. Those that a library of one's own states are held too.
+        Coefficients of forces of the model that are always present, such as a pendulum's `{"gravity": 1.0}`.
+        A search supports neither bounds nor ties. Coefficients stated in a user's library are fixed, too.
     max_effects : int, optional
-        Effects added at most, in the place of the settings'.
+        Largest number of added effects, instead of that of the settings.
     holdout : record, or several of them
-        Runs that take no part in fitting or naming, and are predicted by each model. Without any the last
-        third of each run takes no part.
+        Runs that are used neither for fitting nor for naming; each model predicts them. Without such runs,
+        the last third of each run is held out.
     refit : bool
-        Fit the models that were found again, to the whole runs.
+        Fit the resulting models again, to the whole runs.
     level : float, optional
-        Significance level, shared by the tests of the candidates and the omnibus test, in place of that of
-        the settings.
+        Significance level that the tests of the candidates and the omnibus test share, instead of that of the
+        settings.
     seed : int, optional
-        Seed of the draws that count independent tests, in place of that of the settings.
+        Seed of the random numbers that give the number of independent tests, instead of that of the settings.
     time_limit : float, s
         Time after which the search fits no further model and returns its present result.
     settings : Settings
         Other settings of the search.
     tell : Tell
-        Called with a few words as the work goes on.
+        Called with a few words on the progress of the work.
 
     Returns
     -------
     xr.DataTree
-        Result for records decimated to some sixty samples a period (attrs `decimated`); three stretches
-        replace a driven record of more than some 180 periods (attrs `stretches`). attrs: `verdict`
-        (`explained`, `unknown effect`, `nothing missing`), `converged`, `out_of_time` (the limit that ended
-        the search), `closing_effect` (left out because of `max_effects`; with it nothing is missing),
-        `not_improving` (an effect that is significant but does not improve the held-out prediction),
-        `noise_p_value` (that the residual of the final model is noise, or a random force without cause; nan
-        if the time ran out), `settings`
-        (JSON), `laws_held_out_rms` (rad, held-out residual of smooth laws, nan if it was not needed) and
+        Result for records decimated to about sixty samples a period (attribute `decimated`). A driven record
+        of more than about 180 periods is replaced by three stretches (attribute `stretches`). Further
+        attributes: `search_outcome` (`explained`, `unknown effect`, `nothing missing`), `converged`,
+        `out_of_time` (the limit that ended the search), `closing_effect` (excluded by `max_effects` alone;
+        with it nothing is missing), `not_improving` (an effect that is significant but does not improve the
+        held-out prediction), `noise_p_value` (of the hypothesis that the residual of the final model is
+        noise, or a random force independent of the motion; nan if the time ran out), `settings` (JSON),
+        `laws_held_out_rms` (rad, held-out residual of smooth laws, nan if they were not needed),
         `refused_by_laws` (effects that predict worse than the laws), `left_out`, `failed_fits`.
-        Groups: `record`
-        (`record_1`, ... of several runs) with `simulated_angle(model)` before and after;
-        `discrepancy` and `discrepancy_after`, where model and record differ (see `demodulation.demodulate`);
-        `detectability`, `detectability_after`; `ranking` of candidates before each effect and at the end;
-        `steps`, the effects added; `before` and `after`, the identifications; `omnibus`, the tests that know
-        no candidate; `holdout` over the models; of several runs `homogeneity`, whether they differ.
+        Groups: `record` (`record_1`, ... for several runs) with `simulated_angle(model)` before and after;
+        `discrepancy` and `discrepancy_after`, the differences of model and record (see
+        `demodulation.demodulate`); `detectability`, `detectability_after`; `ranking` of candidates before
+        each effect and at the end; `steps`, the effects added; `before` and `after`, the identifications;
+        `omnibus`, the tests without candidates; `holdout` over the models; for several runs `homogeneity`,
+        the test whether the runs differ.
 
     Raises
     ------
     UsageError
-        No forces of a start model, or no candidates; an impossible level, number of effects or time limit; a
+        No force in the start model, or no candidates; an impossible level, number of effects or time limit; a
         held force that is not in the model; a body without a restoring force.
     DecayError
         The decay cannot support the start model.
@@ -162,16 +163,16 @@ def _of_start_model(
     reference_frequency: float | None,
     constraints: ConstraintTable,
 ) -> dict[str, float]:
-    """Return the coefficients of the start model by Direct, for formulas that hold them."""
+    """Return the coefficients of the start model, identified by Direct, for formulas that use them."""
     held = {name: value for name, value in constraints.items() if name in library.symbols}
     direct = Direct(reference_frequency, random_force="off", refine=False, constraints=held)
     result = direct.identify(decay, library)
     return dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
 
 
-# The plain start model replaces that of the search if its residual is below this part of the other.
+# The plain start model replaces that of the search if its residual is below this fraction of the other's.
 NEARER = 0.95
-# Significance level of the test that smooth laws predict better than names.
+# Significance level at which smooth laws predict better than named effects.
 LAWS_LEVEL = 0.05
 
 
@@ -182,7 +183,7 @@ class SearchPlan:
     Attributes
     ----------
     reference_frequency : float or None, rad/s
-        Held; None: fitted.
+        Reference frequency, which is fixed; with None it is fitted.
     refit : bool
         Whether the models are fitted again to the whole runs.
     time_limit : float, s
@@ -218,7 +219,7 @@ def _discovery(
     unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
     taken = replace(model, forces=(*model, *offered))
     if any(inputs_for(run, taken) for run in (*whole, *unseen)):
-        # A driven record may have few samples a period: no force needs so many points between them.
+        # A driven record may have few samples a period, and forces then need fewer points between samples.
         settings = replace(settings, points_per_period=settings.points_per_period // 2)
     runs, learnt, later = search_parts(whole, unseen, settings.samples_per_period)
     seen = [part.record for part in learnt]
@@ -232,7 +233,7 @@ def _discovery(
     fits = Fits(start, offered.forces, deadline, runs=seen, predict=predict)
     fits.plain = None if fits.is_complete(start) else nearer(start, seen)
     done = _best_by_holdout(_or_coloured_noise(fits, tell), tell)
-    # Start forces outside of the penalty, the parts for the laws, and the parts that they predict.
+    # The rival gets the forces of the start model outside of its penalty, and the fitted and predicted parts.
     rival = partial(held_out_by_laws, model_forces, constraints, learnt, later)
     done, laws_rms, refused = _unless_laws_predict_better(done, later, rival, tell)
     closing = parts.closing_effect(done)
@@ -264,7 +265,7 @@ def _discovery(
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
     if refused or effects.misnamed_effects(tree):
-        tree.attrs["verdict"] = "unknown effect"
+        tree.attrs[SEARCH_OUTCOME] = "unknown effect"
     return tree
 
 
@@ -328,13 +329,13 @@ def _discovery_by_motions(
 
 
 def _search_group(done: Search, *, holdout_given: bool, refitted: bool) -> xr.Dataset:
-    """Return the variables of a search that are true or false."""
+    """Return the true-or-false variables of a search."""
     values = {"converged": done.converged, "holdout_given": holdout_given, "refitted": refitted}
     return xr.Dataset(variables.described("search", values))
 
 
 def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]:
-    """Return the options of a search as they are kept in its result."""
+    """Return the options of a search as its result stores them."""
     return {
         "max_effects": how.settings.max_effects,
         "level": how.settings.level,
@@ -348,7 +349,7 @@ def _options_of(how: SearchPlan, constraints: ConstraintTable) -> dict[str, Any]
 def _outcome(done: Search, closing: str) -> dict[str, Any]:
     """Return the outcome of a search as attributes of its result."""
     return {
-        "verdict": parts.verdict_of(done, closing),
+        SEARCH_OUTCOME: parts.outcome_of(done, closing),
         "closing_effect": closing,
         "not_improving": parts.not_improving(done),
         "noise_p_value": done.noise_p_value,
@@ -359,18 +360,18 @@ def _outcome(done: Search, closing: str) -> dict[str, Any]:
 def _unless_laws_predict_better(
     done: Search, later: Sequence[RecordPart], rival: Callable[[], LawPrediction], tell: Tell
 ) -> tuple[Search, float, tuple[str, ...]]:
-    """Return the search without names where smooth laws predict clearly better; their residual; the names.
+    """Return the search, without names if smooth laws predict clearly better; the laws' RMS; refused names.
 
-    Laws predict better if their residual is smaller by more than the scatter of that comparison. Names are
-    not compared with laws if they explain the record, if their held-out residual is hardly larger than the
-    noise, if the record is driven, or if only one more effect is missing that was not asked for.
+    Laws predict better if their residual is smaller by more than the standard error of the comparison. They
+    are not tried if the named effects explain the record, if the held-out residual is hardly larger than the
+    noise, if the record is driven, or if only one effect is missing that `max_effects` excludes.
     """
     named = done.predictions[-1]
     named_rms = float(np.nan_to_num(named.rms, nan=np.inf))
     noise = root_mean_square([smoothing.sensor_noise(part.record) for part in later])
     driven = any(inputs_of(part.record) for part in later)
-    # Under a random force, and in coloured noise, the quality of the prediction by a free motion is chance.
-    residual_is_noise = parts.verdict_of(done) == "explained"
+    # Under a random force or coloured noise, the prediction by a free motion is good or bad by chance.
+    residual_is_noise = parts.outcome_of(done) == "explained"
     explains = residual_is_noise or named_rms <= judged.LARGE * noise or parts.closing_effect(done)
     if not done.effects or driven or explains:
         return done, float("nan"), ()
@@ -379,7 +380,7 @@ def _unless_laws_predict_better(
     if not CLEARLY_BETTER * laws.rms < named_rms:
         return done, laws.rms, ()
     if np.isfinite(named_rms):
-        periods = [_samples_of_a_period(part.record) for part in later]
+        periods = [smoothing.samples_of_a_period(part.record) for part in later]
         p_value = diebold_mariano(named.residuals, laws.residuals, periods)
         if not p_value < LAWS_LEVEL:
             return done, laws.rms, ()
@@ -387,14 +388,8 @@ def _unless_laws_predict_better(
     return _best_by_holdout(search(done.fits, begin=start, most=0, tell=tell), tell), laws.rms, done.effects
 
 
-def _samples_of_a_period(record: xr.Dataset) -> int:
-    """Return the number of samples of a period of a decay."""
-    step = float(np.median(np.diff(record.time.values)))
-    return max(1, round(2.0 * np.pi / (smoothing.swing_frequency(record) * step)))
-
-
 def _with_kept_windows(groups: dict[str, xr.Dataset], runs: Sequence[xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Return the groups of a result; each record says between which times (s) its run was kept."""
+    """Return the groups of a result; each record states the times (s) between which its run was kept."""
     for name, run in zip(variables.group_names("record", len(runs)), runs, strict=True):
         groups[name].attrs["kept_window"] = run.time.values[[0, -1]]
     return groups
@@ -407,14 +402,14 @@ def _nearer_start(
     constraints: ConstraintTable,
     frequency: float | None,
 ) -> PlainStart | None:
-    """Return the start model fitted without a random force, if its motion is clearly nearer to the data."""
+    """Return the start model fitted without a random force, if its motion is clearly nearer to records."""
     plain = plain_start(seen, library, Constraints(constraints).fixed, frequency, start)
     nearer = plain is not None and plain.residual < NEARER * residual_of_motions(free_motions(start))
     return plain if nearer else None
 
 
 def _stretches_of(learnt: Sequence[RecordPart], runs: int) -> str:
-    """Describe the parts of long records to which models are fitted; empty if that is all of them."""
+    """Describe the parts of long records to which models are fitted; empty if the parts are the whole."""
     ends = [part.record.time.values[[0, -1]] for part in learnt]
     spans = ", ".join(f"{first:.4g} to {last:.4g} s" for first, last in ends)
     said = f"A long driven record: models are fitted to stretches ({spans}), each with its own noise."
@@ -429,7 +424,7 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
         tell("hold-out")
         predictions = [fits.foretold(model) for model in steps.models]
         fewer = int(np.argmin([np.nan_to_num(prediction.rms, nan=np.inf) for prediction in predictions]))
-        # Nothing is named on top of a start model that fits worse than that of `identify`.
+        # No effect is named in addition to a start model that fits worse than the start model of `identify`.
         while fewer and not fits.is_complete(steps.models[-1]):
             if fits.beats_plain_start(steps.models[fewer]):
                 break
@@ -443,12 +438,13 @@ def _best_by_holdout(done: Search, tell: Tell) -> Search:
 def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     """Return the search, or that with coloured noise if it explains the record better.
 
-    The named effects, or the residual, may be coloured noise that the lines above the motion did not show.
-    Noise of another colour without any name must be outside of the credible set of all names, as chance must
-    be outside of that of each effect. Otherwise the colour together with the names is tried.
+    The named effects, or the residual, may be coloured noise that the lines above the band of the motion did
+    not show. The noise of another colour without any named effect must be outside of the credible set of all
+    effects, just as noise alone must be outside of the set of each effect. Otherwise the colour is tried
+    together with the effects.
     """
     done = search(fits, growing=True, tell=tell)
-    if parts.verdict_of(done) == "nothing missing":
+    if parts.outcome_of(done) == "nothing missing":
         return done
     tell("colour of the sensor's noise")
     start, last, outside = fits.start, done.models[-1], fits.start.settings.outside_of_set
@@ -457,7 +453,7 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
         """Return minus twice the logarithm of the evidence of a model and of the colour of its noise."""
         return evidence(model) + start_model.colour_penalty(model)
 
-    # Otherwise the residual is not noise yet.
+    # Without convergence, the residual is not yet noise.
     settled = done.converged or not done.effects
     with_names = start_model.recoloured(last) if done.effects and settled else last
     without_names = start_model.recoloured(start, with_names)

@@ -24,13 +24,14 @@ class ScoredTrials(NamedTuple):
 def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = False) -> list[ScoredTrials]:
     """Return no trial and the best trial of each candidate as replacements of effects, best first.
 
-    Without what is far. `by_chance` : with those that gain there no more than chance may.
+    Replacements that are far less likely are left out. `by_chance` : include trials whose gain is not
+    significant.
     """
     model, kept = current.model, current.model.columns_without(gone)
     bare = likelihood(current.products, kept)
     without, penalty = bare.deviance - current.whole.deviance, log_rows(model)
-    # A magnet with a cubic force is nearly a quintic force: the remaining part is too small to be tested, but
-    # it is not an error of the path, which would not resemble a visible effect.
+    # A magnet with a cubic force is nearly a quintic force: its independent part is too small to be tested.
+    # Yet this part is not an error of the path, which would not resemble a significant effect.
     effects = [1 + model.columns_of(symbol)[0] for symbol in gone]
     columns = [current.first_trial + at for at in current.replacing]
     part, rest = projected(current.products, bare, kept, [*effects, *columns])
@@ -57,9 +58,9 @@ def replacing(current: Screening, gone: Sequence[str], *, by_chance: bool = Fals
 
 
 def replacing_pairs(current: Screening, gone: Sequence[str]) -> list[ScoredTrials]:
-    """Return pairs of candidates as replacements of effects, by the noise of the present model.
+    """Return pairs of candidates as replacements of effects, in the noise of the present model.
 
-    All shapes of both are combined: in a pair the best shape may gain nothing alone.
+    All combinations of the shapes of both are tried: the best shapes of a pair may gain nothing alone.
     """
     model, kept = current.model, current.model.columns_without(gone)
     columns = [current.first_trial + at for at in current.replacing]
@@ -97,14 +98,14 @@ def _testable(current: Screening, part: Array) -> list[int]:
 def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) -> Array:
     """Return the joint gain of two trials, (trial, trial); 0 for equal candidates or a forbidden sign.
 
-    Once each: i < j. `products` : of the target and the trials, in the noise of the model.
+    Each pair has one entry: i < j. `products` : products of the target and the trials, in the model's noise.
     """
     along, inner = products[0, 1:], products[1:, 1:]
     size = np.maximum(np.diag(inner), 1e-300)
     outside = np.outer(size, size) - inner**2
     distinct = outside > current.model.settings.testable**2 * np.outer(size, size)
     outside = np.where(distinct, outside, 1.0)
-    # Coefficient of the first with the second.
+    # Coefficient of the first trial in the presence of the second.
     first = (along[:, None] * size - inner * along) / outside
     gains = first * along[:, None] + first.T * along
     symbols = np.array([current.trials[at].force.symbol for at in trials])
@@ -117,9 +118,9 @@ def _gains_of_pairs(current: Screening, trials: Sequence[int], products: Array) 
 def move_of(
     current: Screening, fits: Fits, gone: Sequence[str], at: Sequence[int], aim: float
 ) -> FittedModel | None:
-    """Return the model with trials in the place of effects; None where it is not fitted.
+    """Return the model with trials in the place of effects; None if it is not fitted.
 
-    A fit whose evidence cannot come below `aim` is given up.
+    A fit whose evidence cannot reach `aim` is abandoned.
     """
     model, trials = current.model, [current.trials[i] for i in at]
     after = {*current.effects} - {*gone} | {trial.force.symbol for trial in trials}
@@ -128,9 +129,10 @@ def move_of(
 
 
 def likelier_exchange(current: Screening, fits: Fits) -> FittedModel | None:
-    """Return the most likely model without an effect or two, or with as many others or fewer in their place.
+    """Return the most likely model with one or two effects removed or replaced.
 
-    None if no such model is more likely than the present one.
+    The replacements are at most as many as the removed effects. Return None if no such model is more likely
+    than the present one.
     """
     settings, here = current.model.settings, evidence(current.model)
     aim, best = here - settings.least_gain, None
@@ -157,8 +159,8 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
     likeliest = [at for at in current.best() if current.p_values[at] < settings.level]
     limit, gain_of_column, off = evidence(model) - settings.outside_of_set, 0.0, 0.0
     models = list[FittedModel]()
-    # Twice as many as are fitted, since the trials of largest gain may be unphysical; and all those whose
-    # column is not informative.
+    # Try twice as many as are fitted, because the trials of largest gain may be unphysical, and all those
+    # whose column is not informative.
     few = 2 * settings.fitted
     for at in (*likeliest[:few], *(at for at in likeliest[few:] if current.tolerance(at, ()) >= 1.0)):
         force, of_column = current.trials[at].force, float(current.gains[at])
@@ -179,9 +181,9 @@ def extended(current: Screening, fits: Fits) -> list[FittedModel]:
 
 
 def rivals_of(current: Screening, fits: Fits, symbol: str) -> dict[str, float]:
-    """Return the evidence with each candidate in place of an effect, relative to it; "" is no force.
+    """Return the evidence with each candidate in place of an effect, relative to the effect; "" is no force.
 
-    Fitted are as many as the settings say, and all that would be in the set along the present path.
+    The settings limit the number of fits, except for candidates in the credible set along the present path.
     """
     settings, here = current.model.settings, evidence(current.model)
     likelier = {symbol: 0.0}
@@ -189,7 +191,7 @@ def rivals_of(current: Screening, fits: Fits, symbol: str) -> dict[str, float]:
         if place >= settings.fitted and score > settings.outside_of_set:
             break
         move = move_of(current, fits, (symbol,), at, here + settings.far)
-        # None: outside of every credible set, or it failed, or there was no time.
+        # None: the candidate is outside of every credible set, its fit failed, or the time is up.
         if move is not None:
             likelier["".join(current.trials[i].force.symbol for i in at)] = evidence(move) - here
     return likelier
@@ -223,9 +225,9 @@ def pairs_of(current: Screening, fits: Fits, symbol: str) -> dict[tuple[str, str
 
     Notes
     -----
-    A force whose shape is fitted may follow the sum of two that have none: a damping of the power 2.25 with
-    a viscous one that of dry and quadratic friction. Pairs have no more parameters than the effect, and what
-    either adds to the other is beyond chance. An effect of no shape has no pairs.
+    A force with a fitted shape may imitate the sum of two forces without shapes: damping of the power 2.25
+    with viscous damping imitates dry and quadratic friction. A pair has no more parameters than the effect,
+    and each of its members is significant given the other. An effect without shapes has no pairs.
     """
     model, settings = current.model, current.model.settings
     shapes = len(model.columns_of(symbol)) - 1
@@ -257,7 +259,7 @@ def _both_add(current: Screening, symbol: str, pair: Sequence[int]) -> bool:
 def likelier_pair(current: Screening, fits: Fits, most: int) -> FittedModel | None:
     """Return the model with a pair whose credible set excludes the effect, if there is one.
 
-    `most` : effects that a model may have.
+    `most` : largest number of effects in a model.
     """
     if len(current.effects) >= most:
         return None
@@ -276,7 +278,7 @@ def not_beyond_chance(current: Screening, fits: Fits) -> FittedModel | None:
     if max(chances, default=0.0) < level:
         return None
     worst = current.effects[int(np.argmax(chances))]
-    # Along the present path it is as likely: a fit that is less so came to a worse optimum.
+    # The fit without the effect must reach the likelihood along the present path; else it is a worse optimum.
     fitted = fits.of(model, (worst,), (), model.deviance + current.gain_of((worst,)))
     if fitted is None or current.p_value_of_effect(worst, fitted.deviance - model.deviance) < level:
         return None
@@ -287,7 +289,7 @@ def not_beyond_chance(current: Screening, fits: Fits) -> FittedModel | None:
 def chance_in_set(
     effects: Sequence[str], rivals: Mapping[str, Mapping[str, float]], fits: Fits
 ) -> FittedModel | None:
-    """Return the model without an effect whose credible set contains chance; None if there is none."""
+    """Return the model without an effect whose credible set contains "no effect"; None if there is none."""
     excess, symbol = min(((of.get("", np.inf), at) for at, of in rivals.items()), default=(np.inf, ""))
     in_set = excess < fits.start.settings.outside_of_set
     fitted = fits.kept.get(frozenset(effects) - {symbol}) if in_set else None

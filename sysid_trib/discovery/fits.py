@@ -24,12 +24,12 @@ def evidence(model: FittedModel) -> float:
 
     Notes
     -----
-    Laplace's approximation (MacKay 1992; Kass and Raftery 1995). The prior of a coefficient holds the
-    information of one row (unit information), which makes its factor the number of rows; where physics fixes
-    its sign, the prior is on that half line alone; where physics knows it, being off is paid for by what
-    holding it there would raise the deviance. Shapes are as likely anywhere in their range, or in its
-    logarithm where that spans a decade: their factor is the part of the range that the record leaves, which
-    is not more than all of it; of one at an end of its range the part inside of it.
+    Laplace's approximation (MacKay 1992; Kass and Raftery 1995). The prior of a coefficient has the
+    information of one row (unit information), so its factor is the number of rows. If physics fixes the sign,
+    the prior covers that half line only. If physics gives the value, the penalty of a deviation is the rise
+    of the deviance when the coefficient is held at this value. The prior of a shape is uniform in its range,
+    or in the logarithm if the range spans a decade. The factor of a shape is the fraction of its range that
+    the record allows, at most 1; for a shape at an end of its range it is the fraction inside.
     """
     total = model.deviance
     for symbol in model.effects:
@@ -46,7 +46,7 @@ def evidence(model: FittedModel) -> float:
 def errors_off(model: FittedModel, symbol: str) -> float:
     """Return the difference of a coefficient from its known value, in standard errors; 0 if none is known.
 
-    Both refer to the model's own frequency, from which that of its paths may be far.
+    Both refer to the model's own frequency, which may be far from that of its paths.
     """
     at, count = model.columns_of(symbol)[0], len(model.trials)
     force, squared = model.trials[at].force, 1.0 + model.stiffness
@@ -62,9 +62,9 @@ def errors_off(model: FittedModel, symbol: str) -> float:
 
 
 def _at_end(beyond_end: float, error: float) -> float:
-    """Return the penalty -2 ln of the part of its range that a record allows a shape at an end of it.
+    """Return the penalty -2 ln(fraction of its range that the record allows) of a shape at the range's end.
 
-    This is the integral of a Gaussian likelihood with its middle outside, over its value at the end.
+    The fraction is the integral of a Gaussian likelihood with its centre outside, over its value at the end.
     """
     if not 0.0 < error < np.inf:
         return 0.0
@@ -81,7 +81,7 @@ def log_rows(model: FittedModel) -> float:
 
 
 def least_penalty(model: FittedModel, forces: Sequence[Force]) -> float:
-    """Return the penalty of so many effects in the evidence, without their shapes."""
+    """Return the penalty of these effects in the evidence, without their shapes."""
     return float(sum(log_rows(model) - 2.0 * np.log(2.0) * force.passive for force in forces))
 
 
@@ -110,26 +110,26 @@ class Fits:
         The model that effects are added to.
     candidates : sequence of Force
     deadline : float
-        By `time.monotonic`: after it no model is fitted.
+        Time by `time.monotonic` after which no further model is fitted.
     kept : dict of frozenset of str to FittedModel
-        The likeliest of each set of effects.
+        The most likely model of each set of effects.
     screenings : dict of frozenset of str to Screening
         Screenings of the candidates with a model of each set of effects.
     failed : list of str
         Models that could not be fitted.
     by_chance : set of frozenset of str
-        Effects of models where chance does as well as one: a search does not come back to them.
+        Sets of effects of which one was not significant: a search does not return to them.
     tried : dict
-        From where each fit started, and the deviance that it was asked to reach if it was given up above
-        that: for a higher one it is tried again.
+        Start of each fit, and the deviance that the fit had to reach if it was abandoned: it is repeated if a
+        higher deviance is enough.
     runs : sequence of Dataset
-        To which the models are fitted.
+        Runs to which the models are fitted.
     predict : callable
-        How a model predicts what was held out.
+        Function that predicts the held-out parts with a model.
     best : FittedModel or None
-        Best of the models that a search came to by adding the one that predicts best.
+        Best model found by adding, at each step, the effect that predicts best.
     plain : PlainStart or None
-        The start model fitted without a random force, where its motion is nearer to the records.
+        The start model fitted without a random force, if its motion is nearer to the records.
     """
 
     start: FittedModel
@@ -144,8 +144,9 @@ class Fits:
     predict: Callable[[FittedModel], unseen.Prediction] | None = None
     best: FittedModel | None = None
     plain: PlainStart | None = None
-    # By forces: true if a model of them is extended. Then the number of successive models that did not
-    # predict better than the best one, and its RMS; predictions and p-values of noise by the coefficients.
+    # `_known`: for the forces of a model, whether the model may be extended. `_refused`: number of successive
+    # models that did not predict better than the best one. `_least_rms`: RMS of the best one. The others hold
+    # predictions and p-values of noise by the model's coefficients.
     _known: dict[tuple[str, ...], bool] = field(default_factory=dict)
     _refused: int = 0
     _least_rms: float = np.inf
@@ -175,8 +176,9 @@ class Fits:
     ) -> FittedModel | None:
         """Fit a model near another one, with forces dropped and added; return None if there is no fit.
 
-        One that does not reach the deviance `worst` may be given up, and is tried from other starts; where
-        forces are dropped alone from the shapes of the near model too: its optimum may be a better one.
+        A fit that does not reach the deviance `worst` may be abandoned; then other starts are tried. If
+        forces are only dropped, the shapes of the near model are a start too, because that optimum may be
+        better.
         """
         stay = [t for t in near.trials if t.force.symbol not in drop]
         key = frozenset(trial.force.symbol for trial in (*stay, *add) if trial.added)
@@ -196,7 +198,7 @@ class Fits:
     def _settled(
         self, near: FittedModel, stay: Sequence[TrialEffect], added: Sequence[TrialEffect], worst: float
     ) -> FittedModel | None:
-        """Fit from these shapes, once; return None if the fit does not converge."""
+        """Fit once from these shapes; return None if the fit does not converge."""
         trials, paths = [*stay, *added], [rows.path for rows in near.rows]
         place = tuple(sorted((t.force.symbol, tuple(t.shapes.values())) for t in trials))
         if self.ended or self.tried.get(place, -np.inf) >= worst:
@@ -221,7 +223,7 @@ class Fits:
 
         model = fit(1.0)
         if self._is_local_optimum(model):
-            # Whole steps may lead there, where the first ones are far.
+            # Whole first steps, being far, may lead to a local optimum: take half steps.
             model = fit(0.5)
             model = None if self._is_local_optimum(model) else model
         # A fit outside of the physical range has not failed: the effect does not explain the record.
@@ -234,7 +236,7 @@ class Fits:
         return model.without_caches() if model is not None and settled else None
 
     def _is_local_optimum(self, model: FittedModel | None) -> bool:
-        """Return true if a fit has converged where it is less likely than a model that it contains."""
+        """Return true if a fit has converged, but is less likely than a model that it contains."""
         if model is None or not model.settled:
             return False
         effects, kept = {*model.effects}, self.kept.items()
@@ -250,15 +252,16 @@ class Fits:
         return self._predictions[key]
 
     def goes_on(self, model: FittedModel) -> bool:
-        """Return true if a model may grow: not too many steps in a row without gain; else end with `best`."""
+        """Return true if a model may be extended; if not, the search ends with `best`."""
         symbols = tuple(trial.force.symbol for trial in model.trials)
         if symbols not in self._known:
             referred = start_model.refitted(model)
             rms = self.foretold(referred).rms
-            # It predicts better than another one, or its residual is noise.
+            # It predicts better than all before it, or its residual is noise.
             better = self.best is None or bool(rms < self._least_rms) or self.is_complete(referred)
             self._refused = 0 if better else self._refused + 1
-            # A right effect may predict worse while another is missing: one does not end a search.
+            # A correct effect may predict worse while another is missing: one such step does not end a
+            # search.
             self._known[symbols] = self._refused <= 1
             if better:
                 self.best, self._least_rms = model, rms
@@ -281,7 +284,7 @@ class Fits:
 
 
 def _from_each_start(trials: Sequence[TrialEffect]) -> Iterator[list[TrialEffect]]:
-    """Yield the trials, then with each of the other starts of one of them."""
+    """Yield the trials, then the trials with one of them at each of its other starts."""
     yield list(trials)
     for at, trial in enumerate(trials):
         for start in trial.starts:

@@ -29,7 +29,7 @@ from sysid_trib.simulation.motions import FEW_STEPS_A_PERIOD
 
 @dataclass(frozen=True)
 class FreeMotion:
-    """Residual of a run from the motion of a model without a random force, its start fitted.
+    """Residual of a run from the fitted motion of a model without a random force.
 
     Attributes
     ----------
@@ -37,12 +37,12 @@ class FreeMotion:
     motion : FittedMotion
         Motion of the model, with its start and the sensor's zero.
     residual : (sample,) array of float, rad
-        Record minus model, errors of the sensor and its zero included.
+        Record minus model; the model includes the sensor's errors and its zero.
     noise : NoiseModel
         Noise of the sensor.
     model : Model
     inputs : mapping of str to KnownInput
-        Those of the run by name.
+        Inputs of the run by name.
     """
 
     time: Array
@@ -66,7 +66,7 @@ class FreeMotion:
 
 
 def model_of_fit(model: FittedModel) -> Model:
-    """Return forces, errors of the sensor, shapes and frequency of a fit whose paths have its frequency."""
+    """Return forces, sensor errors, shapes and frequency of a fit whose paths have the fitted frequency."""
     held = model.rows[0].path.held
     trials = [*model.trials, *(trial for trial, _ in held)]
     library = ForceLibrary("model", tuple(trial.force for trial in trials))
@@ -83,12 +83,12 @@ def free_motions(model: FittedModel) -> list[FreeMotion]:
 
 
 def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion:
-    """Compute the free motion of a model near a record; states and memory continue those before it."""
+    """Compute the free motion of a model near a record; states and memory continue from the record before."""
     if (before := path.before) is not None:
         past = before.form.tau, *before.at_samples
         begun = (begun_after(force, *past, model.shapes, before.elapsed) for force in model.library)
         model = replace(model, library=replace(model.library, forces=tuple(begun)))
-    # A motion counts `t` from its first sample.
+    # In the formulas, `t` starts at the first sample of this motion.
     later = model.library.counted_from(float(path.time[0]) - path.origin)
     acting = replace(
         model,
@@ -99,13 +99,13 @@ def free_motion(model: Model, path: RecordPath, noise: NoiseModel) -> FreeMotion
     x, v = path.at_samples
     error, *_ = sensor_error(model, path.elapsed, x, v, ())
     begin = float(x[0]), float(v[0] * path.frequency)
-    # `validation.residuals.fitted_motion` begins from an identification; here states and memory continue
-    # those of the path before a held-out part.
+    # `validation.residuals.fitted_motion` starts from an identification. Here, states and memory continue
+    # from the path before a held-out part.
     try:
-        # Do not wait for a model that is too stiff.
+        # Limit the steps, so that a very stiff model fails early.
         motion = fit_start(acting, path.time, path.angle - error, begin, most_steps=FEW_STEPS_A_PERIOD)
     except SimulationError:
-        # A model without a motion of its own has the motion of the smoothed record.
+        # A model that cannot be simulated gets the motion of the smoothed record.
         motion = FittedMotion(*begin, 0.0, x, v, np.nan, {}, None)
     error, *_ = sensor_error(model, path.elapsed, motion.x, motion.v, ())
     residual = path.angle - motion.offset - error - motion.x
@@ -121,7 +121,7 @@ def random_forces(model: FittedModel) -> list[RandomForce]:
 
 
 def total_covariance(model: FittedModel, widening: float, model_error: Array | None) -> Array:
-    """Return covariance of the coefficients and the frequency, by the noise, widened, and by the model."""
+    """Return the covariance of coefficients and frequency due to the noise, widened, and to the model."""
     covariance = widening**2 * model.covariance_with_frequency()
     return covariance if model_error is None else covariance + np.diag(model_error**2)
 
@@ -135,8 +135,8 @@ def model_identification(
 ) -> xr.Dataset:
     """Return a model as an identification whose errors include the random force of each run.
 
-    `widening` : factor of its errors; `model_error` : (trial + 1,) what they have besides, of the
-    coefficients and the frequency (rad/s).
+    `widening` : factor of the errors due to noise; `model_error` : (trial + 1,) additional errors of the
+    coefficients and the frequency (rad/s), due to the model.
     """
     from sysid_trib.methods.direct import Direct
 

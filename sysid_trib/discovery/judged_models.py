@@ -1,4 +1,4 @@
-"""The start model and the final one of a search, judged as `identify` judges its models."""
+"""The start model and the final model of a search, judged as `identify` judges its models."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -24,7 +24,7 @@ def judged_models(
     motions: Mapping[str, Sequence[FreeMotion]],
     whole: Sequence[xr.Dataset],
 ) -> xr.Dataset:
-    """Judge the models of a search; the search does not read it.
+    """Judge the models of a search; this judgement does not influence the search.
 
     Parameters
     ----------
@@ -37,9 +37,10 @@ def judged_models(
 
     Notes
     -----
-    The same forces get one verdict, whichever command asks: Direct identifies each model again from the
-    whole runs, with the noise that `identify` decides for. Its shape parameters are held. Driven records, and
-    models that Direct cannot identify, are judged by the fit of the search.
+    The same forces get the same verdict from every command: Direct identifies each model again from the whole
+    runs, with the noise that `identify` selects and with held shape parameters. Driven records, and models
+    that Direct cannot identify, are judged with the fit of the search. A start model to which nothing was
+    added is the final model: it is identified and judged once.
     """
     names = group_names("record", len(next(iter(motions.values()))))
     seen = [groups[name] for name in names]
@@ -59,20 +60,32 @@ def judged_models(
         tested = tested_driven(of_search)
         table = judged(of_search, seen, tested, preferred=last, random_force_p=untested)
     else:
-        tables = []
+        tables: list[xr.Dataset] = []
+        models: list[str] = []
         for name, of in of_search.items():
-            again = {name: _identified_again(of, whole)}
-            records = with_motions(again)
-            tested = residuals(again, again[name].result)
-            tables.append(judged(again, records, tested, preferred=name))
+            model = _model_text(of.result)
+            if models and model == models[-1]:
+                table = tables[-1].assign_coords(model=[name]).assign_attrs(preferred=name)
+            else:
+                again = {name: _identified_again(of, whole)}
+                records = with_motions(again)
+                tested = residuals(again, again[name].result)
+                table = judged(again, records, tested, preferred=name)
+            models.append(model)
+            tables.append(table)
         table = xr.concat(tables, "model", combine_attrs="override")
         table.attrs |= tables[-1].attrs
     held_out = groups["holdout"].rms.values[[0, -1]]
     return table.assign(described("judged", {"held_out_rms": held_out}))
 
 
+def _model_text(result: xr.Dataset) -> str:
+    """Return the forces, shapes and options of an identification: equal texts are identified equally."""
+    return f"{library_of(result).to_toml()}\n{method_of(result)!r}"
+
+
 def _identified_again(of_search: FollowedRuns, whole: Sequence[xr.Dataset]) -> FollowedRuns:
-    """Return a model identified from the whole runs; where Direct cannot, as the search fitted it."""
+    """Return a model identified from the whole runs, or as the search fitted it if Direct fails."""
     result = of_search.result
     method = replace(method_of(result), random_force="auto")
     try:

@@ -24,7 +24,7 @@ class LawPrediction(NamedTuple):
     Attributes
     ----------
     residuals : sequence of (sample,) array of float, rad
-        Residual of each part, its start and the sensor's zero fitted; empty if the laws predict no motion.
+        Residual of each part, with fitted start and sensor's zero; empty if the laws predict no motion.
     """
 
     residuals: Sequence[Array] = ()
@@ -48,7 +48,7 @@ def held_out_by_laws(
     Parameters
     ----------
     named : ForceLibrary
-        The forces of the start model, which stay outside of the penalty.
+        Forces of the start model, which are not penalised.
     constraints : mapping
         Constraints of their coefficients.
     learnt, later : sequence of RecordPart
@@ -74,7 +74,7 @@ def held_out_by_laws(
 
 
 def _residual(fit: LawFit, part: RecordPart) -> Array:
-    """Return the residual (rad) of one part, start and zero fitted; nan without a motion."""
+    """Return the residual (rad) of one part, with fitted start and zero; nan without a motion."""
     result: xr.Dataset = fit.followed.result.drop_vars(["start_angle", "start_rate"], errors="ignore")
     if part.before is not None:
         result = carried_on(result, fit.library, part.before)

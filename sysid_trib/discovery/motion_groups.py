@@ -16,9 +16,10 @@ from sysid_trib.discovery.motion_fits import Gain, MotionModel
 from sysid_trib.discovery.motion_search import MotionSearch
 from sysid_trib.discovery.screen import SAME_EFFECT
 from sysid_trib.discovery.to_xarray import group_of, labels_of, texts_of
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.likelihood.sensor_noise import NoiseModel
-from sysid_trib.methods.trajectory import identification_of_fit
+from sysid_trib.motion_fit.free_fit import identification_of_fit
 from sysid_trib.results import variables
 from sysid_trib.results.effects import NAMED
 from sysid_trib.simulation.initial_conditions import FittedMotion
@@ -78,7 +79,8 @@ def groups_of_motions(
 
 
 def _identification(search: MotionSearch, model: MotionModel) -> xr.Dataset:
-    return identification_of_fit(search.fits.method(model.effects), model.fit, model.fit)
+    held = Constraints(dict(search.fits.fixed))
+    return identification_of_fit(search.fits.method(model.effects), model.fit, model.fit, held)
 
 
 def _motions(model: MotionModel, runs: Sequence[xr.Dataset], noises: Sequence[float]) -> list[FreeMotion]:

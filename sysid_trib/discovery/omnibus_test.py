@@ -1,4 +1,4 @@
-"""Omnibus test: forces of any form, and lines in the spectrum, whatever their name or cause."""
+"""Omnibus test: forces of any form, and spectral lines of any cause."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,38 +17,38 @@ from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.single_columns import each_column, known_directions, known_finely, strengths
 from sysid_trib.records.smoothing import KNOTS_PER_PERIOD
 
-# Families of tests that decide whether anything is missing: candidates, and forces of any form. Each has its
-# part of the level, so that a record without missing forces is rejected no more often than that.
+# Two families of tests decide whether anything is missing: the candidates, and forces of any form. Each has
+# half of the significance level, so that the level holds for both together.
 FAMILIES = 2
-# In the second of these.
+# Tests in the second family.
 OMNIBUS_TESTS = 4
-# Draws of the largest score of noise, and the quantile at which it is compared with independent tests.
+# Random draws of the largest score, and the tail probability at which it is compared with independent tests.
 NOISE_DRAWS, TAIL = 4000, 0.01
 TRIAL_POWERS = range(4)
 TRIAL_HARMONICS = range(1, 5)
-# Draws from which mean and variance of the gain are known to a sixth.
+# Number of draws that gives mean and variance of the gain to a sixth.
 ROWS_OF_NOISE = 60
 
 
 def independent_tests(correlation: Array, seed: int = 0) -> float:
-    """Return number of independent tests whose largest score is as large as that of these correlated ones.
+    """Return the number of independent tests with the same quantile of the largest score as these.
 
-    The quantile of the largest |z| of noise, by drawing; then Bonferroni's number for it.
+    The quantile of the largest |z| of noise is simulated; Bonferroni's formula then gives the number.
 
     Notes
     -----
-    Scores are R g, with g the draws and R the symmetric root of the correlation. It goes with it continuously
-    (Higham 2008, section 6.2); a triangular factor does not: which of columns that are alike it takes for
-    mixtures of the others, and so which draws are whose, is a matter of rounding.
+    The scores are R g, with the random draws g and the symmetric root R of the correlation, which depends
+    continuously on the correlation (Higham 2008, section 6.2). A triangular factor does not: for similar
+    columns, rounding decides which of them it expresses by the others.
     """
     if not len(correlation):
         return 1.0
     variances, axes = np.linalg.eigh(correlation)
-    # Directions of less than this part of the largest variance move no score.
+    # Directions with less than this fraction of the largest variance do not change the scores.
     kept = variances > 1e-6 * variances[-1]
     half = axes[:, kept]
     root = half * np.sqrt(variances[kept])
-    # Columns that the model nearly spans are rounding errors, and may correlate by more than one.
+    # For columns that the model nearly spans, rounding errors may give correlations above one.
     root /= np.maximum(1.0, np.linalg.norm(root, axis=1))[:, None]
     draws = np.random.default_rng(seed).standard_normal((len(axes), NOISE_DRAWS), np.float32)
     scores = root.astype(np.float32) @ (half.T.astype(np.float32) @ draws)
@@ -57,7 +57,7 @@ def independent_tests(correlation: Array, seed: int = 0) -> float:
 
 
 def corrected(p_value: float) -> float:
-    """Return the p-value of the smallest of the omnibus tests, with that of the candidates (Bonferroni)."""
+    """Return the p-value of the smallest omnibus p-value, with that of the candidates (Bonferroni)."""
     return min(1.0, FAMILIES * OMNIBUS_TESTS * p_value)
 
 
@@ -89,28 +89,28 @@ def omnibus(
     Parameters
     ----------
     products : sequence of RunProducts
-        The model's columns are the first, the trial forces the last.
+        Products with the model's columns first and the trial forces last.
     along : sequence of (row, trial_force) array of float
-        The trial forces in each run.
+        The columns of the trial forces in each run.
     testable : (trial_force,) array of bool
-        Columns that differ from those of the model.
+        Trial forces whose columns differ from those of the model.
     model : FittedModel
     whole : Likelihood
-        Of its columns among the products.
+        Likelihood of the model's columns among the products.
 
     Returns
     -------
     z : (trial_force,) array of float
-        Score of each: the root of what it gains alone, with the sign of its coefficient; 0 of those that are
-        not testable, or that act more finely than the motion is known.
+        Score of each: the root of its gain alone, with the sign of its coefficient. It is 0 for trial forces
+        that are not testable, or whose details are finer than the known motion.
     p_value : float
-        The smallest of those of the highest score, of the strongest line in the spectrum, of the part of the
-        record in which most is left and, where these do not reject, of all together; `corrected`.
+        The smallest p-value of the largest score, of the strongest spectral line, of the part of the record
+        with the largest residual and, if these do not reject, of all trial forces together; `corrected`.
 
     Notes
     -----
-    With and without trial forces both variances of each run take their most likely values: what a random
-    force has been blamed for is found.
+    Both variances of each run take their most likely values with and without trial forces. So a force is
+    found even if the fit attributed it to a random force.
     """
     aside = [trial_columns(rows.path) for rows in model.possible_rows()]
     tested = known_finely(model, along, aside) & testable
@@ -126,7 +126,8 @@ def omnibus(
         mixtures = known_directions(model, along, aside)
         mixtures, mixed, together = _of_possible_size(products, along, mixtures, model)
         gain = max(0.0, whole.deviance - together.deviance)
-        # Chance gains more than a chi-square of their number: simulated where that would decide.
+        # By chance, the gain exceeds a chi-square with this number of degrees of freedom: simulate if it
+        # matters.
         if corrected(float(scipy.stats.chi2.sf(gain, mixtures.shape[1]))) < model.settings.level:
             tried = [columns @ mixtures for columns in along]
             least = _p_value_by_simulation(gain, model, whole, tried, mixed)
@@ -136,9 +137,9 @@ def omnibus(
 def _of_possible_size(
     products: Sequence[RunProducts], along: Sequence[Array], mixtures: Array, model: FittedModel
 ) -> tuple[Array, list[RunProducts], Likelihood]:
-    """Return the mixtures whose force is not stronger than a missing force may be.
+    """Return the mixtures of trial forces that are not stronger than a missing force may be.
 
-    With their products, and the likelihood of the model with them.
+    Also return their products, and the likelihood of the model with them.
     """
     count, tried = products[0].products.shape[1], along[0].shape[1]
     columns = np.array([*range(1, 1 + model.columns), *range(count - tried, count)])
@@ -155,20 +156,21 @@ def _of_possible_size(
 
 
 def _strongest_line(residuals: Sequence[Array]) -> float:
-    """Return the p-value of the strongest line in the spectrum; forces of the motion cause no such line.
+    """Return the p-value of the strongest spectral line; forces that depend on the motion cause no line.
 
-    A line of white noise of unit variance has an exponentially distributed power (Schuster 1898).
+    The power of white noise of unit variance is exponentially distributed at each line (Schuster 1898).
     """
-    # The rows are white. `validation.lack_of_fit.spectral_line` excludes harmonics and takes no level.
+    # The rows are white. `validation.lack_of_fit.spectral_line` excludes harmonics and has no given level.
     powers = [np.abs(np.fft.rfft(residual)) ** 2 / len(residual) for residual in residuals]
     least = min(len(power) * float(np.exp(-np.max(power))) for power in powers)
     return min(1.0, least * len(powers))
 
 
 def _largest_part(residuals: Sequence[Array]) -> float:
-    """Return the p-value of the largest squares of parts of one period, two, four, ...
+    """Return the p-value of the largest mean square over sections of one period, two, four, ...
 
-    A force that comes late or ends early, while a random force is blamed, leaves more there than elsewhere.
+    A force that starts late or ends early leaves a larger residual there, if it is attributed to a random
+    force.
     """
     tests, least = 0, 1.0
     for residual in residuals:
@@ -188,7 +190,7 @@ def _p_value_by_simulation(
     tested: Sequence[Array],
     products: Sequence[RunProducts],
 ) -> float:
-    """Return the probability that columns without effect gain as much.
+    """Return the probability that columns without effect gain at least as much.
 
     Parameters
     ----------
@@ -196,17 +198,18 @@ def _p_value_by_simulation(
         Decrease of the deviance of the record by the columns.
     model : FittedModel
     null : Likelihood
-        Of the model.
+        Likelihood of the model.
     tested : sequence of (row, column) array of float
-        The columns, of each run.
+        The tested columns of each run.
     products : sequence of RunProducts
-        Products of the target, the model's columns and those that are tested.
+        Products of the target, the model's columns and the tested columns.
 
     Notes
     -----
-    Many columns take a part of what tells the size of a random force, and are not all independent: their gain
-    is no chi-square of their number. It is one that has the mean and the variance of gains in rows of noise
-    alone (parametric bootstrap; Satterthwaite 1946).
+    Many columns take part of the information on the size of a random force, and they are not all independent.
+    Their gain is therefore not a chi-square with their number of degrees of freedom. It is approximated by a
+    chi-square with the mean and variance of gains in simulated noise (parametric bootstrap; Satterthwaite
+    1946).
     """
     random = np.random.default_rng(model.settings.seed)
     tables = [np.column_stack(pair) for pair in zip(model.tables, tested, strict=True)]
@@ -231,13 +234,13 @@ def _of_noise(
     deviation: float,
     random: np.random.Generator,
 ) -> list[RunProducts]:
-    """Return the products of a run with noise alone as the target, for each draw."""
+    """Return the products of a run whose target is noise alone, for each draw."""
     lower = rows.factor(ratio)
     factor = sp.diags_array(lower, offsets=-np.arange(len(lower)), shape=(len(table), len(table)))
     noise = deviation * (factor @ random.standard_normal((len(table), ROWS_OF_NOISE)))
     every, columns = np.column_stack([noise, table]), np.arange(table.shape[1])
     of_draws, _ = products_of(rows.band, rows.path.form.gram, every, products.ratios)
-    # The level that the spectrum gives scatters as well.
+    # The level estimated from the spectrum scatters as well.
     count = products.level_rows
     scatter = random.chisquare(count, ROWS_OF_NOISE) / count if count else np.ones(ROWS_OF_NOISE)
     drawn = []

@@ -22,7 +22,7 @@ from sysid_trib.validation.model_error import covariance_by_parts
 
 
 def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
-    """Test whether runs differ, for each model, by small deviations.
+    """Test for each model whether the runs differ, by small deviations.
 
     Parameters
     ----------
@@ -32,14 +32,15 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
     Returns
     -------
     dict
-        Over `model`: `chi_square` that coefficients, shapes and frequency of each run would explain of the
-        residual, with `degrees_of_freedom`, `p_value` and `differ`; `most`, the parameter that explains most
-        of it by itself; and `gain`, by how much the effect added next lowers the deviance, nan of the last.
+        Over `model`: `chi_square`, the part of the residual explained by separate coefficients, shapes and
+        frequency of each run, with `degrees_of_freedom`, `p_value` and `differ`; `most`, the parameter that
+        alone explains most of it; and `gain`, the decrease of the deviance by the effect added next, nan for
+        the last model.
 
     Notes
     -----
-    Rao's score test, in both noises of each run. A force of another form than the model's changes from run to
-    run with the amplitude: the test says that the runs ask for different coefficients, not why.
+    This is Rao's score test, in both noises of each run. A missing force changes with the amplitude from run
+    to run. So the test shows that the runs need different coefficients, but not why.
     """
     # `validation.identify.run_agreement` fits each run alone, which takes longer and gives values of each
     # run.
@@ -52,7 +53,7 @@ def homogeneity(models: Sequence[FittedModel]) -> dict[str, Any]:
 
 
 def _differing(model: FittedModel) -> tuple[float, int, str]:
-    """Return the gain by individual parameters of runs, their number, and the name of the largest."""
+    """Return the gain by separate parameters of the runs, their number, and the name of the largest."""
     trials = len(model.trials)
     shapes = {column: f"{model.trials[at].force.symbol}.{name}" for at, name, column in model.shape_columns}
     names = dict(enumerate(trial.force.symbol for trial in model.trials)) | shapes
@@ -63,10 +64,10 @@ def _differing(model: FittedModel) -> tuple[float, int, str]:
 
 
 def _explained(tables: Sequence[Array], columns: Sequence[int]) -> tuple[float, int]:
-    """Return the squares explained by separate columns in each run but the first, and their number."""
+    """Return the squares explained by separate columns in all runs but the first, and their number."""
     whole = np.concatenate(tables)
     target, common = whole[:, 0], whole[:, 1:]
-    # Each run's own columns side by side, those of the first left out.
+    # The separate columns of each run except the first.
     own = block_diag(*(table[:, 1:][:, list(columns)] for table in tables))[:, len(columns) :]
     squares, rank = squares_left(common, target)
     more, full = squares_left(np.hstack([common, own]), target)
@@ -76,7 +77,8 @@ def _explained(tables: Sequence[Array], columns: Sequence[int]) -> tuple[float, 
 def squares_left(design: Array, target: Array, least: float = 1e-5) -> tuple[float, int]:
     """Return the residual sum of squares of least squares, and the rank of the design.
 
-    Directions so much shorter than the longest are none: by default what a run alone cannot tell.
+    Directions shorter than this fraction of the longest are ignored: by default those that a run does not
+    determine.
     """
     size = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
     basis, singular, _ = np.linalg.svd(design / size, full_matrices=False)
@@ -91,8 +93,8 @@ def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
     Returns
     -------
     dict of str to (part,) array of float
-        Of each rival minus twice the logarithm of its evidence over the effect's, on rows along its own path,
-        its coefficients those of the part.
+        For each rival: minus twice the logarithm of its evidence over the effect's. It is computed with the
+        rows along the rival's own path, with coefficients of the part.
     """
     rest, scores = frozenset(search.effects) - {symbol}, dict[str, Array]()
     for name in search.rivals[symbol]:
@@ -104,7 +106,7 @@ def costs_in_parts(search: Search, symbol: str) -> dict[str, Array]:
 
 
 def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float]) -> Array:
-    """Return the probability of each rival, (rival,): mean over the record, by `whole`, and its parts."""
+    """Return the probability of each rival, (rival,): the mean of the `whole` record's and its parts'."""
     missing = np.full(len(PARTS_OF_RECORD), np.inf)
     table = [np.append(costs.get(name, missing), of_whole) for name, of_whole in whole.items()]
     return np.asarray(np.mean([probabilities(of_part) for of_part in np.transpose(table)], axis=0))
@@ -113,9 +115,9 @@ def probabilities_in_parts(costs: Mapping[str, Array], whole: Mapping[str, float
 def error_of_model(model: FittedModel) -> Array:
     """Return the part of the errors of coefficients and frequency (rad/s) not due to noise, (trial + 1,).
 
-    It is their change between parts of the record beyond that due to fewer data; shapes are held. As
-    `validation.model_error`, but of the rows along the path of the whole record: a search has no time to fit
-    the parts anew.
+    It is the change between parts of the record beyond the change due to fewer data; shapes are held. It
+    replaces `validation.model_error`, and uses the rows along the path of the whole record, because a search
+    has no time to fit the parts again.
     """
     count, kept = len(model.trials), 1 + model.columns - len(model.shape_columns)
     tables = [table[:, :kept] for table in model.white_tables()]
@@ -124,7 +126,8 @@ def error_of_model(model: FittedModel) -> Array:
     errors = np.sqrt(variances)
     covariance = covariance_by_parts(values[1:] - values[0], errors[1:], errors[0], equal_parts=True)
     error = np.sqrt(np.diag(covariance))
-    # The stiffness changes twice as much, in parts; not at all if the frequency is held.
+    # The stiffness changes by twice the relative change of the frequency; it has no error if the frequency is
+    # held.
     error[count:] *= 0.5 * model.rows[0].path.frequency * model.frequency_free
     return error
 
@@ -135,7 +138,7 @@ def _in_part(of_runs: Sequence[Array], low: float, high: float) -> Array:
 
 
 def _deviances(model: FittedModel) -> Array:
-    """Return the deviance of a model on the rows of each part, (part,), in the noises of the whole."""
+    """Return the deviance of a model on the rows of each part, (part,), with the noises of the whole."""
     tables, of_fit = model.white_tables(), model.likelihood
     runs = zip(model.rows, of_fit.ratios.tolist(), of_fit.variances, strict=True)
     logarithms = [2.0 * np.log(rows.factor(ratio)[0]) + np.log(variance) for rows, ratio, variance in runs]
@@ -148,7 +151,7 @@ def _deviances(model: FittedModel) -> Array:
 
 
 def _solved(whole: Array) -> tuple[Array, Array]:
-    """Return the coefficients by least squares of white rows, the target first, and their variances."""
+    """Return the least-squares coefficients of white rows, the target first, and their variances."""
     size = np.maximum(np.linalg.norm(whole[:, 1:], axis=0), 1e-300)
     design = whole[:, 1:] / size
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-10, hermitian=True)
@@ -156,7 +159,7 @@ def _solved(whole: Array) -> tuple[Array, Array]:
 
 
 def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
-    """Return the detectable coefficient of each candidate given the residual, and candidates that look alike.
+    """Return the detectable coefficient of each candidate given the residual, and inseparable candidates.
 
     Parameters
     ----------
@@ -166,24 +169,24 @@ def detectability(screening: Screening) -> tuple[dict[str, Any], list[Force]]:
     Returns
     -------
     values : dict of str to array
-        Over `candidate`: `detectable`, the coefficient that would stand out by five standard errors (at the
-        best value of its shape parameters, of those tried; nan if not testable), `independent_fraction` of
-        its column that those of the model cannot make, `testable` and the `reason` why not; and
-        `cosine(candidate, other)` between what is outside of the model's columns, `alike` where two differ by
-        less than a credible set spans if one of them has 20 standard errors.
+        Over `candidate`: `detectable`, the coefficient of five standard errors (at the best of the tried
+        values of its shape parameters; nan if not testable); `independent_fraction`, the fraction of its
+        column outside the span of the model's columns; `testable`, and the `reason` if not. Also
+        `cosine(candidate, other)` between these independent parts, and `alike` for two candidates that a
+        credible set would not separate if one of them had 20 standard errors.
     forces : list of Force
         The candidates.
     """
     symbols = dict.fromkeys(trial.force.symbol for trial in screening.trials)
     at = np.array([_best(screening, symbol) for symbol in symbols], dtype=int)
     reasons = [screening.reasons[i] for i in at]
-    # No candidate is left if the search added all of them.
+    # No candidate remains if the search added all of them.
     testable = np.array([not reason for reason in reasons], dtype=bool)
     cosine = np.abs(screening.correlation[np.ix_(at, at)])
     np.fill_diagonal(cosine, 1.0)
     nearest = np.sqrt(1.0 - screening.model.settings.outside_of_set / NAMED**2)
     values = {
-        # An effect of this many standard errors is detected.
+        # An effect of this many standard errors is detectable.
         "detectable": np.where(testable, 5.0 * screening.errors[at], np.nan),
         "independent_fraction": screening.outside[at],
         "testable": testable,
@@ -203,7 +206,7 @@ def _best(screening: Screening, symbol: str) -> int:
 
 
 def closing_effect(done: Search) -> str:
-    """Return the effect that only `max_effects` excludes and that would complete the model; or empty."""
+    """Return the effect that only `max_effects` excludes and that would complete the model; else empty."""
     settings, model = done.models[-1].settings, done.next_best
     if model is None or not len(done.effects) == settings.max_effects > 0:
         return ""
@@ -219,15 +222,15 @@ def not_improving(done: Search) -> str:
     return model.effects[-1] if model is not None and asked else ""
 
 
-def verdict_of(done: Search, closing: str = "") -> str:
-    """Return `explained`, `unknown effect` or `nothing missing`.
+def outcome_of(done: Search, closing: str = "") -> str:
+    """Return one of `results.judged.SEARCH_OUTCOMES`.
 
-    `closing` : the effect that is missing because no more were asked for, and nothing besides.
+    `closing` : the only missing effect, which `max_effects` excludes.
     """
-    # This is the verdict on the search. `validation.judge.verdict_word` gives the verdict on a model.
-    # Names that nearly cancel each other, or that do not predict, may imitate an effect that is not in the
-    # library. A model whose motion does not follow the record explains nothing. A model that was not compared
-    # is unknown.
+    # This is the outcome of the search; `validation.judge.verdict_word` gives the verdict on a model. Effects
+    # that nearly cancel each other, or that do not predict, may imitate an effect that is not in the library.
+    # A model whose motion does not follow the record explains nothing. The outcome of a search that did not
+    # converge is unknown.
     last, settings = done.screenings[-1], done.models[0].settings
     refuted = np.any(improvements(done.predictions) < -settings.refuted)
     unphysical = bool(done.effects) and not done.followed

@@ -1,4 +1,4 @@
-"""The start model of a search as `identify` finds it: fitted in the sensor's noise alone."""
+"""The start model of a search as `identify` fits it, with the sensor's noise alone."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,9 +27,9 @@ class PlainStart:
     Attributes
     ----------
     result : Dataset
-        The identification of what was seen.
+        The identification from the fitted parts.
     motions : list of FreeMotion
-        Its motion in each run.
+        Motion of this model in each run.
     """
 
     result: xr.Dataset
@@ -42,7 +42,7 @@ class PlainStart:
 
 
 def residual_of_motions(motions: Sequence[FreeMotion]) -> float:
-    """Return the RMS of records minus motions, rad; infinite where one is no number."""
+    """Return the RMS of records minus motions, rad; infinite if a value is not finite."""
     rms = root_mean_square(np.concatenate([motion.residual for motion in motions]))
     return rms if np.isfinite(rms) else float("inf")
 
@@ -54,10 +54,10 @@ def plain_start(
     reference_frequency: float | None,
     start: FittedModel,
 ) -> PlainStart | None:
-    """Return the better of the fits of the start model by `identify`; None if there is none.
+    """Return the better fit of the start model by `identify`; None if there is none.
 
-    A fit with a random force follows a record whatever its forces lack. Its coefficients are those of the
-    balance of forces, and their free motion may slip out of phase.
+    A fit with a random force follows a record even if forces are missing. Its coefficients satisfy the
+    balance of forces, but its free motion may lose the phase of the record.
 
     Parameters
     ----------
@@ -66,13 +66,13 @@ def plain_start(
     library : ForceLibrary
         The forces of the start model.
     constraints : mapping of str to float
-        Coefficients that are held.
+        Coefficients that are fixed.
     reference_frequency : float or None, rad/s
-        w, where it is held.
+        Reference frequency w, if it is fixed.
     start : FittedModel
-        The start model of the search, whose paths are the records.
+        The start model of the search, whose paths contain the records.
     """
-    # A driven motion does not slip, and its record has no noise that a spline would tell.
+    # A driven motion keeps its phase, and a spline does not give the noise of its record.
     if any(map(inputs_of, seen)):
         return None
     starts, runs = list[PlainStart](), dict(enumerate(seen))

@@ -13,11 +13,11 @@ from sysid_trib.discovery import single_columns as single
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.likelihood import Likelihood, likelihood, of_many_rows
 from sysid_trib.discovery.engine.run_products import RunProducts
+from sysid_trib.discovery.engine.shape_parameters import has_frequency_parameter
 from sysid_trib.discovery.engine.trials import TrialEffect, frequencies_of, trials_of
 from sysid_trib.discovery.omnibus_test import FAMILIES, independent_tests, omnibus, trial_columns
 from sysid_trib.discovery.shapes import climbed, refined
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.shape_parameters import has_frequency_parameter
 
 SAME_EFFECT = "not testable on this record: parameters of the model have the same effect"
 NOT_FINITE = "it is not finite on this motion"
@@ -35,28 +35,28 @@ class Screening:
     reasons : list of str
         Why a trial cannot be tested, else empty.
     gains : (trial,) array of float
-        Decrease of the deviance by its column, both variances of each run at their most likely values
-        with and without it; 0 where physics forbids the sign of its coefficient.
+        Decrease of the deviance by its column. With and without the column, both variances of each run take
+        their most likely values. 0 if physics forbids the sign of its coefficient.
     coefficients, errors, effective_rows : (trial,) array of float
-        And the rows that tell the error.
+        Coefficient, its standard error, and the number of rows that determine this error.
     outside : (trial,) array of float
-        Part of its column that the model's cannot make.
+        Fraction of its column outside the span of the model's columns.
     correlation : (trial, trial) array of float
-        Correlation of these parts.
+        Correlation of the independent parts of two columns.
     relative_force : (trial,) array of float
         RMS of its force, with a coefficient of 1, over the restoring force.
     tests : float
-        Number of independent tests, those of the omnibus test counted as as many.
+        Number of independent tests of the candidates; the omnibus test counts as as many again.
     products : sequence of RunProducts
         Products of the model's columns, then the trials', then the omnibus test's.
     omnibus_z : (trial_force,) array of float
-        Scores of forces of any form: roots of what each gains alone, with the sign of its coefficient.
+        Scores of forces of any form: roots of the gain of each alone, with the sign of its coefficient.
     omnibus_p_value : float
         P-value of the test without candidates (see `omnibus`).
     whole : Likelihood
-        Likelihood of the model's columns along its path, steps of its shapes among them.
+        Likelihood of the model's columns along its path, including the steps of its shapes.
     fine : dict of int to bool
-        Whether the motion is known as finely as a trial acts, of those that were asked.
+        Whether the known motion resolves a trial, for the trials checked so far.
     """
 
     model: FittedModel
@@ -93,24 +93,25 @@ class Screening:
 
     @cached_property
     def p_values(self) -> Array:
-        """P-value of each trial: the probability that by chance any trial gains more, (trial,)."""
+        """P-value of each trial: the probability that any trial gains more by chance, (trial,)."""
         gained = zip(self.gains, self.trials, self.effective_rows, strict=True)
         return np.array([self.p_value_of(gain, trial.force, rows) for gain, trial, rows in gained])
 
     @property
     def widening(self) -> float:
-        """Factor by which errors from noise are too small if the omnibus test rejects; at least 1.
+        """Factor by which errors due to noise are too small if the omnibus test rejects; at least 1.
 
         A missing force changes the coefficients as much as the scores of forces of any form. The mean square
         of these scores is 1 for noise (Birge 1932).
         """
-        # `validation.verdict.widening` has the residual of the free motion, which a random force makes large.
+        # `validation.verdict.widening` uses the residual of the free motion, which a random force makes
+        # large.
         tested = self.omnibus_z[self.omnibus_z != 0.0]
         rejects = self.omnibus_p_value < self.model.settings.level and len(tested)
         return max(1.0, root_mean_square(np.abs(tested))) if rejects else 1.0
 
     def best(self, *, testable: bool = True) -> list[int]:
-        """Return the trial of largest gain of each candidate, best first; of the testable ones, or all."""
+        """Return the trial of largest gain of each candidate, best first; by default only testable ones."""
         best: dict[str, int] = {}
         for at in np.argsort(-self.gains, kind="stable").tolist():
             if not (testable and self.reasons[at]):
@@ -126,7 +127,7 @@ class Screening:
         return [self.fine[at] for at in trials]
 
     def first_fine(self, order: Sequence[int]) -> list[int]:
-        """Return the first trial of each candidate, in an order, that the known motion resolves."""
+        """Return the first trial of each candidate, in a given order, that the known motion resolves."""
         waiting: dict[str, list[int]] = {}
         for at in order:
             waiting.setdefault(self.trials[at].force.symbol, []).append(at)
@@ -140,13 +141,13 @@ class Screening:
 
     @property
     def replacing(self) -> list[int]:
-        """Trials that can be tested, or that could be tested in place of an effect with the same column."""
+        """Trials that are testable, or would be if they replaced an effect with the same column."""
         return [at for at, reason in enumerate(self.reasons) if reason in ("", SAME_EFFECT)]
 
     def tolerance(self, at: int, fitted: Sequence[Force]) -> float:
-        """Return the relative error of its gain that is allowed for a trial's column."""
+        """Return the relative error allowed for the gain of a trial's column."""
         settings, force = self.model.settings, self.trials[at].force
-        # With a random force stronger than the noise a path follows the record, the sensor's errors too.
+        # With a random force stronger than the noise, a path follows the record with its sensor errors.
         if force.kind == "sensor" and np.max(self.model.likelihood.ratios) > 1.0:
             return 1.0
         near = any(force.family == other.family for other in fitted)
@@ -160,8 +161,9 @@ class Screening:
     def p_value_of(self, gain: float, force: Force, effective_rows: float) -> float:
         """Return the probability of such a gain by chance in any of the tests.
 
-        A frequency that is fitted has so many more as the largest of a spectrum between its lines has
-        (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : that tell the error of its coefficient.
+        A fitted frequency adds as many tests as the largest value of a spectrum needs between its lines
+        (Davies 1987; Baluev 2008, eq. 6). `effective_rows` : number of rows that determine the coefficient's
+        error.
         """
         gain = max(0.0, gain) * float(of_many_rows(effective_rows, 1 + self.model.columns))
         p_value = self.tests * float(scipy.stats.chi2.sf(gain, 1))
@@ -179,7 +181,7 @@ class Screening:
         return self.p_value_of(bare.deviance - deviance if gain is None else gain, force, rows)
 
     def gain_of(self, symbols: Sequence[str]) -> float:
-        """Return the fall of the deviance due to effects of the model, along its path."""
+        """Return the decrease of the deviance due to effects of the model, along its path."""
         without = likelihood(self.products, self.model.columns_without(symbols))
         return without.deviance - self.whole.deviance
 
@@ -228,7 +230,7 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
         omnibus_p_value=p_value,
         whole=whole,
     )
-    # For each candidate test the trial of largest gain, or the next one if its column is not resolved.
+    # For each candidate test the trial of largest gain, or the next one if the motion does not resolve it.
     screening.first_fine([at for at in np.argsort(-gains).tolist() if able[at]])
     for too_fine in (at for at, fine in screening.fine.items() if not fine):
         reasons[too_fine], gains[too_fine] = TOO_FINE, 0.0
@@ -236,12 +238,12 @@ def screen(model: FittedModel, candidates: Sequence[Force]) -> Screening:
 
 
 def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialEffect], list[Array]]:
-    """Return candidates at refined grids of their shapes, several of them optimised; columns in each run."""
+    """Return candidates at refined grids of their shapes, and their columns; several shapes are optimised."""
     trials = trials_of(candidates, _lines(model), model.rows[0].path.frequency, model.settings)
     trials, columns, scores = refined(model, trials)
     drives = np.array([trial.force.passive for trial in trials], dtype=bool) & (scores < 0.0)
     gains = np.where(drives, 0.0, scores**2)
-    # Compare a few of its values with one that may be as far off.
+    # Keep candidates whose true gain may be the largest, given the error of their screened gain.
     likely = gains >= (1.0 - model.settings.family_tolerance) ** 2 * np.max(gains, initial=0.0)
     promising = {trials[at].force.symbol for at in np.flatnonzero(likely)}
     families = {trial.force.family for trial in model.trials if trial.added}
@@ -254,12 +256,11 @@ def _tried(model: FittedModel, candidates: Sequence[Force]) -> tuple[list[TrialE
 
 
 def _lines(model: FittedModel) -> list[float]:
-    """Return the frequencies (rad/s) of the strongest lines in the residual of the rows, and of the model.
+    """Return the frequencies (rad/s) of the strongest lines in the residual, and of the model's forces.
 
-    A force at the frequency of a model force leaves no line, but may replace it.
+    A force at the frequency of a model force has no line in the residual, but may replace the model force.
     """
-    # Frequencies to be tried, of whatever significance; `validation.lack_of_fit.spectral_line` tests one
-    # line.
+    # These frequencies are tried without a test; `validation.lack_of_fit.spectral_line` tests one line.
     most, lines = model.settings.lines, list[tuple[float, float]]()
     for rows, residual in zip(model.rows, model.white_residuals(), strict=True):
         count, duration = len(residual), float(np.ptp(rows.path.time[[0, -1]]))

@@ -1,4 +1,4 @@
-"""Search: candidates are screened as columns, a few models are fitted exactly, the evidence decides."""
+"""Search: screen all candidates as columns, fit a few models exactly, and decide by the evidence."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,7 +16,8 @@ from sysid_trib.errors import Tell, silent
 from sysid_trib.forces.library import load_library
 
 Rivals = dict[str, dict[str, float]]
-# Evidence (-2 ln) not worth more than a bare mention (Kass, Raftery 1995): the plainest is named.
+# A smaller difference of evidence (-2 ln) is not worth mentioning (Kass, Raftery 1995): the simplest model is
+# named.
 BARE_MENTION = 2.0
 
 
@@ -27,34 +28,34 @@ class Search:
     Attributes
     ----------
     screenings : list of Screening
-        With each of the models.
+        Screening of the candidates with each of the models.
     models : list of FittedModel
-        The final one, referring to its frequency; of `with_steps` the start model before it, and those with
-        one, two, ... of the effects.
+        The final model, with its own frequency as the reference. After `with_steps` also the models before
+        it: the start model, and the models with one, two, ... of the effects.
     effects : tuple of str
-        Added, in the order of what each explains.
+        Added effects, ordered by the deviance that they explain.
     p_values : list of float
-        Of each of them, of a larger gain by chance with the others, corrected: these keep it in the model.
+        Corrected p-value of each effect given the others; these p-values decide that it stays in the model.
     rivals : dict of str to dict of str to float
-        Of each effect: minus twice the logarithm of the evidence with each candidate in its place, over its
-        own; of nothing in its place under "".
+        For each effect: minus twice the logarithm of the evidence with each candidate in its place, relative
+        to the effect; "" is no force in its place.
     pairs : dict of str to dict of (str, str) to float
-        Pairs of candidates that compete with each effect, likewise.
+        Pairs of candidates that compete with each effect, in the same form.
     outstanding : list of str
-        Candidates that would gain more than chance, and are not in the model: no more effects were asked for,
-        they do not improve what was held out, their fits failed, or the search ended before.
+        Candidates with a significant gain that are not in the model: `max_effects` is reached, they do not
+        improve the held-out prediction, their fits failed, or the search ended before.
     next_best : FittedModel or None
-        The likeliest model with one of them, where `outstanding` has any that can be fitted.
+        The most likely model with one of the candidates in `outstanding`, if any of them can be fitted.
     collinear : list of str
         Effects that are not separately identifiable.
     converged : bool
-        Whether no move was left that raises the evidence.
+        Whether no move remained that raises the evidence.
     out_of_time : bool
         Whether the search ended at its deadline.
     followed : bool
-        Whether the last model moves as its path does.
+        Whether the free motion of the last model follows the path.
     fits : Fits
-        All that were made.
+        All fits of the search.
     predictions : sequence of Prediction
         Predictions of the held-out part, by the models of the search.
     noise_p_value : float
@@ -93,19 +94,19 @@ def search(
 ) -> Search:
     """Add, exchange and drop effects until no move raises the evidence of the model.
 
-    An effect is added where what it gains is beyond chance, corrected for the number of tests,
-    and nothing in its place is outside of its credible set; where that no longer holds it is dropped.
+    An effect is added if its gain is significant, corrected for the number of tests, and if "no force" is
+    outside of its credible set. It is dropped when this no longer holds.
 
     Parameters
     ----------
     fits : Fits
-        The start model, the candidates, and what of them was fitted already.
+        The start model, the candidates, and the models fitted so far.
     begin : FittedModel, optional
-        The first model, in the noise of the start model; by default that.
+        The first model, with the noise of the start model; by default the start model itself.
     most : int, optional
-        Effects at most, by default as the settings say.
+        Largest number of effects; by default that of the settings.
     growing : bool
-        Let there be no more effects than improve what was held out.
+        Whether effects are added only while they improve the held-out prediction.
     tell : Tell
     """
     model = start = fits.start
@@ -145,7 +146,7 @@ def search(
 
 
 def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> Search:
-    """Return the search that ends with a model, or with an equally likely one."""
+    """Return the finished search, with this model or a simpler one that is equally likely."""
     model, referred, rivals, followed = plainest(model, rivals, fits)
     last = fits.screened(model)
     effects = _by_weight(last)
@@ -168,7 +169,7 @@ def _ended(model: FittedModel, rivals: Rivals, fits: Fits, converged: bool) -> S
 
 
 def with_steps(search: Search, tell: Tell = silent) -> Search:
-    """Return the search with models of none, one, two, ... of its effects, and the candidates with each."""
+    """Return the search with models of zero, one, two, ... of its effects, and the candidates with each."""
     models = nested_models(search.models[-1], search.effects)
     tell("candidates with each model")
     before = [search.fits.screened(model) for model in models[:-1]]
@@ -176,7 +177,7 @@ def with_steps(search: Search, tell: Tell = silent) -> Search:
 
 
 def _by_weight(last: Screening) -> tuple[str, ...]:
-    """Order the effects such that each lowers the deviance most, given those before it."""
+    """Order the effects so that each lowers the deviance most, given those before it."""
     ordered, rest = list[str](), list(last.effects)
     while rest:
         ordered.append(min(rest, key=lambda symbol: last.gain_of([s for s in rest if s != symbol])))
@@ -185,7 +186,7 @@ def _by_weight(last: Screening) -> tuple[str, ...]:
 
 
 def _outstanding(last: Screening, further: Sequence[FittedModel], fits: Fits) -> list[str]:
-    """Return the candidates missing from the final model, and those without a fit."""
+    """Return the candidates missing from the final model, with those whose fit failed."""
     settings = last.model.settings
     gaining = [last.trials[at].force.symbol for at in last.best() if last.p_values[at] < settings.level]
     not_fitted = [name for name in gaining[: settings.fitted] if name in fits.failed or fits.ended]
@@ -193,14 +194,15 @@ def _outstanding(last: Screening, further: Sequence[FittedModel], fits: Fits) ->
 
 
 def may_gain(current: Screening) -> bool:
-    """Return true if the column of any candidate gains more than chance."""
+    """Return true if the column of any candidate has a significant gain."""
     return any(current.p_values[at] < current.model.settings.level for at in current.best())
 
 
 def _decisive_p_value(current: Screening, symbol: str, fits: Fits) -> float:
     """Return the p-value of an effect given the others, which decides whether it stays in the model.
 
-    Along the model's path; where chance would do as well along that, by the fit without the effect, if any.
+    It is computed along the model's path. If it is not significant there, the fit without the effect decides,
+    if any.
     """
     p_value, fitted = current.p_value_of_effect(symbol), fits.kept.get(frozenset(current.effects) - {symbol})
     if p_value < current.model.settings.level or fitted is None:
@@ -211,7 +213,7 @@ def _decisive_p_value(current: Screening, symbol: str, fits: Fits) -> float:
 def _collinear(last: Screening) -> list[str]:
     """Return effects of a model that are collinear with others and not well enough determined to be named.
 
-    Several flexible forces fit nearly anything: that they do is no evidence for any of them.
+    Several flexible forces fit almost anything; a good fit is then no evidence for any of them.
     """
     model, settings, collinear = last.model, last.model.settings, list[str]()
     errors = np.sqrt(np.diag(model.likelihood.covariance))
@@ -235,8 +237,8 @@ def plainest(model: FittedModel, rivals: Rivals, fits: Fits) -> tuple[FittedMode
 
     Returns
     -------
-    The model as the search has it; with its frequency as the reference; the rivals of its effects; and
-    whether it is followed.
+    The model as the search has it; the model with its frequency as the reference; the rivals of its effects;
+    and whether its motion follows the path.
     """
     referred, settings, effects = start_model.refitted(model), model.settings, model.effects
     followed = not effects or _is_followed(referred)
@@ -266,9 +268,9 @@ def _plainness(model: FittedModel, symbol: str) -> tuple[bool, int]:
 
 
 def _is_followed(model: FittedModel) -> bool:
-    """Return true if the fit has converged, and without a random force moves as its path does.
+    """Return true if the fit has converged, and its motion without a random force follows its path.
 
-    Rows say how a motion deviates, and not that it stops before the record does.
+    The rows describe small deviations of a motion; they do not show that it stops before the record does.
     """
     if not model.settled or np.any(model.likelihood.ratios > 0.0):
         return model.settled
@@ -285,6 +287,6 @@ def nested_models(final: FittedModel, effects: Sequence[str]) -> list[FittedMode
         paths = [rows.path for rows in last.rows]
         trials = [last.trials[at] for at in kept]
         fewer = start_model.refitted(model_fit.fit_model(paths, trials, first))
-        # A model without this effect may have no motion of its own: then use that of the larger model.
+        # A model without this effect may not oscillate: then use the path of the larger model.
         models.insert(0, fewer if fewer.follows else model_fit.fitted_along(paths, trials, first))
     return models

@@ -1,4 +1,4 @@
-"""Shape parameters of candidates: a sufficiently fine grid, and the optimisation from there."""
+"""Shape parameters of candidates: a sufficiently fine grid, and their optimisation from there."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -10,30 +10,36 @@ from sysid_trib.arrays import Array
 from sysid_trib.discovery import single_columns as single
 from sysid_trib.discovery.engine.fitted_model import FittedModel
 from sysid_trib.discovery.engine.likelihood import likelihood
+from sysid_trib.discovery.engine.shape_parameters import (
+    has_frequency_parameter,
+    is_frequency_parameter,
+    is_phase,
+)
 from sysid_trib.discovery.engine.trials import TrialEffect, trials_of
 from sysid_trib.forces.force import Force
-from sysid_trib.forces.shape_parameters import has_frequency_parameter, is_frequency_parameter, is_phase
 
 
 def refined(
     model: FittedModel, trials: Sequence[TrialEffect]
 ) -> tuple[list[TrialEffect], list[Array], Array]:
-    """Return trials refined between shape values whose columns are not alike, and columns of each run.
+    """Return trials on a refined grid of shape values, and columns of each run.
 
-    And the root of what these gain in the model's own noises, with the sign of its coefficient, (trial,).
+    Also return the root of the gain of each in the model's own noises, with the sign of its coefficient,
+    (trial,).
 
     Notes
     -----
-    A column halfway between two of correlation c, with the model and in its noise, has the correlation ((1 +
-    c) / 2)^(1/2) with either, so that a part (1 - c) / 2 of its gain is missed. The setting `tolerance`
-    limits this part. Several shapes of a candidate are optimised instead (`climbed`).
+    Let c be the correlation of two neighbouring columns, given the model and in its noise. A column halfway
+    between has the correlation ((1 + c) / 2)^(1/2) with either, so the grid misses a fraction (1 - c) / 2 of
+    its gain. The setting `tolerance` limits this fraction. Candidates with several shapes are optimised
+    instead (`climbed`).
     """
     every, new, added = list[TrialEffect](), list(trials), dict[str, int]()
     alike, most = 1.0 - 2.0 * model.settings.tolerance, 2 * model.settings.shape_values
     base = single.base_of(model)
     tables = [np.empty((rows.path.form.rows, 0)) for rows in model.rows]
     outside, part = np.empty((len(base), 0)), np.empty(0)
-    # The grid; its cells are halved at most so often.
+    # The grid, and at most four rounds in which its cells are halved.
     for _ in range(1 + 4):
         columns = [rows.coarse_columns(new) for rows in model.rows]
         tables = [np.column_stack(pair) for pair in zip(tables, columns, strict=True)]
@@ -58,7 +64,7 @@ def refined(
 
 
 def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialEffect]]:
-    """Yield neighbouring trials in one shape parameter, by their places, and the one halfway between."""
+    """Yield neighbouring trials in one shape parameter, by their indices, and the trial halfway between."""
     lines: dict[tuple[str, str, tuple[tuple[str, float], ...]], list[tuple[float, int]]] = {}
     for at, trial in enumerate(trials):
         force = trial.force
@@ -74,24 +80,24 @@ def neighbours(trials: Sequence[TrialEffect]) -> Iterator[tuple[int, int, TrialE
             yield at, other, trials[at].stepped(name, 0.5 * (high - low))
 
 
-# Combinations of the finer grid, over those that are screened: of three shapes two have thrice the values.
+# Factor of the number of combinations in the finer grid: two of three shapes have three times the values.
 FINER = 9
-# Others that a fit starts from where that from the best fails.
+# Number of other starts of a fit, tried if the fit from the best start fails.
 STARTS = 3
 
 
 def climbed(model: FittedModel, candidates: Iterable[Force]) -> list[TrialEffect]:
-    """Return the candidates of several shapes, each at the combination where its column gains most.
+    """Return the candidates with several shapes, each at the combination where its column gains most.
 
-    A candidate of the family of some of the model's effects stands in the place of these.
+    A candidate of the same family as effects of the model replaces these effects.
 
     Notes
     -----
-    Screening has two to four values of each of three shapes, and none may be near. From each combination of a
-    finer grid that is not worse than those next to it the shapes go one at a time to the best of their
-    neighbours, in steps that are halved down to the setting `shape_step` (compass search: Kolda, Lewis,
-    Torczon 2003). Candidates are left as they are if their gain is not significant, or far below that of the
-    effects they would replace.
+    Screening has two to four values of each of three shapes, and none may be close to the best. The
+    optimisation starts from each combination of a finer grid that is not worse than its neighbours. The
+    shapes move one at a time to the best neighbour, in steps that are halved down to the setting `shape_step`
+    (compass search: Kolda, Lewis, Torczon 2003). Candidates stay unchanged if their gain is not significant,
+    or far below that of the effects they would replace.
     """
     settings, frequency = model.settings, model.rows[0].path.frequency
     finer = replace(settings, combinations=FINER * settings.combinations)
@@ -114,16 +120,16 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
     if np.max(gains) < (1.0 - settings.family_tolerance) * of_gone:
         return []
     pairs = [sorted(pair, key=lambda at: gains[at]) for *pair, _ in neighbours(grid)]
-    # Keep both of two similar starts: either may lead further where a shape hardly matters yet.
+    # Keep both of two similar starts: either may lead further if a shape has little effect so far.
     beaten = {worse for worse, better in pairs if gains[better] > gains[worse] + settings.least_gain}
     least = max(settings.outside_of_set, (1.0 - settings.family_tolerance) * float(np.max(gains)))
     promising = [at for at in np.flatnonzero(gains > least).tolist() if at not in beaten]
-    # Gain of a trial, the trial, and the next step of its shapes, in parts of their ranges.
-    # First step, over the last.
+    # Gain of a trial, the trial, and the next step of its shapes as a fraction of their ranges. The first
+    # step is twice the last one.
     climbs = [(float(gains[at]), grid[at], 2.0 * settings.shape_step) for at in promising]
     ends = list[tuple[float, TrialEffect, float]]()
     while climbs:
-        # Each of its shapes a step lower and higher.
+        # Trials with one shape a step lower or higher.
         aside = [
             [trial.stepped(name, side) for name in trial.force.shape for side in (-step, step)]
             for _, trial, step in climbs
@@ -144,9 +150,9 @@ def _ends(model: FittedModel, grid: list[TrialEffect], gone: Sequence[str]) -> l
 
 
 def _gains(model: FittedModel, trials: Sequence[TrialEffect], gone: Sequence[str]) -> tuple[Array, float]:
-    """Return the fall of the deviance by each column in place of effects, (trial,), and by these effects.
+    """Return the decrease of the deviance by each column in place of effects, (trial,), and by these effects.
 
-    0 where physics forbids its sign.
+    The decrease is 0 if physics forbids the sign of the coefficient.
     """
     good, columns = single.where_finite([rows.coarse_columns(trials) for rows in model.rows])
     products = single.products_with(model, columns)

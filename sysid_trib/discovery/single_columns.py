@@ -1,6 +1,6 @@
 """Single columns with a model: their independent parts, gains, and resolution.
 
-A column is known where it is the same along a motion that is as likely: a random force hides the motion.
+A column is resolved if it is the same along another equally likely motion: a random force hides the motion.
 """
 
 from collections.abc import Sequence
@@ -18,9 +18,10 @@ from sysid_trib.forces.force import Force
 
 
 def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, strongest: float) -> Mask:
-    """Return true if a force may have these coefficients: that of a dissipative one is not negative.
+    """Return true if a force may have these coefficients: a dissipative force has no negative coefficient.
 
-    `relative_force` : of the force of coefficient 1, over the restoring force; `strongest` one may be.
+    `relative_force` : RMS force of coefficient 1 over that of the restoring force; `strongest` : its upper
+    limit.
     """
     drives = np.logical_and(force.passive, np.less(coefficient, 0.0))
     weak = np.abs(coefficient) * relative_force < strongest
@@ -30,7 +31,7 @@ def is_physical(force: Force, coefficient: ArrayLike, relative_force: float, str
 def are_physical(
     model: FittedModel, trials: Sequence[TrialEffect], coefficients: Array, columns: Sequence[Array]
 ) -> Mask:
-    """Return true where a trial may have its coefficient given a model, (trial,); by each run's column."""
+    """Return true if a trial may have its coefficient given a model, (trial,); by each run's column."""
     forces = zip(trials, coefficients, strengths(model, columns), strict=True)
     most = model.settings.strongest
     return np.array([is_physical(trial.force, c, size, most) for trial, c, size in forces], dtype=bool)
@@ -57,7 +58,7 @@ def products_with(model: FittedModel, *further: Sequence[Array]) -> list[RunProd
 def each_column(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
 ) -> Array:
-    """Return the maximum likelihood of a model with one column more, for each of many.
+    """Return the maximum likelihood of a model with one more column, for each of many columns.
 
     Parameters
     ----------
@@ -65,15 +66,15 @@ def each_column(
     base : sequence of int
         Columns of the model.
     columns : sequence of int
-        Each added alone.
+        Columns to be added one at a time.
     model : Likelihood
         Likelihood of the model of `base`.
 
     Returns
     -------
     (4, column) array of float
-        The deviance with each, its coefficient, the error of that, and as many rows of white noise as tell
-        this error.
+        The deviance with each column, its coefficient, the coefficient's error, and the number of rows of
+        white noise that would determine this error as well.
 
     Notes
     -----
@@ -82,9 +83,9 @@ def each_column(
     variances of the model with the best column, because a strong column changes the noise. The deviance is a
     little too high.
 
-    Where a random force is most of the noise of a column, few rows may tell how large it is, and so the error
-    of a column without effect: as many as the variance of this error's logarithm is that of a chi-square
-    (Satterthwaite 1946; Giesbrecht, Burns 1985).
+    If most of the noise of a column is a random force, only few rows may determine the size of this force,
+    and thus the error of a column without effect. Their number is that of a chi-square whose logarithm has
+    the same variance as this error's (Satterthwaite 1946; Giesbrecht, Burns 1985).
     """
     single = _each_in_noise(runs, base, columns, model)
     if len(runs) == 1 or not len(columns):
@@ -97,7 +98,7 @@ def each_column(
 def _each_in_noise(
     runs: Sequence[RunProducts], base: Sequence[int], columns: Sequence[int], model: Likelihood
 ) -> Array:
-    """Return the results of `each_column`, with common coefficients of runs in the noise of a model."""
+    """Return the results of `each_column`, with common coefficients of the runs, in the noise of a model."""
     every, first = np.array([0, *base, *columns], dtype=int), np.arange(1 + len(base))
     together = _solved(*_in_noise_of(runs, model, every, len(first))) if len(runs) > 1 else None
     deviance, coefficient, error = np.zeros((3, len(columns)))
@@ -125,7 +126,7 @@ def _each_in_noise(
 def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: int) -> tuple[Array, Array]:
     """Return the information on columns without effect, and the variance of its logarithm, (column,) each.
 
-    `log_square` : of the squares of their errors, (ratio, column).
+    `log_square` : logarithm of the squared errors of the columns, (ratio, column).
     """
     ratio, ratio_error = float(model.ratios[at]), float(model.ratio_errors[at])
     variance = 2.0 / run.degrees_of_freedom
@@ -139,8 +140,8 @@ def _without_effect(run: RunProducts, log_square: Array, model: Likelihood, at: 
 def _solved(products: Array, squares: Array) -> tuple[Array, Array, Array, float]:
     """Return coefficients of the base with each further column, (base, column), its own, and its information.
 
-    And the squares that the base alone leaves. `products` : of the target and the base with all columns,
-    (1 + base, 1 + base + column); `squares` : of all columns.
+    Also return the residual squares of the base alone. `products` : products of the target and the base with
+    all columns, (1 + base, 1 + base + column); `squares` : squares of all columns.
     """
     count = len(products)
     size = np.sqrt(np.maximum(squares, 1e-300))
@@ -170,14 +171,14 @@ def _left_by(products: Array, of_columns: Array, b: Array, beta: Array) -> Array
 def projected(
     runs: Sequence[RunProducts], model: Likelihood, base: Sequence[int], columns: Sequence[int]
 ) -> tuple[Array, Array]:
-    """Return the parts of columns outside of others, in the noise of a model.
+    """Return the parts of columns outside the span of other columns, in the noise of a model.
 
     Returns
     -------
     part : (column,) array of float
-        Part of the length of each column.
+        Length of the outside part of each column, as a fraction of its whole length.
     products : (column, column) array of float
-        Products of what is outside, in units of the noise.
+        Products of the outside parts, in units of the noise.
     """
     every = np.array([*base, *columns], dtype=int)
     total, _ = _in_noise_of(runs, model, every, len(every))
@@ -209,9 +210,9 @@ def correlation_of(products: Array) -> Array:
 
 
 def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
-    """Return the smallest deviance of each column, by splines over the ratios, and its place, (column,)."""
+    """Return the smallest deviance of each column, by splines over the ratios, and its index, (column,)."""
     logs = np.log(ratios[1:])
-    # Distance of ratios between those tried, in their logarithm, at which single columns are judged.
+    # Step of the logarithm of the ratio, between the grid ratios, at which single columns are evaluated.
     fine = np.linspace(logs[0], logs[-1], 1 + round((logs[-1] - logs[0]) / 0.1))
     between = CubicSpline(logs, deviances[1:])(fine)
     best = np.argmin(between, axis=0)
@@ -222,22 +223,22 @@ def _least(ratios: Array, deviances: Array) -> tuple[Array, Array]:
 
 
 def _at_place(values: Array, place: Array) -> Array:
-    """Return values (ratio, column) between two ratios, (column,)."""
+    """Return values (ratio, column) interpolated between two ratios, (column,)."""
     lower = np.minimum(place.astype(int), len(values) - 2)
     part, column = place - lower, np.arange(values.shape[1])
     return np.asarray((1.0 - part) * values[lower, column] + part * values[lower + 1, column])
 
 
 def base_of(model: FittedModel, without: Sequence[str] = ()) -> Array:
-    """Return the orthonormal base of the model's columns, those of some forces left out, (row, column)."""
+    """Return an orthonormal base of the model's columns without those of some forces, (row, column)."""
     kept = model.columns_without(without)
     return np.linalg.qr(np.vstack([table[:, kept] for table in model.white_tables()]))[0]
 
 
 def outside_of(model: FittedModel, columns: Sequence[Array], base: Array) -> tuple[Array, Array]:
-    """Return the parts of columns outside of the model's, (row, column), and their fractions.
+    """Return the parts of columns outside the span of the base, (row, column), and their fractions.
 
-    `columns` : (row, column) of each run. `base` : of the model's columns, or of some.
+    `columns` : (row, column) of each run. `base` : orthonormal base of all or some of the model's columns.
     """
     white = np.vstack(
         [
@@ -255,7 +256,7 @@ def known_finely(
     """Return the mask of columns that are the same along an equally likely motion, (column,).
 
     `columns`, `aside` : (row, column) of each run, along its path and along one of `model.possible_rows`;
-    `without` : effects of the model that these may replace: with them they need not be told apart.
+    `without` : effects of the model that the columns may replace, and so need not be separated from.
 
     Notes
     -----
@@ -271,7 +272,7 @@ def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
     """Apply `known_finely` to trials; without a random force all are true."""
     if not np.any(model.likelihood.ratios):
         return np.ones(len(trials), dtype=bool)
-    # Drawn again, and not kept with each screening: they are as large as the rows of the model.
+    # Drawn again for each call instead of stored: these rows are as large as those of the model.
     possible = model.possible_rows()
     here, aside = ([run.coarse_columns(trials) for run in rows] for rows in (model.rows, possible))
     return known_finely(model, here, aside, without=model.effects)
@@ -280,8 +281,8 @@ def are_known_finely(model: FittedModel, trials: Sequence[TrialEffect]) -> Mask:
 def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequence[Array]) -> Array:
     """Return the mixtures of columns that are the same along an equally likely motion, (column, direction).
 
-    The directions are outside of the model's columns and orthogonal in its noise. Parameters as in
-    `known_finely`: two similar columns may be known although their difference is not.
+    The directions are outside the span of the model's columns and orthogonal in its noise. Parameters as in
+    `known_finely`. The mean of two similar columns may be resolved although their difference is not.
     """
     base = base_of(model)
     (here, part), (there, _) = (outside_of(model, tables, base) for tables in (columns, aside))
@@ -292,6 +293,6 @@ def known_directions(model: FittedModel, columns: Sequence[Array], aside: Sequen
 
 
 def _alike(here: Array, there: Array, tolerance: float) -> Mask:
-    """Return the mask of columns that correlate up to this part of their squares, (column,)."""
+    """Return the mask of columns whose squared correlation is at least 1 minus the tolerance, (column,)."""
     along = np.einsum("ij,ij->j", here, there)
     return along >= np.sqrt(1.0 - tolerance) * np.linalg.norm(here, axis=0) * np.linalg.norm(there, axis=0)

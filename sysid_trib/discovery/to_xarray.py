@@ -12,7 +12,6 @@ import scipy
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
-from sysid_trib.cycles.signatures import inseparable
 from sysid_trib.discovery import demodulation, free_motion, omnibus_test, parts, unseen
 from sysid_trib.discovery.fits import credible, probabilities
 from sysid_trib.discovery.judged_models import judged_models
@@ -23,6 +22,7 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.smoothing import sensor_noise
 from sysid_trib.results import effects, variables
 from sysid_trib.validation.residuals import with_noise_and_models
+from sysid_trib.validation.separability import inseparable
 
 # Variables of each group.
 TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
@@ -38,15 +38,15 @@ def groups_of(
 ) -> dict[str, xr.Dataset]:
     """Return the groups of the result of `discover`.
 
-    `seen` : what the models are fitted to. `whole` : the run of each with all its samples.
-    `plain` : the start model in the place of that of the search.
+    `seen` : the records to which the models are fitted. `whole` : the run of each with all its samples.
+    `plain` : the start model that replaces that of the search.
     """
     motions = [free_motion.free_motions(model) for model in search.models]
     if plain is not None:
         motions[0] = plain.motions
-    # If the residual of the final model is more than noise, sets and errors include the change of names and
-    # coefficients between parts of the record. After a search that ran out of time it is also unknown whether
-    # the residual is noise.
+    # If the residual of the final model is more than noise, credible sets and errors include the change of
+    # effects and coefficients between parts of the record. This also holds after a search that ran out of
+    # time, because it is then unknown whether the residual is noise.
     final, complete = search.models[-1], search.noise_p_value >= 1.0
     error = None if complete else parts.error_of_model(final)
     names = variables.group_names("record", len(seen))
@@ -143,9 +143,9 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
 
 
 def _steps(search: Search, motions: Motions, error: Array | None, offered: ForceLibrary) -> xr.Dataset:
-    """Return the effects added, in order, with their final coefficients and what each explains."""
+    """Return the effects added, in order, with their final coefficients and the deviance each explains."""
     if not search.effects:
-        # netCDF has no empty axis: without a step there is but the count.
+        # netCDF has no empty axis: without a step, store only the count.
         return xr.Dataset(attrs={"count": 0})
     final, widening = search.models[-1], search.screenings[-1].widening
     symbols = [trial.force.symbol for trial in final.trials]
@@ -210,9 +210,9 @@ def _selected_at(search: Search, symbol: str) -> int:
 
 
 def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict[str, Any]:
-    """Return the probabilities of candidates in place of each effect, and of chance; also in parts.
+    """Return the probabilities of candidates, and of no force, in place of each effect; also in parts.
 
-    Where the final model leaves more than noise (not `complete`), by the mean of its probabilities over the
+    If the final model leaves more than noise (not `complete`), the probabilities are the mean over the whole
     record and its parts.
     """
     probability: list[list[float]] = []
@@ -246,7 +246,7 @@ def _competition(search: Search, symbols: Sequence[str], complete: bool) -> dict
 
 
 def _pairs(search: Search) -> dict[str, Any]:
-    """Return the pairs of candidates that may be the truth in the place of each effect."""
+    """Return the pairs of candidates that may be the true forces in place of each effect."""
     pairs = [search.pairs[symbol] for symbol in search.effects]
     best = np.array([min(of_effect.values(), default=np.nan) for of_effect in pairs])
     odds = {"pair_odds": np.exp(-0.5 * best)}
@@ -259,9 +259,9 @@ def _pairs(search: Search) -> dict[str, Any]:
 
 
 def with_inseparable(tree: xr.DataTree) -> xr.DataTree:
-    """Return a discovery in whose steps it is said which competing effects no run of this kind separates.
+    """Return a discovery whose steps state which competing effects no run of this kind separates.
 
-    Forces are compared in motions of up to the largest angle of the records, in their unit.
+    Forces are compared in motions up to the largest angle of the records, in their unit.
     """
     offered = effects.candidates_of(tree)
     size = max(float(np.abs(tree[group].angle).max()) for group in variables.record_groups(tree))

@@ -1,4 +1,4 @@
-"""Data of a search, prediction of held-out data, and the test whether the residual is noise."""
+"""Fitted and held-out parts of records, their prediction, and the test whether the residual is noise."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
@@ -28,15 +28,16 @@ from sysid_trib.validation.residuals import FollowedRuns
 
 
 class Prediction(NamedTuple):
-    """Prediction of parts that a model has not seen.
+    """Prediction of parts of records to which a model was not fitted.
 
     Attributes
     ----------
     log_densities : (period,) array of float
-        Mean logarithm of the predictive density of the rows of each period of all parts, given those before.
+        Mean logarithm of the predictive density of the rows in each period of all parts, given the rows
+        before.
     residuals : tuple of (sample,) array of float, rad
-        Residual of the free motion in each part, its start and the sensor's zero fitted; empty where the
-        model has no motion.
+        Residual of the free motion in each part, with fitted start and sensor's zero; empty if the model has
+        no motion.
     """
 
     log_densities: Array
@@ -44,7 +45,7 @@ class Prediction(NamedTuple):
 
     @property
     def rms(self) -> float:
-        """RMS residual of all parts, rad; nan where the model has no motion."""
+        """RMS residual of all parts, rad; nan if the model has no motion."""
         if not all(map(len, self.residuals)):
             return float("nan")
         return root_mean_square([root_mean_square(residual) for residual in self.residuals])
@@ -68,7 +69,7 @@ def start_forces(
             raise UsageError(f"No force '{symbol}' of the model can be held; there are {', '.join(able)}.")
     free = [force for force in model if force.symbol not in fix]
     if not free:
-        raise UsageError("Every force of the start model is held; give one that is fitted, a viscous one.")
+        raise UsageError("Every force of the start model is fixed; add one that is fitted, such as zeta.")
     held = [(TrialEffect(f, default_shapes(f)), float(fix[f.symbol])) for f in model if f.symbol in fix]
     return model, free, held
 
@@ -76,9 +77,9 @@ def start_forces(
 class RecordPart(NamedTuple):
     """A part of a run.
 
-    `record` : its samples. `run` : number of its run, from 0. `origin` : time (s) from which the `t` of
-    formulas counts. `before` : samples before it and its first, of which forces remember; None at the begin
-    of a record.
+    `record` : samples of the part. `run` : index of its run, from 0. `origin` : time (s) from which the `t`
+    of formulas counts. `before` : the samples before the part and its first sample, for history-dependent
+    forces; None at the beginning of a record.
     """
 
     record: xr.Dataset
@@ -92,10 +93,10 @@ def search_parts(
 ) -> tuple[list[xr.Dataset], list[RecordPart], list[RecordPart]]:
     """Return the decimated runs, the parts to which models are fitted, and the parts that they predict.
 
-    A driven record is as dense as its inputs ask for.
+    Driven records are decimated only as far as their inputs allow.
 
-    Models are fitted to the runs and predict records that are held out; where there are none, they are fitted
-    to the first two thirds of each run and predict the last one.
+    Models are fitted to whole runs and predict the held-out records. Without held-out records, they are
+    fitted to the first two thirds of each run and predict the last third.
     """
     kept, records = (
         [run if inputs_of(run) else decimated(run, per_period) for run in those] for those in (runs, unseen)
@@ -111,7 +112,7 @@ def search_parts(
             before = up_to_held_out(run) if is_whole else _before(run, part)
             later.append(RecordPart(part, at, float(time[0]), before))
     for at, record in enumerate(records):
-        # The noise of each is that of a run; `t` counts from the first sample of the record that it is from.
+        # Each part has the noise of its run; `t` counts from the first sample of the record that contains it.
         name = record.attrs.get("record_checksum")
         same = [run for run in kept if name and run.attrs.get("record_checksum") == name]
         origin = float((same or [record])[0].time.values[0])
@@ -121,30 +122,30 @@ def search_parts(
 
 
 def _before(run: xr.Dataset, part: xr.Dataset) -> xr.Dataset | None:
-    """Return the run before a part, at most as long, with the first sample of the part; None at its start."""
+    """Return the run before a part, at most as long, with the first sample of the part; None at the start."""
     begin, count = int(np.searchsorted(run.time.values, part.time.values[0])), part.sizes["time"]
     return run.isel(time=slice(max(0, begin - count), begin + 1)) if begin else None
 
 
 def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
-    """Yield the part of a run, or the beginning, middle and end of it if the run is driven and long."""
+    """Yield the part of a run, or three stretches of it if the run is driven and long."""
     part = run.isel(time=within)
     if not inputs_of(run):
         yield part
         return
     try:
-        # A decay shows every amplitude once, a driven record the same ones again and again: the time that a
-        # candidate takes grows with the periods, and after so many in each of three stretches names do not
-        # change.
+        # A decay shows every amplitude once, a driven record shows the same amplitudes again and again. The
+        # computing time of a candidate grows with the number of periods. Beyond this number in each of three
+        # stretches, the named effects do not change.
         duration = 2.0 * np.pi / swing_frequency(run) * 60
     except DecayError:
-        # Without a swing there are no periods to count.
+        # Without an oscillation there are no periods to count.
         yield part
         return
     time = part.time.values
     if time[-1] - time[0] > 4.0 * duration:
-        # At the beginning of a record the states of forces with memory are unknown: a few periods determine
-        # them.
+        # At the beginning of a record the states of history-dependent forces are unknown; a few periods
+        # determine them.
         part = part.sel(time=slice(time[0] + 0.1 * duration, None))
     time = part.time.values
     whole = time[-1] - time[0]
@@ -160,24 +161,24 @@ def _stretches(run: xr.Dataset, within: slice) -> Iterator[xr.Dataset]:
 def predicted(
     model: FittedModel, parts: Sequence[RecordPart], runs: Sequence[int], frequency: float
 ) -> Prediction:
-    """Predict parts of records that the model has not used.
+    """Predict parts of records to which the model was not fitted.
 
     Parameters
     ----------
     model : FittedModel
     parts : sequence of RecordPart
     runs : sequence of int
-        Whose noises are those of each.
+        Index of the run whose noises each part has.
     frequency : float, rad/s
-        Frequency of the test functions, the same for models that are compared.
+        Frequency of the test functions, which is the same for all compared models.
 
     Notes
     -----
-    Variances are the model's, and so are coefficients and shapes, with their errors: a model is not penalised
-    for uncertain parameters. The start, which the rows need not know, and the sensor's zero come from the
-    part itself, and internal states from the record before, as those of a resonator. The rows follow each
-    other in time, and the factor of their covariance is triangular: each is predicted by those before it, a
-    few samples ahead.
+    Variances, coefficients and shapes are the model's. Errors of the coefficients and shapes widen the
+    predictive density, so uncertain parameters are not penalised. The start and the sensor's zero are fitted
+    to the part itself, because the rows do not contain the start. Internal states, such as those of a
+    resonator, continue from the record before. The rows are ordered in time, and the factor of their
+    covariance is triangular: each row is predicted from those before it, a few samples ahead.
     """
     scores, residuals = [], []
     for part, run in zip(parts, runs, strict=True):
@@ -195,9 +196,9 @@ def predicted(
 
 
 def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, RecordPath]:
-    """Return mean logarithm of the predictive density of the rows of each period, and the smoothed path."""
+    """Return mean log predictive density of the rows of each period, and the smoothed path."""
     ratio, deviation = float(model.likelihood.ratios[run]), float(np.sqrt(model.likelihood.variances[run]))
-    # Rounds of the path of a part that is predicted.
+    # Three iterations of the path of the predicted part.
     for _ in range(3):
         rows = run_rows(path, model.trials, model.estimate)
         unexplained = rows.target - rows.columns(model.trials) @ model.coefficients
@@ -209,7 +210,7 @@ def _scored(model: FittedModel, path: RecordPath, run: int) -> tuple[Array, Reco
         errors = offset + path.sensor_errors(model.terms), path.sensor_slopes(model.terms)
         followed = path.follow(rows.smoothed_motion(unexplained - offset * zero, *errors, ratio), model.terms)
         if not np.all(np.isfinite(followed.points[1])):
-            # A model that runs away is judged with the last motion it follows.
+            # If the model diverges, judge it with the last motion that follows the part.
             break
         path = followed
     parameters, covariance = model.without_zeros(rows)
@@ -227,11 +228,10 @@ def _scores_of_periods(innovation: Array, columns: Array, covariance: Array) -> 
     Parameters
     ----------
     innovation : (row,) array of float
-        With the parameters as they are thought to be.
+        Innovations of the rows with the estimated parameters.
     columns : (row, parameter) array of float
     covariance : (parameter, parameter) array of float
-        What is not known of them before the first row; each period makes them better known (recursive least
-        squares).
+        Covariance of the parameters before the first row; each period reduces it (recursive least squares).
     """
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     columns, covariance = columns * size, covariance / np.outer(size, size)
@@ -263,15 +263,15 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
 
     Notes
     -----
-    Diebold and Mariano's test (see `mean_over_error`). The score is the predictive density of the rows, which
-    counts the errors of the coefficients; `compare` has residuals of motions, as some of its methods state no
-    density (`validation.holdout.diebold_mariano`).
+    This is Diebold and Mariano's test (see `mean_over_error`). The score is the predictive density of the
+    rows, which includes the errors of the coefficients. `compare` uses residuals of motions instead, because
+    some of its methods give no density (`validation.holdout.diebold_mariano`).
     """
     better = []
     for before in predictions[:-1]:
         with np.errstate(invalid="ignore"):
             difference = predictions[-1].log_densities - before.log_densities
-        # Without periods in which a model's errors are not finite.
+        # Leave out periods in which a model's errors are not finite.
         better.append(mean_over_error(difference[np.isfinite(difference)]))
     return np.array(better)
 
@@ -279,11 +279,13 @@ def improvements(predictions: Sequence[Prediction]) -> Array:
 def noise_p_value(model: FittedModel, runs: Sequence[xr.Dataset], unseen: Callable[[], float]) -> float:
     """Return the p-value that the residual of every run is sensor noise or a random force.
 
-    1 where the free motion follows them and what was held out to the noise (`unseen`: the RMS of that), 0
-    where it does not follow them and nothing pushes it. With a random force a free motion wanders off and
-    predicts what is far by chance, and noise of a colour of its own may hide a force: there the record must
-    leave nothing that goes with angle, speed or time (`dependence_on_motion`; Bonferroni). A driven motion
-    may have what no spline follows, so that no noise is known without a model: what is left is white then.
+    The p-value is 1 if the free motion follows the records and predicts the held-out parts up to the noise
+    (`unseen` : function that returns the RMS of the held-out residual). It is 0 if the motion does not follow
+    a record and the model has no random force there. With a random force, the free motion departs from the
+    record and predicts distant times well only by chance; and coloured noise may hide a force. Then the
+    residual must not depend on angle, speed or time (`dependence_on_motion`; Bonferroni). A driven motion may
+    contain components that no spline follows, so that its noise is not known without a model. Its residual is
+    therefore tested for whiteness.
     """
     motions, most = free_motions(model), model.settings.free_residual
     if any(map(inputs_of, runs)):

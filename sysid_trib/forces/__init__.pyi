@@ -1,8 +1,9 @@
-from sysid_trib.cycles.signatures import indistinguishable as indistinguishable, signature as signature
+from sysid_trib.cycles.signatures import signature as signature
 from sysid_trib.likelihood.pysindy_features import (
     ForceFeatures as ForceFeatures,
     WhitenedLeastSquares as WhitenedLeastSquares,
 )
+from sysid_trib.validation.separability import indistinguishable as indistinguishable
 
 from .force import Force as Force, ForceLibrary as ForceLibrary
 from .from_python import as_library as as_library

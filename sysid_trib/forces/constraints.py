@@ -18,7 +18,7 @@ from sysid_trib.forces.formulas import SMOOTH, SWITCHING, Formula
 from sysid_trib.forces.notation import parse
 
 Bounds: TypeAlias = tuple[float | None, float | None]
-# A number fixes a parameter, a pair bounds it, a formula ties it to others.
+# A number fixes a parameter, a pair bounds it, and a formula ties it to other parameters.
 Constraint: TypeAlias = float | Bounds | str
 ConstraintTable: TypeAlias = Mapping[str, Constraint]
 NO_CONSTRAINTS: ConstraintTable = MappingProxyType({})
@@ -31,13 +31,13 @@ class Constraints:
     Parameters
     ----------
     table : mapping of str to float, (float, float) or str
-        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: a value that is held, the lowest and highest
-        value (None where it has none), or a formula in terms of other parameters.
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: a fixed value, the lowest and highest value
+        (None for no limit), or a formula of other parameters.
 
     Raises
     ------
     UsageError
-        A value is none of these, no finite number, or bounds do not rise.
+        A value has none of these forms or is not finite, or bounds do not increase.
     """
 
     table: ConstraintTable = field(default_factory=dict)
@@ -59,13 +59,13 @@ class Constraints:
 
     @cached_property
     def fixed(self) -> dict[str, float]:
-        """Value of each parameter that is held."""
+        """Value of each fixed parameter."""
         numbers = (int, float, np.number)
         return {name: float(value) for name, value in self.table.items() if isinstance(value, numbers)}
 
     @cached_property
     def bounds(self) -> dict[str, tuple[float, float]]:
-        """Lowest and highest value of each parameter that is bounded; infinite where it has none."""
+        """Lowest and highest value of each bounded parameter; infinite for no limit."""
         return {
             name: (-np.inf if value[0] is None else value[0], np.inf if value[1] is None else value[1])
             for name, value in self.table.items()
@@ -78,7 +78,7 @@ class Constraints:
         return {name: value for name, value in self.table.items() if isinstance(value, str)}
 
     def holding(self, values: Mapping[str, float]) -> "Constraints":
-        """Return these constraints with further parameters held, whatever they were."""
+        """Return these constraints with further fixed parameters, which replace other constraints on them."""
         return Constraints({**self.table, **values})
 
     @classmethod
@@ -88,12 +88,12 @@ class Constraints:
         bounds: Mapping[str, Bounds] | None = None,
         ties: Mapping[str, str] | None = None,
     ) -> "Constraints":
-        """Return one table from three of one kind each; a parameter held within its bounds is held.
+        """Return one table from three tables of one kind each; a fixed value within its bounds replaces them.
 
         Raises
         ------
         UsageError
-            A parameter is held out of its bounds, or tied and constrained besides.
+            A parameter is fixed outside of its bounds, or is tied and also has another constraint.
         """
         fixed, bounds, ties = dict(fixed or {}), dict(bounds or {}), dict(ties or {})
         limits = cls(bounds).bounds
@@ -118,19 +118,20 @@ class Constraints:
         return (*self.fixed, *self.bounds, *self.ties)
 
     def marked(self, result: Any, at_bound: Iterable[str] = ()) -> Any:
-        """Add `constraint(force)` to a result in which any coefficient is constrained.
+        """Add `constraint(force)` to a result if any coefficient is constrained.
 
         Parameters
         ----------
         result : Dataset
             An identification.
         at_bound : iterable of str
-            Coefficients that a fit holds at one of their bounds.
+            Coefficients that a fit leaves at one of their bounds.
 
         Returns
         -------
         Dataset
-            The coordinate has `fixed`, `at its bound`, the formula of a tie (`nu=-2.356*delta`), or nothing.
+            The coordinate contains `fixed`, `at its bound`, the formula of a tie (`nu=-2.356*delta`), or an
+            empty text.
         """
         if not self:
             return result
@@ -145,7 +146,7 @@ class Constraints:
         Raises
         ------
         UsageError
-            A name is not a parameter of the library, a formula cannot be read, or ties go in a circle.
+            A name is not a parameter of the library, a formula cannot be read, or ties are circular.
         """
         known = parameters_of(library)
         for name in self.names:
@@ -156,12 +157,12 @@ class Constraints:
         self.formulas(library)
 
     def formulas(self, library: ForceLibrary) -> dict[str, Formula]:
-        """Return the ties in an order in which each follows those that its formula needs.
+        """Return the ties, ordered so that each follows the ties that its formula needs.
 
         Raises
         ------
         UsageError
-            A formula cannot be read, or ties go in a circle.
+            A formula cannot be read, or ties are circular.
         """
         known = parameters_of(library)
         ties = {name: parse_tie(name, text, known) for name, text in self.ties.items()}
@@ -175,23 +176,23 @@ class Constraints:
     def linear_map(
         self, library: ForceLibrary, shapes: ShapeValues | None = None
     ) -> tuple[tuple[str, ...], Array, Array]:
-        """Return coefficients as a linear map of the free ones; all shape parameters are held.
+        """Return coefficients as a linear map of the free ones; all shape parameters are fixed.
 
         Parameters
         ----------
         library : ForceLibrary
             The forces, in the order of the coefficients.
         shapes : mapping of str to float, optional
-            Held shape parameters; the library's defaults where left out.
+            Fixed shape parameters; omitted ones have the library's defaults.
 
         Returns
         -------
         free : tuple of str
             Coefficients that are neither fixed nor tied.
         matrix : (coefficient, free) array of float
-            Derivative of each coefficient by each free one.
+            Derivatives of the coefficients with respect to the free ones.
         constant : (coefficient,) array of float
-            Each coefficient where the free ones are zero.
+            Values of the coefficients if the free ones are zero.
 
         Raises
         ------
@@ -225,34 +226,34 @@ def parameters_of(library: ForceLibrary) -> tuple[str, ...]:
     return (*library.symbols, *library.shape_values())
 
 
-# A word, with the shape parameter behind a point: not the exponent of a number such as 1e-3.
+# A word, with the shape parameter after a dot: not the exponent of a number such as 1e-3.
 WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)?", re.ASCII)
 
 
 def parse_tie(name: str, text: str, known: Sequence[str]) -> Formula:
-    """Read a tie: the formula of other parameters, which it holds by their names.
+    """Read a tie: a formula of other parameters, which it contains by name.
 
     Parameters
     ----------
     name, text : str
-        The parameter that is tied, and its formula.
+        The tied parameter, and its formula.
     known : sequence of str
-        Parameters that the formula may hold.
+        Parameters that the formula may contain.
 
     Raises
     ------
     UsageError
-        The formula holds another name, the tied parameter itself, or is not of the whitelist.
+        The formula contains another name or the tied parameter itself, or an operation that is not allowed.
     """
     words = list(dict.fromkeys(WORD.findall(text)))
     names = [word for word in words if word in known]
     strangers = [word for word in words if word not in (*names, "pi", *SWITCHING, *SMOOTH)]
     if strangers:
-        wrong = f"The tie '{name}={text}' contains '{strangers[0]}', which is no parameter"
+        wrong = f"The tie '{name}={text}' contains '{strangers[0]}', which is not a parameter"
         raise UsageError(f"{wrong}; there are {', '.join(known)}.")
     if name in names:
         raise UsageError(f"The tie '{name}={text}' ties {name} to itself; use other parameters.")
-    # `lambda` and `dahl.s` are not parsed as names: placeholders replace them.
+    # `lambda` and `dahl.s` are not parsed as names, so placeholders replace them.
     stand_ins = {word: f"p{i}" for i, word in enumerate(names)}
     replaced = WORD.sub(lambda word: stand_ins.get(word[0], word[0]), text)
     shapes = frozenset(p for word, p in stand_ins.items() if "." in word)
@@ -278,15 +279,15 @@ def tied_value(tie: Formula, values: Mapping[str, float]) -> float:
 
 
 def tied_slopes(tie: Formula, values: Mapping[str, float]) -> dict[str, float]:
-    """Return the derivative of a tied parameter by each parameter that its formula holds."""
-    # NumPy's numbers: a division by zero gives one that is not finite, not an exception.
+    """Return the derivatives of a tied parameter with respect to the parameters in its formula."""
+    # With NumPy numbers, a division by zero is not finite instead of raising an exception.
     held = {name: np.float64(values[name]) for name in sorted(tie.names)}
     with np.errstate(all="ignore"):
         return {name: float(tie.derivative(held, name)) for name in held}
 
 
 def _affine(tie: Formula, known: Mapping[str, float]) -> tuple[float, dict[str, float]] | None:
-    """Return constant and factor of each unknown parameter, if a tie is linear in these; else None."""
+    """Return constant and factor for each unknown parameter if a tie is linear in these, else None."""
     free = sorted(tie.names - known.keys())
 
     def value(numbers: Array) -> float:
@@ -297,6 +298,6 @@ def _affine(tie: Formula, known: Mapping[str, float]) -> tuple[float, dict[str, 
     random = np.random.default_rng(20190417)
     shape = (16, len(free))
     points = random.choice((-1.0, 1.0), shape) * random.uniform(1e-3, 30.0, shape)
-    # Tested by its values: a formula of any form may be linear.
+    # Test by values: a formula of any form may be linear.
     same = np.isclose([value(point) for point in points], constant + points @ slopes, rtol=1e-9)
     return (constant, dict(zip(free, slopes.tolist(), strict=True))) if same.all() else None

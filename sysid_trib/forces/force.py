@@ -1,4 +1,4 @@
-"""Forces as data: a force is declared by lines of TOML, everything else is derived from its formula."""
+"""Forces as data: a force is declared in lines of TOML; all other properties follow from its formula."""
 
 import itertools
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -21,42 +21,43 @@ class Force:
     """One term h(x, v, t, z, m) of f = sum of coefficient * h, or one term of the sensor.
 
     `x` = theta (rad), `v` = theta'/w (rad), `t` = seconds since the first sample, `state` z obeys
-    dz/d(w t) = formula, `memory` m is constant between reversals (v = 0) and replaced there.
+    dz/d(w t) = formula, `memory` m is constant between reversals (v = 0) and gets a new value there.
 
     Parameters
     ----------
     symbol : str
-        The coefficient's name.
+        Symbol of the coefficient.
     name : str
-        Shown in tables.
+        Name in tables.
     formula : Formula
         h (rad).
     family, meaning, source : str
-        Shown in tables.
+        Texts for tables.
     kind : str
         `force`, or `sensor`: the measured angle is then x + coefficient * h.
     state : mapping of str to Formula
-        Right side of each internal state.
+        Right-hand side of the equation of each internal state.
     memory : mapping of str to Formula
-        Value that replaces each memory at a reversal.
+        New value of each memory at a reversal.
     start : mapping of str to Formula
-        First value of states and memory, from x, v and t at the first sample; zero where left out.
+        Initial value of states and memory, from x, v and t at the first sample; zero if omitted.
     shape : mapping of str to Shape
-        Parameters that do not enter linearly.
+        Parameters that enter nonlinearly.
     passive : bool
-        Whether it can only store or lose energy, so that its coefficient is not negative.
+        True if the force can only store or dissipate energy, so that its coefficient is not negative.
     coefficient : float, optional
-        Its coefficient where physics knows it, as 1 of gravity: with another one it is another force.
+        Coefficient, if it is known from physics, such as 1 for gravity; with another value it is another
+        force.
     channels : tuple of Channel
-        Inputs in its formulas.
+        Inputs in the formulas.
     run : int, optional
-        The only run, from 1, in which it acts: it has the coefficient of this run.
+        The only run, counted from 1, in which the force acts: the coefficient belongs to this run.
     uses : tuple of str
-        Symbols of other forces whose coefficients are in its formula, such as the torque of a motor in its
-        friction. A coefficient that a model lacks is zero.
+        Symbols of other forces whose coefficients are in the formula, such as the torque of a motor in its
+        friction. A coefficient that is not in the model is zero.
     curve : str
-        Name of the smooth curve that it is a part of. The coefficients of a curve are penalised: they are
-        random effects of one variance, which follows from the data. Empty for a force of its own.
+        Name of the smooth curve to which the force belongs. The coefficients of a curve are penalised: they
+        are random effects with one variance, which is estimated from the data. Empty for a separate force.
     """
 
     symbol: str
@@ -88,7 +89,7 @@ class Force:
         return hash((self.symbol, self.formula))
 
     def acts_as(self, other: "Force") -> bool:
-        """Return true if two forces differ in the words of tables at most."""
+        """Return true if two forces differ at most in the texts of tables."""
         words = {name: getattr(self, name) for name in ("name", "family", "meaning", "source")}
         return replace(other, **words) == self
 
@@ -108,7 +109,7 @@ class Force:
 
     @property
     def formulas(self) -> tuple[Formula, ...]:
-        """All right sides: of the force, its states and its memory."""
+        """All right-hand sides: of the force, its states and its memory."""
         return (self.formula, *self.state.values(), *self.memory.values())
 
     @property
@@ -124,12 +125,12 @@ class Force:
 
     @property
     def holds_time(self) -> bool:
-        """True if any of its formulas holds `t`."""
+        """True if any formula contains `t`."""
         return any("t" in f.names for f in self.formulas)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs that its formulas hold."""
+        """Names of the inputs in the formulas."""
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
@@ -138,7 +139,7 @@ class Force:
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "Force":
-        """Return the force with numbers for the coefficients in its formula, as shape parameters."""
+        """Return the force with the coefficients in its formula given as numbers, as shape parameters."""
         if not self.uses:
             return self
         values = ((symbol, float(coefficients.get(symbol, 0.0))) for symbol in self.uses)
@@ -152,7 +153,7 @@ class Force:
         return tuple(dict.fromkeys(surface for f in formulas for surface in f.surfaces))
 
     def with_numbers(self, coefficients: Mapping[str, float]) -> "Force":
-        """Return the force with numbers written in place of the coefficients in its formula."""
+        """Return the force with numbers in place of the coefficients in its formula."""
         written = self
         for symbol in self.uses:
             written = written.with_instead(symbol, f"{coefficients.get(symbol, 0.0):.6g}")
@@ -168,13 +169,13 @@ class Force:
         return replace(self, formula=formula, state=state, memory=memory, start=start)
 
     def counted_from(self, seconds: float) -> "Force":
-        """Return the force with `t` of its formulas shifted, for a motion that starts later."""
+        """Return the force with `t` in its formulas shifted, for a motion that starts later."""
         if seconds == 0.0 or not any("t" in f.names for f in (*self.formulas, *self.start.values())):
             return self
         return self.with_instead("t", f"t + {seconds!r}")
 
     def start_values(self, names: Mapping[str, Any]) -> dict[str, Any]:
-        """Return first value of each state and memory, from x, v, t and the shape parameters in `names`."""
+        """Return the initial value of each state and memory, from x, v, t and shape parameters in `names`."""
         values = dict.fromkeys((*self.state, *self.memory), 0.0)
         return values | {k: formula.evaluate(names) for k, formula in self.start.items()}
 
@@ -196,10 +197,10 @@ class Force:
         t : array of float, s
             Time since the first sample.
         shapes : mapping of str to float, optional
-            Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+            Shape parameters, `{"dahl.s": 0.02}`; omitted ones have their defaults.
         hidden : mapping of str to array of float, optional
-            States, memory, inputs and coefficients of other forces as formulas name them; zero where left
-            out.
+            States, memory, inputs and coefficients of other forces, by their names in formulas; zero if
+            omitted.
 
         Returns
         -------
@@ -214,32 +215,32 @@ class Force:
 
     @cached_property
     def latex(self) -> str:
-        """The formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
+        """Formula in LaTeX, with theta and theta' = dtheta/d(w t)."""
         return notation.formula_latex(self)
 
     @property
     def latex_symbol(self) -> str:
-        """The coefficient's symbol in LaTeX."""
+        """Symbol of the coefficient in LaTeX."""
         return notation.symbol_latex(self.symbol)
 
 
 def channels_of(forces: Iterable[Force]) -> tuple[Channel, ...]:
-    """Return the input channels of forces, each once."""
+    """Return the input channels of forces, without duplicates."""
     return tuple(dict.fromkeys(channel for force in forces for channel in force.channels))
 
 
 @dataclass(frozen=True, repr=False)
 class ForceLibrary:
-    """An ordered set of forces, by symbol or in turn.
+    """An ordered set of forces, accessed by symbol or by iteration.
 
     Parameters
     ----------
     title : str
         Title of the library.
     forces : tuple of Force
-        In their order, each with a symbol of its own.
+        Forces in order, each with a different symbol.
     source : str
-        The file that it is from.
+        File from which the library was read.
     """
 
     title: str
@@ -256,7 +257,7 @@ class ForceLibrary:
         return force in (self.symbols if isinstance(force, str) else self.forces)
 
     def __add__(self, other: "ForceLibrary | Force") -> "ForceLibrary":
-        """Return the forces of both, each once, with the words of the first."""
+        """Return the forces of both without duplicates; texts are those of the first."""
         if not isinstance(other, ForceLibrary | Force):
             return NotImplemented
         offered = [other] if isinstance(other, Force) else other.forces
@@ -305,12 +306,12 @@ class ForceLibrary:
 
     @property
     def channels(self) -> tuple[Channel, ...]:
-        """Input channels of its forces, each once."""
+        """Input channels of the forces, without duplicates."""
         return channels_of(self.forces)
 
     @property
     def inputs(self) -> tuple[str, ...]:
-        """Names of the inputs that its forces hold."""
+        """Names of the inputs in the forces."""
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
@@ -318,41 +319,41 @@ class ForceLibrary:
         return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "ForceLibrary":
-        """Return the library with numbers for the coefficients in formulas (see `Force.bound`)."""
+        """Return the library with the coefficients in formulas given as numbers (see `Force.bound`)."""
         if not self.used:
             return self
         return replace(self, forces=tuple(force.bound(coefficients) for force in self))
 
     @property
     def used(self) -> tuple[str, ...]:
-        """Symbols of the coefficients in formulas of its forces, each once."""
+        """Symbols of the coefficients in formulas of the forces, without duplicates."""
         return tuple(dict.fromkeys(symbol for force in self for symbol in force.uses))
 
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
-        """Return library of these forces alone, in the order given; raise a UsageError for an unknown one."""
+        """Return a library of only these forces, in this order; raise a UsageError for an unknown one."""
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
 
     @property
     def in_curves(self) -> NDArray[np.bool_]:
-        """Mask of the forces that are parts of a smooth curve, (force,)."""
+        """Mask of the forces that belong to a smooth curve, (force,)."""
         return np.array([bool(force.curve) for force in self.forces])
 
     def curves_among(self, symbols: Sequence[str]) -> dict[str, NDArray[np.intp]]:
-        """Return the places of each curve's forces in a list of symbols, by the curve's name."""
+        """Return the positions of each curve's forces in a list of symbols, by the name of the curve."""
         names = [self[symbol].curve for symbol in symbols]
         curves = dict.fromkeys(name for name in names if name)
         return {curve: np.flatnonzero([name == curve for name in names]) for curve in curves}
 
     def counted_from(self, seconds: float) -> "ForceLibrary":
-        """Return the forces with `t` of their formulas moved (see `Force.counted_from`)."""
+        """Return the forces with `t` in their formulas shifted (see `Force.counted_from`)."""
         return replace(self, forces=tuple(force.counted_from(seconds) for force in self))
 
     def in_run(self, run: int) -> "ForceLibrary":
-        """Return the forces that act in a run, by its number from 1."""
+        """Return the forces that act in a run, by its number counted from 1."""
         return replace(self, forces=tuple(force for force in self if force.run in (None, run)))
 
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
-        """Return the library with one force for each run in place of each of these: `lambda_1`, ..."""
+        """Return the library with one force per run in place of each of these: `lambda_1`, ..."""
         own = {self[symbol].symbol for symbol in symbols}
         if both := own & {*self.used}:
             symbol = min(both)
@@ -374,26 +375,26 @@ class ForceLibrary:
 
     @property
     def has_common_zero(self) -> bool:
-        """True if a constant term of the sensor is its zero in all runs: no run has one of its own."""
+        """True if a constant sensor term is the zero in all runs, so that no run has its own zero."""
         return any(force.kind == "sensor" and not force.formula.names for force in self.forces)
 
     @property
     def damping_factors(self) -> dict[str, float]:
-        """The damping ratio that a unit of each viscous force makes, by symbol."""
+        """Damping ratio of a unit coefficient of each viscous force, by symbol."""
         factors = {"2*v": 1.0, "v": 0.5}
         return {force.symbol: factors[f] for f in factors if (force := self.role(f)) is not None}
 
     def to_toml(self) -> str:
-        """Return the library as text in the format it is read from."""
+        """Return the library as text in the format of library files."""
         blocks = "".join(f"\n[[force]]\n{notation.toml(force)}" for force in self.forces)
         kinds = {channel.input: channel.kind for channel in self.channels}
         inputs = f"inputs = {notation.toml_value(kinds)}\n" if kinds else ""
         return f"title = {notation.toml_value(self.title)}\n{inputs}{blocks}"
 
 
-# A formula, or a force as a table of the library format: formula, name, state, shape and so on.
+# A formula, or a force as a table of the library format, with keys such as formula, name, state, shape.
 ForceTable: TypeAlias = str | Force | Mapping[str, Any]
-# Forms of a library: itself, its name or file, a force, formulas by symbol, or several of these.
+# Forms of a library: a library, its name or file, a force, formulas by symbol, or several of these.
 LibraryLike: TypeAlias = (
     ForceLibrary | str | Path | Force | Mapping[str, ForceTable] | Sequence[str | Force | ForceLibrary]
 )

@@ -19,14 +19,14 @@ Functions: TypeAlias = Mapping[str, Callable[..., Any]]
 # Arguments: names, functions and signs of the surfaces.
 Program: TypeAlias = Callable[[Names, Functions, Names | None], Any]
 
-# Powers up to this one are products.
+# Powers up to this one are computed as products.
 LARGEST_PRODUCT = 5
 SWITCHING = ("sign", "abs", "min", "max")
 SMOOTH = ("sin", "cos", "tan", "exp", "log", "sqrt", "tanh")
 
 
 def divided(first: Any, second: Any) -> Any:
-    """Divide; a division by zero is not finite and raises no exception."""
+    """Divide; the result of a division by zero is not finite, without an exception."""
     if isinstance(first, int | float) and isinstance(second, int | float):
         with np.errstate(all="ignore"):
             return np.divide(first, second)
@@ -34,7 +34,7 @@ def divided(first: Any, second: Any) -> Any:
 
 
 def power(base: Any, exponent: Any) -> Any:
-    """Raise to a power; small whole powers are products, a hundred times as fast."""
+    """Raise to a power; small integer powers are computed as products, about a hundred times faster."""
     if isinstance(exponent, int | float) and exponent in range(1, LARGEST_PRODUCT + 1):
         return reduce(operator.mul, [base] * int(exponent))
     return np.power(base, exponent)
@@ -52,7 +52,7 @@ NUMPY: Functions = {
     "power": power,
     **{name: getattr(np, name) for name in ("sign", "abs", *SMOOTH)},
 }
-# Branches by the real part: on a branch every formula is analytic.
+# The branch follows from the real part: on one branch every formula is analytic.
 ANALYTIC: Functions = {
     **NUMPY,
     "sign": lambda u: np.sign(np.real(u)),
@@ -60,7 +60,7 @@ ANALYTIC: Functions = {
     "min": lambda a, b: np.where(np.real(a) < np.real(b), a, b),
     "max": lambda a, b: np.where(np.real(a) > np.real(b), a, b),
 }
-# Branch by the sign of the surface, if that is known.
+# The branch follows from the sign of the surface, if it is known.
 ON_BRANCH: Functions = {
     "sign": lambda sign, u: sign,
     "abs": lambda sign, u: sign * u,
@@ -79,47 +79,47 @@ class Formula:
     text : str
         The formula as written.
     tree : ast.expr
-        The same, parsed and checked.
+        The parsed and checked formula.
     """
 
     text: str
     tree: ast.expr = field(compare=False, repr=False)
 
     def __getstate__(self) -> dict[str, Any]:
-        # Nested functions go to no other process; there they are made again.
+        # Nested functions cannot be sent to another process; they are made again there.
         return {"text": self.text, "tree": self.tree}
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """Names of the variables it holds."""
+        """Names of the variables in the formula."""
         calls = {id(n.func) for n in ast.walk(self.tree) if isinstance(n, ast.Call)}
         return frozenset(n.id for n in ast.walk(self.tree) if isinstance(n, ast.Name) and id(n) not in calls)
 
     @cached_property
     def surfaces(self) -> tuple["Formula", ...]:
-        """Expressions at whose zeros it changes branch, each once, innermost first."""
+        """Expressions at whose zeros the formula changes branch, without duplicates, innermost first."""
         return tuple(dict.fromkeys(n.surface for n in _bottom_up(self.tree) if hasattr(n, "surface")))
 
     def order_in(self, name: str) -> float:
-        """Return the order of a formula that is a polynomial in a variable as written; else infinite."""
+        """Return the degree in a variable of a formula written as a polynomial in it; else infinity."""
         return _order_in(self.tree, name)
 
     def degree_in(self, powers: Mapping[str, float], points: Names, factors: Sequence[float]) -> float | None:
-        """Return the power of a factor by which the formula grows if variables grow with given powers of it.
+        """Return the power of a factor with which the formula scales if variables scale with powers of it.
 
         Parameters
         ----------
         powers : mapping of str to float
-            Powers of each variable that grows.
+            Power of each variable that scales.
         points : mapping of str to (point,) array of float
             Values of the variables.
         factors : sequence of float
-            Factors that are tried.
+            Factors at which this is tested.
 
         Returns
         -------
         float or None
-            Infinite of zero, which has every power; None without one.
+            Infinite for the formula zero, which has every power; None if there is no such power.
         """
         with np.errstate(all="ignore"):
             here = np.asarray(self.evaluate(points), dtype=float)
@@ -131,7 +131,7 @@ class Formula:
                 grown = {k: c**p * np.asarray(points[k]) for k, p in powers.items() if k in points}
                 there.append(np.broadcast_to(self.evaluate({**points, **grown}), here.shape))
             ratio = np.abs(there[0][used] / here[used])
-            # Rounded to a tidy number so that a degree of 2 is 2 and not 1.9999999999.
+            # Rounded, so that a degree of 2 is 2 and not 1.9999999999.
             degree = round(float(np.median(np.log(ratio)) / np.log(factors[0])), 9) + 0.0
         if not np.isfinite(degree):
             return None
@@ -149,15 +149,15 @@ class Formula:
         names : mapping of str to number
             Value of each variable; arrays, slots of a program, SymPy expressions.
         functions : mapping of str to callable
-            The table of functions, `power` among them.
+            Table of functions, with `power`.
         signs : mapping of str to number, optional
-            Sign of each switching surface by its text. If given, the branch it selects is followed and
+            Sign of each switching surface, by its text. If given, the selected branch is evaluated and
             `sign`, `abs`, `min`, `max` are not called.
 
         Returns
         -------
         number
-            Of the kind of `names`.
+            Same type as in `names`.
         """
         return self._program(names, functions, signs)
 
@@ -166,18 +166,18 @@ class Formula:
         return _program_of(self.tree)
 
     def derivative(self, names: Names, name: str) -> Any:
-        """Return formula's derivative by one variable, on the branch of its value; see `with_derivative`."""
+        """Return the derivative by a variable, on the branch of its value; see `with_derivative`."""
         return self.with_derivative(names, name)[1]
 
     def with_derivative(self, names: Names, name: str) -> tuple[Any, Any]:
-        """Return the value of the formula and its derivative by one variable, on the branch of its value.
+        """Return the value of the formula and its derivative by one variable, on the branch of the value.
 
         Parameters
         ----------
         names : mapping of str to array of float
             Value of each variable.
         name : str
-            The variable.
+            Variable of the derivative.
 
         Returns
         -------
@@ -185,8 +185,8 @@ class Formula:
 
         Notes
         -----
-        The imaginary part of the value at z + i e is e times the derivative, without a difference of near
-        numbers (Squire and Trapp 1998).
+        The imaginary part of the value at z + i e is e times the derivative, without a difference of nearly
+        equal numbers (Squire and Trapp 1998).
         """
         stepped = {**names, name: names[name] + 1j * IMAGINARY_STEP}
         both = self.evaluate(stepped, ANALYTIC)
@@ -235,7 +235,7 @@ def _program_of(tree: ast.AST) -> Program:
 
 
 def _call(name: str, args: list[Program], surface: Formula | None) -> Program:
-    """Return a function of arguments, on the branch of its switching surface's sign if this is given."""
+    """Return a function of arguments, on the branch of the sign of its switching surface, if given."""
 
     def value(names: Names, functions: Functions, signs: Names | None) -> Any:
         values = [arg(names, functions, signs) for arg in args]

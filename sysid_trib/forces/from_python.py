@@ -10,7 +10,7 @@ from sysid_trib.forces.library import is_library, known_libraries, load_library,
 from sysid_trib.forces.selection import SHIPPED_LIBRARIES
 from sysid_trib.forces.systems import SystemModel
 
-# Name of a library made in Python, for messages.
+# Name of a library made in Python, used in messages.
 MADE_IN_PYTHON = "library(...)"
 
 
@@ -23,14 +23,14 @@ def library(
     ----------
     *parts : ForceLibrary, Force, str, path, or mapping
         Libraries or their names (`contact_forces`), library files, forces or their symbols (`zeta`), or
-        formulas by symbol: `{"lambda": "sign(v)"}`, as `lambda` is a word of Python.
+        formulas by symbol: `{"lambda": "sign(v)"}`, because `lambda` is a keyword of Python.
     title : str, optional
         Title of the library; by default the symbols of its forces.
     inputs : iterable of str, optional
         Names of the known inputs that the formulas contain; `u` need not be named.
     **formulas : str, Force or mapping
         A formula by the symbol of its force, `zeta="2*v"`; or a table as in a library file,
-        `mine={"formula": "z", "state": {"z": "v - z"}}`; or a `Force`, which takes this symbol.
+        `mine={"formula": "z", "state": {"z": "v - z"}}`; or a `Force`, which gets this symbol.
 
     Returns
     -------
@@ -40,9 +40,9 @@ def library(
     Raises
     ------
     UsageError
-        No such library or force, two different forces of one symbol, or no force at all.
+        There is no such library or force, two different forces have the same symbol, or there is no force.
     LibraryError
-        A formula that cannot be read. Nothing is executed.
+        A formula cannot be read. Nothing is executed.
     """
     channels = list(inputs)
     taken = [_part(part, channels) for part in parts]
@@ -60,14 +60,14 @@ def library(
 
 
 def as_library(given: LibraryLike, function: str) -> ForceLibrary:
-    """Return the force library that an argument stands for.
+    """Return the force library that an argument specifies.
 
     Parameters
     ----------
     given : LibraryLike
         A library, its name or file, forces, symbols, or formulas by symbol.
     function : str
-        The function that takes it, for the message.
+        Name of the function with this argument, for the message.
 
     Returns
     -------
@@ -76,9 +76,9 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
     Raises
     ------
     UsageError
-        It stands for no library.
+        The argument does not specify a library.
     LibraryError
-        A file or formula that cannot be read.
+        A file or formula cannot be read.
     """
     if isinstance(given, ForceLibrary):
         return given
@@ -100,7 +100,7 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
 
 
 def _kind(given: object) -> str:
-    """Name the kind of object given in place of a library, in a few words."""
+    """Describe the type of an object given in place of a library, in a few words."""
     return (
         f"the class {given.__name__}"
         if isinstance(given, type)
@@ -121,13 +121,13 @@ def _part(given: LibraryLike, channels: list[str]) -> ForceLibrary:
     if isinstance(given, Mapping):
         return ForceLibrary("", tuple(_forces(given, channels)), MADE_IN_PYTHON)
     raise UsageError(
-        f"A library is made of formulas, forces and libraries, not of {_kind(given)}; write "
+        f"A library consists of formulas, forces and libraries, not of {_kind(given)}; write "
         "st.library(zeta='2*v')."
     )
 
 
 def _named(text: str) -> ForceLibrary:
-    """Return the library of a name or file, or the shipped forces of these symbols (`lambda,zeta`)."""
+    """Return the library of a name or file, or the package's forces of these symbols (`lambda,zeta`)."""
     if is_library(text):
         return load_library(text)
     shipped = {
@@ -148,12 +148,12 @@ def _named(text: str) -> ForceLibrary:
 
 
 def _forces(formulas: Mapping[str, ForceTable], channels: Iterable[str]) -> list[Force]:
-    """Return the forces of formulas by symbol."""
+    """Return the forces of formulas given by symbol."""
     return [_force(str(symbol), given, list(channels)) for symbol, given in formulas.items()]
 
 
 def _force(symbol: str, given: ForceTable, channels: list[str]) -> Force:
-    """Return the force of one formula or table, checked as those of a file."""
+    """Return the force of one formula or table, checked in the same way as the forces of a file."""
     if isinstance(given, Force):
         return given.renamed(symbol)
     if callable(given):

@@ -65,7 +65,7 @@ def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) 
     Raises
     ------
     LibraryError
-        With the key, and what it may be.
+        The message states the key and its permitted values.
     """
     if not isinstance(table, dict):
         raise LibraryError(f"{where} must be a table with {', '.join(needed)}, not {short(repr(table))}.")
@@ -81,17 +81,17 @@ def check_keys(table: Any, checks: Checks, needed: tuple[str, ...], where: str) 
             raise LibraryError(f"{where}: {key} must be {meaning}, not {short(repr(value))}.")
 
 
-# The input that a library need not name.
+# Input that a library need not declare.
 USUAL_INPUT = "u"
 MAX_BYTES = 1_000_000
 # Names in a formula; not the exponent of a number such as 1e-3.
 NAMES_IN_FORMULAS = re.compile(r"(?<![\w.])[A-Za-z_]\w*", re.ASCII)
-# Libraries that include one another, one in the other.
+# Largest depth of libraries that include other libraries.
 MOST_INCLUDED = 8
 
 
 def library_folder() -> Path:
-    """Return the folder of the libraries that come with the package (wheel, or source tree)."""
+    """Return the folder of the package's libraries (wheel, or source tree)."""
     package = Path(__file__).resolve().parents[1]
     return next(p for p in (package / "libraries", package.parent / "libraries") if p.is_dir())
 
@@ -101,14 +101,14 @@ OTHER_NAMES = {"paper": "contact_forces"}
 
 
 def known_libraries() -> list[str]:
-    """Return the names of the libraries of this package and of other installed ones."""
-    # Systems are in the folder of the libraries and are none.
+    """Return the names of the libraries of this package and of other installed packages."""
+    # The file of systems is in the same folder, but is not a library.
     stems = {path.stem for path in library_folder().glob("*.toml")} - {"systems"}
     return sorted(stems | plugins.installed(plugins.LIBRARY_PLUGINS).keys())
 
 
 def is_library(name_or_path: str) -> bool:
-    """Return true if a text names a library or a file of one."""
+    """Return true if a text is the name of a library or the path of a library file."""
     path = Path(name_or_path)
     named = name_or_path in OTHER_NAMES or name_or_path in known_libraries()
     return named or path.suffix == ".toml" or os.path.isfile(path)
@@ -120,8 +120,8 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     Parameters
     ----------
     name_or_path : str or path
-        Name of a library of the package (`contact_forces`, also called `paper`), of one that another package
-        declares as an entry point `sysid_trib.libraries`, or a TOML file.
+        Name of a library of the package (`contact_forces`, also called `paper`), name of a library that
+        another package declares as an entry point `sysid_trib.libraries`, or a TOML file.
 
     Returns
     -------
@@ -131,9 +131,10 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     Raises
     ------
     UsageError
-        No such library or file.
+        There is no such library or file.
     LibraryError
-        The file is not a library of forces: message with file, force and reason. Nothing in it is executed.
+        The file is not a library of forces. The message states file, force and reason. Nothing in it is
+        executed.
     """
     path = Path(name_or_path)
     if path.suffix != ".toml" and not os.path.exists(path):
@@ -149,7 +150,7 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
         if path.stat().st_size > MAX_BYTES:
             raise LibraryError(f"{path.name}: larger than {MAX_BYTES:,} bytes; a library is a short text.")
         return library_of_text(path.read_text(encoding="utf-8"), path.name)
-    # TOML, text and integers of too many digits alike.
+    # Covers invalid TOML, invalid text, and integers with too many digits.
     except (OSError, ValueError, RecursionError) as error:
         if isinstance(error, LibraryError):
             raise
@@ -158,7 +159,7 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
 
 
 def _of_package(entry: EntryPoint) -> ForceLibrary:
-    """Return the library that another package declares: a `ForceLibrary`, or the path of its file."""
+    """Return the library declared by another package: a `ForceLibrary`, or the path of its file."""
     given = plugins.loaded(entry)
     if isinstance(given, ForceLibrary):
         return given
@@ -172,12 +173,12 @@ def _of_package(entry: EntryPoint) -> ForceLibrary:
 
 @lru_cache(maxsize=32)
 def library_of_text(text: str, source: str) -> ForceLibrary:
-    """Return the library of a TOML text, as a result keeps it, parsed once (see `load_library`)."""
+    """Return the library of a TOML text as stored in a result, parsed once (see `load_library`)."""
     return parse_library(tomllib.loads(text), source)
 
 
 def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
-    """Build a library from the mapping that TOML gives (see `load_library`)."""
+    """Build a library from the mapping of a parsed TOML file (see `load_library`)."""
     data = _included(data, source)
     entries = data.get("force")
     if not isinstance(entries, list) or not entries or not all(isinstance(e, dict) for e in entries):
@@ -196,7 +197,7 @@ def parse_library(data: Mapping[str, Any], source: str) -> ForceLibrary:
 
 
 def _included(data: Mapping[str, Any], source: str, depth: int = 0) -> dict[str, Any]:
-    """Join a library with those that it includes.
+    """Combine a library with the libraries that it includes.
 
     Its own inputs, expressions and forces replace included ones of the same name.
     """
@@ -224,12 +225,12 @@ def _included(data: Mapping[str, Any], source: str, depth: int = 0) -> dict[str,
 
 
 def _expressions(table: object, source: str) -> dict[str, str]:
-    """Return the named expressions of a library, each without the names of others.
+    """Return the named expressions of a library, with the names of other expressions written out.
 
     Raises
     ------
     LibraryError
-        The table holds something other than texts, a name that formulas have, or names go in a circle.
+        The table contains something other than texts, or a name reserved for formulas, or names are circular.
     """
     where = f"{source}, [expressions]"
     if not isinstance(table, dict):
@@ -271,7 +272,7 @@ def with_expressions(text: str, expressions: Mapping[str, str]) -> str:
 
 
 def _expanded(entry: Mapping[str, Any], expressions: Mapping[str, str]) -> dict[str, Any]:
-    """Return an entry in whose formulas the named expressions are written out."""
+    """Return an entry with the named expressions written out in its formulas."""
 
     def expanded(value: Any) -> Any:
         return with_expressions(value, expressions) if isinstance(value, str) else value
@@ -287,7 +288,7 @@ def _expanded(entry: Mapping[str, Any], expressions: Mapping[str, str]) -> dict[
 
 
 def _channels(inputs: object, expressions: Collection[str], source: str) -> dict[str, Channel]:
-    """Return the input channels that formulas may use, by their names; expressions replace them."""
+    """Return the input channels of formulas by name; expressions replace inputs of the same name."""
     kinds = dict.fromkeys(inputs, "") if isinstance(inputs, list) else inputs
     if not isinstance(kinds, dict) or not all(isinstance(k, str) for pair in kinds.items() for k in pair):
         raise LibraryError(f'{source}: inputs are names, ["u", "b"], or a table {{ u = "acceleration" }}.')
@@ -320,7 +321,7 @@ def _force(
     def formulas(table: Mapping[str, object], names: frozenset[str]) -> dict[str, Formula]:
         return {k: parse(text, frozenset("xvt") | names, exponents, where) for k, text in table.items()}
 
-    # Coefficients in the formula: of forces of the library, or of those that it names.
+    # Coefficients in the formula: of forces of the library, or of forces that it names.
     own = internal | frozenset(channels) | RESERVED_NAMES | {str(symbol)}
     usable = frozenset([*symbols, *entry.get("uses", [])]) - own
     if entry.get("kind") == "sensor":
@@ -368,7 +369,7 @@ def _shape(table: Any, where: str) -> Shape:
 
 
 def _check_finite(force: Force, where: str) -> None:
-    """Raise an error for formulas that overflow or are not real for a swing of a pendulum (below 1.2 rad)."""
+    """Raise an error for formulas that are not finite and real for a swing of a pendulum (below 1.2 rad)."""
     for formula in (*force.formulas, *force.start.values()):
         with np.errstate(all="ignore"):
             values = np.asarray(formula.evaluate(force.test_points))

@@ -1,6 +1,6 @@
 """Notation of forces: whitelist of formulas, TOML, LaTeX, powers of units and of the reference frequency.
 
-No text is ever executed, and what is not copied from its tree does not exist for the rest of the code.
+Text is never executed: only permitted nodes of its tree are copied, and all other code uses this copy.
 """
 
 import ast
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 MAX_LENGTH = 500
 MAX_DEPTH = 30
 MAX_EXPONENT = 20
-# Beyond it arithmetic would overflow.
+# Above this, arithmetic would overflow.
 LARGEST_CONSTANT = 1e100
 RESERVED_NAMES = frozenset(("x", "v", "t", "pi", *SWITCHING, *SMOOTH))
 
@@ -35,9 +35,9 @@ def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], wher
     text : object
         The formula as written in a library.
     allowed : set of str
-        Names of variables it may hold, besides `pi`.
+        Names of variables that it may contain, besides `pi`.
     exponents : set of str
-        Names among them that may stand as an exponent (shape parameters).
+        Names among them that may be an exponent (shape parameters).
     where : str
         File and force, for the message.
 
@@ -48,7 +48,7 @@ def parse(text: object, allowed: frozenset[str], exponents: frozenset[str], wher
     Raises
     ------
     LibraryError
-        Not a formula of the whitelist; nothing of it is executed.
+        The text is not a permitted formula; nothing is executed.
     """
     if not isinstance(text, str) or not text.strip():
         raise LibraryError(f"{where}: a formula must be a non-empty text in quotes, not {text!r}.")
@@ -128,14 +128,14 @@ def _is_exponent(node: ast.AST, exponents: frozenset[str]) -> bool:
 
 
 def _switch(name: str, args: list[ast.expr], surface: ast.expr) -> ast.Call:
-    """Return a call that changes branch where `surface` is zero; the surface is kept with it, found once."""
+    """Return a call that changes branch where `surface` is zero; the surface is stored with the call."""
     call = ast.Call(ast.Name(name), args, [])
     call.surface = Formula(ast.unparse(surface), surface)  # type: ignore[attr-defined]
     return call
 
 
 def short(text: str) -> str:
-    """Shorten a text to one line of at most 60 letters."""
+    """Shorten a text to one line of at most 60 characters."""
     text = " ".join(text.split())
     return text if len(text) <= 60 else text[:57] + "..."
 
@@ -147,7 +147,7 @@ def with_instead(formula: Formula, name: str, text: str, over: float = 1.0) -> F
 
 
 def toml(force: "Force") -> str:
-    """Return the lines of a force in a library's file."""
+    """Return the lines of a force in a library file."""
     words = {k: getattr(force, k) for k in ("symbol", "name", "family", "meaning", "source", "curve")}
     words |= {"formula": force.formula.text, "kind": force.kind if force.kind != "force" else ""}
     tables: dict[str, Any] = {
@@ -160,16 +160,16 @@ def toml(force: "Force") -> str:
 
 
 def toml_value(value: Any) -> str:
-    """Return a text, number, truth value or table of these in TOML."""
+    """Return a text, number, boolean or table of these in TOML."""
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{k} = {toml_value(v)}" for k, v in value.items()) + " }"
-    # Texts, numbers and truth values of JSON are those of TOML; a number reads back as the same number.
-    # Letters stay unescaped: TOML has no pairs of escapes for those above U+FFFF.
+    # Texts, numbers and booleans have the same form in JSON and TOML, and numbers read back unchanged.
+    # Letters are not escaped: TOML has no surrogate pairs for those above U+FFFF.
     return json.dumps(value, ensure_ascii=False)
 
 
 def symbol_latex(symbol: str) -> str:
-    """Return a symbol in LaTeX: letters, Greek too, with their index; a word stands upright, without one."""
+    """Return a symbol in LaTeX: Latin or Greek letters with an index, or an upright word without one."""
     import sympy
 
     written = str(sympy.latex(sympy.Symbol(symbol)))
@@ -198,26 +198,27 @@ def formula_latex(force: "Force") -> str:
 
 
 FACTORS = (2.0, 0.125)
-# Powers of the signal that shape parameters, and states and memory, may have.
+# Possible powers of the signal's unit in shape parameters, states and memory.
 SHAPE_POWERS = (0.0, 1.0, -1.0, -2.0)
 HIDDEN_POWERS = (1.0, 0.0, 2.0)
-# Powers of the reference frequency that these may have, and by how much those of rates, d/d(w t), are less.
+# Possible powers of the reference frequency in them, and what is added to these for rates, d/d(w t).
 REFERENCE_POWERS = (0.0, -1.0, 1.0, -2.0, 2.0)
 OF_RATES = -1.0
-# Power of the coefficient, under the name "", and of each shape parameter by its name.
+# Powers of the coefficient, under the name "", and of each shape parameter, by its name.
 Powers: TypeAlias = dict[str, float]
 
 
 @lru_cache(maxsize=1024)
 def signal_powers(force: "Force") -> Powers | None:
-    """Return the powers of the signal's unit in a coefficient and its shape parameters; None if it has none.
+    """Return powers of the signal's unit in a coefficient and its shape parameters; None without a degree.
 
     Parameters
     ----------
     force : Force
-        The coefficient of a force of degree p in the signal, its states and shape parameters scaled along, is
-        in unit^(1-p). `sin(x) - x` has no degree: it knows a radian. `tanh(v/s)` is of degree 0, with s of
-        power 1. A degree that depends on a shape parameter, as that of abs(v)**p, is none.
+        For a force of degree p in the signal, with states and shape parameters scaled accordingly, the
+        coefficient is in unit^(1-p). `sin(x) - x` has no degree, because its angles are in radians.
+        `tanh(v/s)` has degree 0, with s of power 1. A degree that depends on a shape parameter, as in
+        abs(v)**p, counts as none.
     """
     of_signal = {channel.name: 1.0 for channel in force.channels if channel.kind}
     return _powers(force, {"x": 1.0, "v": 1.0} | of_signal, SHAPE_POWERS, HIDDEN_POWERS, 0.0, 1.0)
@@ -225,13 +226,14 @@ def signal_powers(force: "Force") -> Powers | None:
 
 @lru_cache(maxsize=1024)
 def reference_powers(force: "Force") -> Powers | None:
-    """Return powers of the reference frequency w of a coefficient and its shapes; None if it has none.
+    """Return powers of the reference frequency w in a coefficient and its shapes; None without a degree.
 
     Parameters
     ----------
     force : Force
-        -w^2 c f(x, v) with v = x'/w: of `v` the coefficient goes as 1/w, of `sin(x) - x` as 1/w^2. A natural
-        frequency in units of w goes as 1/w, a relaxation time as w. None of abs(v)**p, as of `signal_powers`.
+        -w^2 c f(x, v) with v = x'/w: for `v` the coefficient scales as 1/w, for `sin(x) - x` as 1/w^2. A
+        natural frequency in units of w scales as 1/w, a relaxation time as w. None for abs(v)**p, as in
+        `signal_powers`.
     """
     over_w = {channel.name: -float(channel.power) for channel in force.channels if channel.power}
     whole = 0.0 if force.kind == "sensor" else -2.0
@@ -246,7 +248,7 @@ def _powers(
     of_rates: float,
     whole: float,
 ) -> Powers | None:
-    """Return powers of coefficient and shapes that keep the power `whole` if x and v scale as given."""
+    """Return powers of coefficient and shapes that give the power `whole` if x and v scale as given."""
     hidden = (*force.state, *force.memory)
     for shape_powers in itertools.product(of_shapes, repeat=len(force.shape)):
         shapes = dict(zip(force.shape, shape_powers, strict=True))
@@ -259,7 +261,7 @@ def _powers(
 
 
 def _points(force: "Force", shapes: dict[str, float]) -> list[dict[str, Any]]:
-    """Test points with pure numbers at their default and at either end."""
+    """Return test points with dimensionless shape parameters at their default and at both limits."""
     ends = ("default", "low", "high")
     pure = [{k: getattr(force.shape[k], end) for k, p in shapes.items() if p == 0.0} for end in ends]
     return [force.test_points | values for values in (pure if pure[0] else pure[:1])]
@@ -268,7 +270,7 @@ def _points(force: "Force", shapes: dict[str, float]) -> list[dict[str, Any]]:
 def _degree(
     force: "Force", powers: dict[str, float], points: dict[str, Any], of_rates: float
 ) -> float | None:
-    """Return the degree of the force if states and memory keep their powers, else None."""
+    """Return the degree of the force if states and memory have these powers, else None."""
     rates = [(formula, powers[name] + of_rates) for name, formula in force.state.items()]
     values = [(f, powers[name]) for name, f in (*force.memory.items(), *force.start.items())]
     if any(f.degree_in(powers, points, FACTORS) not in (power, np.inf) for f, power in rates + values):

@@ -1,4 +1,4 @@
-"""Forces that a search starts from, and those that it is offered."""
+"""Start forces of a search, and the candidates offered to it."""
 
 from collections.abc import Collection, Iterable
 from dataclasses import replace
@@ -10,12 +10,12 @@ from sysid_trib.forces.selection import EFFECTS, HYSTERESIS, INPUTS
 
 
 def viscous_model(library: ForceLibrary, inputs: Collection[str] = ()) -> ForceLibrary:
-    """Return the model that a search starts from: viscous friction alone, and the first force of each input.
+    """Return the start model of a search: viscous friction alone, and the first force of each input.
 
     Raises
     ------
     UsageError
-        The library has none.
+        The library has no viscous friction.
     """
     viscous = [library[symbol] for symbol in library.damping_factors]
     if not viscous:
@@ -51,11 +51,11 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
     """Return the candidates for a model: other forces of its library and inputs, and the usual effects."""
     effects = load_library(EFFECTS)
     of_inputs = [force for force in load_library(INPUTS) if set(force.inputs) & set(inputs)]
-    # More shapes are more than a search can tell, and of a decay these too.
+    # A search cannot determine more shape parameters; in a decay, it cannot determine these either.
     of_inputs += [force for force in load_library(HYSTERESIS) if inputs and len(force.shape) < 3]
     others = [force for force in (*library, *of_inputs) if force.symbol not in start.symbols]
     taken = [force.symbol for force in (*start, *others)]
-    # A user's own force of a symbol precedes the usual effect of the same symbol.
+    # A user's own force precedes the usual effect of the same symbol.
     others += [force for force in effects if force.symbol not in taken]
     return replace(effects, forces=tuple(others))
 
@@ -63,7 +63,7 @@ def further_forces(library: ForceLibrary, start: ForceLibrary, inputs: Collectio
 def offered_forces(
     model: ForceLibrary, candidates: ForceLibrary, inputs: Collection[str]
 ) -> tuple[ForceLibrary, list[str]]:
-    """Return the candidates that the model does not have, of these inputs, and the symbols of the others."""
+    """Return the candidates of these inputs that the model does not have, and the symbols of the others."""
     kept: list[Force] = []
     left_out: list[str] = []
     for force in candidates:

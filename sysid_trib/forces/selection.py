@@ -1,13 +1,13 @@
-"""Selection of forces: those that a method identifies, and those of the package that are named."""
+"""Selection of forces: those that a method identifies, and forces of the package given by name."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 
-# The forces that systems name, by library.
+# Libraries of the forces that systems name.
 EFFECTS, INPUTS, HYSTERESIS = "candidate_effects", "inputs", "hysteresis"
 SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS, HYSTERESIS, "water")
 
@@ -15,16 +15,16 @@ SHIPPED_LIBRARIES = ("contact_forces", EFFECTS, INPUTS, HYSTERESIS, "water")
 def forces_to_identify(
     library: ForceLibrary, reference_frequency: float | None, *, sensors: bool = False
 ) -> ForceLibrary:
-    """Return forces to identify: without a given frequency the one of formula `x` is the frequency itself.
+    """Return the forces to identify; if the frequency is fitted, a force of formula `x` is left out.
 
     Parameters
     ----------
     library : ForceLibrary
-        All forces offered.
+        All offered forces.
     reference_frequency : float or None, rad/s
-        None where it is fitted.
+        None if it is fitted.
     sensors : bool
-        Whether the method knows terms of the sensor.
+        True if the method supports sensor terms.
 
     Returns
     -------
@@ -33,7 +33,7 @@ def forces_to_identify(
     Raises
     ------
     DecayError
-        None remains, or there is a sensor term that the method does not know.
+        No force remains, or there is a sensor term that the method does not support.
     """
     if not sensors:
         refuse_sensors(library)
@@ -42,13 +42,13 @@ def forces_to_identify(
         library = library.select(s for s in library.symbols if s != stiffness.symbol)
     if all(force.kind == "sensor" for force in library):
         raise DecayError(
-            "No force is left to identify, only the frequency; offer at least one force (--forces)."
+            "There is no force to identify, only the frequency; offer at least one force (--forces)."
         )
     return library
 
 
 def with_shipped(library: ForceLibrary, symbols: Collection[str]) -> ForceLibrary:
-    """Add forces that are named and that another library of the package has."""
+    """Add forces that are named and that are in another library of the package."""
     wanted = set(symbols) - set(library.symbols)
     shipped = (force for name in SHIPPED_LIBRARIES if wanted for force in load_library(name))
     lacking = {force.symbol: force for force in shipped if force.symbol in wanted}
@@ -62,7 +62,7 @@ def is_free_to_move(library: ForceLibrary, fixed: Mapping[str, float]) -> bool:
     ----------
     library : ForceLibrary
     fixed : mapping of str to float
-        Coefficients that are held.
+        Fixed coefficients.
     """
     restoring = library.role("-x")
     others = (force for force in library if force is not restoring)
@@ -76,7 +76,7 @@ def refuse_sensors(library: ForceLibrary) -> None:
     Raises
     ------
     DecayError
-        A sensor term is in the library.
+        The library contains a sensor term.
     """
     sensors = [force.symbol for force in library if force.kind == "sensor"]
     if sensors:
@@ -84,32 +84,17 @@ def refuse_sensors(library: ForceLibrary) -> None:
         raise DecayError(f"{wrong}; Direct and Trajectory identify it, leave it out for others (--forces).")
 
 
-def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
-    """Return the library's forces of these formulas, for a method by its label.
-
-    Raises
-    ------
-    DecayError
-        One is missing, so that the method does not apply; or there is a sensor term.
-    """
-    refuse_sensors(library)
-    forces = {formula: library.role(formula) for formula in formulas}
-    if missing := [formula for formula, force in forces.items() if force is None]:
-        raise DecayError(f"{method} needs a force of formula {missing[0]}, and the library has none.")
-    return library.select(force.symbol for force in forces.values() if force is not None)
-
-
 def known_coefficients(library: ForceLibrary) -> dict[str, float]:
-    """Return the coefficients that a user's library states, by symbol; they are held.
+    """Return the coefficients stated in a user's library, by symbol; they are fixed.
 
-    The known coefficients of the package's libraries are free if their force is named: the record then tests
-    them.
+    The known coefficients of the package's libraries are free if their forces are named, so that the record
+    tests these values.
     """
     shipped = {f"{name}.toml": name for name in SHIPPED_LIBRARIES}
     sources = library.source.split(" + ")
     if all(source in shipped for source in sources):
         return {}
-    # For a sum of libraries.
+    # The library may be a sum of libraries.
     free = {force for source in sources if source in shipped for force in load_library(shipped[source])}
     stated = (force for force in library if force.coefficient is not None and force not in free)
     return {force.symbol: force.coefficient for force in stated if force.coefficient is not None}

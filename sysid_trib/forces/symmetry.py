@@ -1,4 +1,4 @@
-"""Channels of inputs in formulas, and the symmetries of a force under changes of sign and size."""
+"""Channels of inputs in formulas, and the symmetries of a force under changes of sign and scale."""
 
 import itertools
 from collections.abc import Mapping
@@ -14,22 +14,22 @@ from sysid_trib.forces.notation import parse
 if TYPE_CHECKING:
     from sysid_trib.forces.force import Force
 
-# Names with the force's symbol, `dahl.s`.
+# Values by names that contain the force's symbol, `dahl.s`.
 ShapeValues: TypeAlias = Mapping[str, float]
 
 
 @dataclass(frozen=True)
 class Shape:
-    """A shape parameter: a number inside a formula that does not enter linearly.
+    """A shape parameter: a number inside a formula that enters nonlinearly.
 
     Parameters
     ----------
     default : float
-        Its value unless another is given.
+        Value used if no other is given.
     low, high : float
-        The range in which it is fitted.
+        Range for the fit.
     meaning : str
-        Shown in tables.
+        Text for tables.
     """
 
     default: float
@@ -39,7 +39,7 @@ class Shape:
 
     @property
     def is_logarithmic(self) -> bool:
-        """True if the range spans more than a decade, so that positions in it are those of the logarithm."""
+        """True if the range spans more than a decade, so that positions in it are logarithmic."""
         return self.low > 0.0 and self.high > 10.0 * self.low
 
     def position(self, value: float) -> float:
@@ -54,31 +54,31 @@ class Shape:
         return np.asarray(np.clip(np.exp(values), self.low, self.high) if self.is_logarithmic else values)
 
     def slope(self, value: float) -> float:
-        """Return the derivative of a value by its position in the range."""
+        """Return the derivative of a value with respect to its position in the range."""
         return value * float(np.log(self.high / self.low)) if self.is_logarithmic else self.high - self.low
 
     def _uniform(self, value: float) -> float:
-        """Return the coordinate that is uniform over the range."""
+        """Return the coordinate (value or logarithm) that is uniform over the range."""
         return float(np.log(value)) if self.is_logarithmic else value
 
 
-# Kinds of an input, other than a quantity of its own, and the power of 1/w in formulas, as in theta' over w.
+# Kinds of an input ("" is a separate quantity), and the powers of 1/w in formulas, as in theta' over w.
 INPUT_KINDS = {"": 0, "displacement": 0, "rate": 1, "acceleration": 2}
 # Derivatives of an input in formulas: `u` and `du`.
 ORDERS = (0, 1)
 
 
 class Channel(NamedTuple):
-    """Input u(t) in a formula: `u`, or `du`, its derivative by tau = w t.
+    """Input u(t) in a formula: `u`, or `du`, its derivative with respect to tau = w t.
 
     Attributes
     ----------
     input : str
-        Its name.
+        Name of the input.
     order : int
         Order of the derivative.
     kind : str
-        One of `INPUT_KINDS`; other than "" it is in the unit of the signal, or that over s or s^2.
+        One of `INPUT_KINDS`; unless it is "", the input is in the unit of the signal, or that per s or s^2.
     """
 
     input: str
@@ -92,7 +92,7 @@ class Channel(NamedTuple):
 
     @property
     def power(self) -> int:
-        """Power of 1/w with which the derivative by time is seen."""
+        """Power of 1/w by which the input or its derivative in time is multiplied."""
         return INPUT_KINDS[self.kind] + self.order
 
 
@@ -102,7 +102,7 @@ def matches(force: "Force", formula: str) -> bool:
     Parameters
     ----------
     formula : str
-        A formula in x, v and t. Forces are known by what they do, not by their symbols.
+        A formula in x, v and t. Forces are recognised by their effect, not by their symbols.
     """
     if not force.memoryless or force.kind != "force" or force.shape or force.uses:
         return False
@@ -111,7 +111,7 @@ def matches(force: "Force", formula: str) -> bool:
 
 
 def parity(force: "Force") -> str:
-    """Return `odd`, `even` or `mixed` under (x, v) -> (-x, -v), states and memory included."""
+    """Return `odd`, `even` or `mixed` under (x, v) -> (-x, -v), including states and memory."""
     hidden, points = (*force.state, *force.memory), force.test_points
     rates = (*force.state.values(), *force.memory.values())
     for signs in itertools.product((-1.0, 1.0), repeat=len(hidden)):
@@ -129,9 +129,9 @@ def parity(force: "Force") -> str:
 
 
 def character(force: "Force") -> str:
-    """Return `dissipative` or `conservative` type by time reversal (v -> -v), else `mixed`.
+    """Return the character under time reversal (v -> -v): `dissipative`, `conservative`, or `mixed`.
 
-    A force with states or memory depends on history, which has no time reversal: `mixed`.
+    A force with states or memory depends on history and has no time reversal: `mixed`.
     """
     if not force.memoryless or force.channels or force.kind == "sensor":
         return "sensor" if force.kind == "sensor" else "mixed"
@@ -141,16 +141,16 @@ def character(force: "Force") -> str:
 
 
 def degree(force: "Force") -> float | None:
-    """Return degree q of homogeneity in (x, v) together; None without one, of history, time and inputs."""
+    """Return degree q of homogeneity in (x, v) together; None without one, or with history, time, input."""
     other = force.shape or force.holds_time or force.channels or force.uses
     return None if not force.memoryless or other else _degree_in(force, {"x": 1.0, "v": 1.0})
 
 
 def speed_degree(force: "Force") -> float | None:
-    """Return the degree of homogeneity in v alone (0 without v), None if there is none or if it has states.
+    """Return the degree of homogeneity in v alone (0 without v); None without one, or with states.
 
-    A degree that depends on a shape parameter, as that of abs(v)**p, is none. Inputs that are seen over w
-    count as v, over w^2 as its square.
+    A degree that depends on a shape parameter, as in abs(v)**p, counts as none. Inputs divided by w count as
+    v, those divided by w^2 as its square.
     """
     ends = [{k: getattr(s, end) for k, s in force.shape.items()} for end in ("default", "low", "high")]
     over_w = {channel.name: float(channel.power) for channel in force.channels if channel.power}
@@ -159,13 +159,18 @@ def speed_degree(force: "Force") -> float | None:
 
 
 def units(force: "Force") -> str:
-    """Return unit of the coefficient: `1` (dimensionless, angles in rad), or a power of s where t enters."""
+    """Return the unit of the coefficient: `1` (dimensionless, angles in rad), or a power of s if t enters."""
     power = _degree_in(force, {"t": 1.0}) if force.memoryless else None
     return "1" if not power else "s-1" if power == 1 else f"s{-power:g}"
 
 
+def as_factor(unit: str) -> str:
+    """Return a unit to which a power or a `/` can be appended: `(% of tank width)`, `(m/V)`, but `mm`."""
+    return f"({unit})" if set("*/· ") & set(unit) else unit
+
+
 def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
-    """Return the unit of the coefficient with inputs in units of their own, by their names: `1/V`.
+    """Return the unit of the coefficient for inputs with units of their own, by name: `1/V`.
 
     For an input without a unit its name is used: `1/u`.
     """
@@ -177,16 +182,15 @@ def units_with(force: "Force", inputs: Mapping[str, str]) -> str:
     for name in raw:
         of_input = {channel.name: 1.0 for channel in force.channels if channel.input == name}
         if power := _degree_in(force, of_input):
-            unit = inputs[name] or name
-            unit = f"({unit})" if set("*/") & set(unit) else unit
+            unit = as_factor(inputs[name] or name)
             text += f"/{unit}" if power == 1 else f"/{unit}^{power:g}"
     return text
 
 
 def test_points(force: "Force") -> dict[str, Any]:
-    """Return points at which formulas are compared; deterministic, off the axes.
+    """Return points at which formulas are compared; deterministic, and not on the axes.
 
-    Some are near zero: tanh(v/s) with a small s is sign(v) everywhere else.
+    Some are near zero: tanh(v/s) with a small s equals sign(v) everywhere else.
     """
     random = np.random.default_rng(20190417)
     sides = random.choice((-1.0, 1.0), size=(2, 64))
@@ -195,8 +199,7 @@ def test_points(force: "Force") -> dict[str, Any]:
     points = dict(zip("xv", sides * sizes, strict=True))
     points |= {k: random.uniform(-0.5, 0.5, 64) for k in (*force.state, *force.memory)}
     points |= {"t": random.uniform(0.5, 20.0, 64)} | force.shape_values()
-    # Values apart from each other: forces that contain a coefficient may be equal to others at some value of
-    # it.
+    # Different values: forces that contain a coefficient may equal others at a particular value of it.
     points |= {symbol: 0.7 + 0.3 * at for at, symbol in enumerate(force.uses)}
     return points | {
         c.name: random.choice((-1.0, 1.0), 64) * random.uniform(0.05, 1.2, 64) for c in force.channels
@@ -211,9 +214,9 @@ def _at(force: "Force", names: Mapping[str, Any]) -> NDArray[np.float64]:
 def _degree_in(
     force: "Force", powers: Mapping[str, float], shapes: ShapeValues | None = None
 ) -> float | None:
-    """Return the degree if variables grow with these powers of one factor; None without one, or of zero."""
+    """Return the degree if variables scale with these powers of a factor; None if there is none, or for 0."""
     points = force.test_points | dict(shapes or {})
-    # Over many scales: tanh(v/s) is as good as sign(v) on one of them.
+    # The factors cover many scales: at a single scale, tanh(v/s) cannot be distinguished from sign(v).
     degree = force.formula.degree_in(powers, points, (2.0, 4.0, 1e-3, 1e-6))
     return None if degree == np.inf else degree
 

@@ -1,4 +1,4 @@
-"""Kinds of oscillators: the forces of each, and what is known of their coefficients."""
+"""Kinds of oscillators: the forces of each, and known properties of their coefficients."""
 
 import itertools
 import math
@@ -20,7 +20,7 @@ SYSTEMS_FILE = "systems.toml"
 QUANTITIES = ("angle", "displacement", "rate", "acceleration", "accelerometer")
 SYMBOL_LISTS = ("forces", "impossible", "not_negative")
 COLUMN_NAMES = "columns"
-# Words of the name of a column.
+# Words in the name of a column.
 NAME_WORDS = re.compile(r"[^\W\d_]+")
 SYSTEM_KEYS: Checks = {
     "name": TEXT,
@@ -45,19 +45,19 @@ class System:
     Attributes
     ----------
     name, meaning : str
-        Its name, and what it is.
+        Name of the system, and its description.
     signal : str
-        The quantity that is usually measured.
+        The usually measured quantity.
     forces : tuple of str
-        Symbols of the forces that are identified where none is named.
+        Symbols of the forces that are identified if none are named.
     held : mapping of str to float
-        Coefficients of forces that are always there: a pendulum's gravity is 1.
+        Coefficients of forces that are always present: a pendulum's gravity is 1.
     impossible : tuple of str
-        Symbols that are not offered.
+        Symbols of forces that are not offered.
     not_negative : tuple of str
-        Symbols of forces whose coefficient physics does not let be negative.
+        Symbols of forces whose coefficients cannot be negative for physical reasons.
     columns : tuple of tuple of str
-        Names of columns by which a file is known as one of such a system, that of the signal first.
+        Names of columns by which a file of such a system is recognised, the signal's first.
     """
 
     name: str
@@ -77,12 +77,12 @@ class System:
 
     @property
     def symbols(self) -> tuple[str, ...]:
-        """Forces that are identified or held."""
+        """Forces that are identified or fixed."""
         return (*self.forces, *self.held)
 
     @property
     def swings_under_gravity(self) -> bool:
-        """True if gravity is the restoring force, or if the system does not state it."""
+        """True if gravity is the restoring force, or if the system does not state one."""
         shipped = [force for name in SHIPPED_LIBRARIES for force in load_library(name)]
         held = [force for force in shipped if force.symbol in self.held]
         return not self.name or any(force.matches("sin(x) - x") for force in held)
@@ -92,7 +92,7 @@ class System:
         return {symbol: (0.0, math.inf) for symbol in symbols if symbol in self.not_negative}
 
     def with_held(self, forces: str | None) -> str | None:
-        """Return forces by symbols, `lambda,zeta`, and those that are always there; else the usual ones."""
+        """Return forces with these symbols, `lambda,zeta`, and those always present; else the usual ones."""
         if forces is None:
             return ",".join(self.symbols) or None
         named = [symbol.strip() for symbol in forces.split(",") if symbol.strip()]
@@ -100,7 +100,7 @@ class System:
 
 
 def _first_words(names: Iterable[str]) -> list[str]:
-    """Return the first words of names of columns, in small letters: `Phi` of `Phi_rad [rad]`."""
+    """Return the first words of column names, in lower case: `phi` for `Phi_rad [rad]`."""
     return [next(iter(NAME_WORDS.findall(name.lower())), "") for name in names]
 
 
@@ -109,13 +109,13 @@ ANY_SYSTEM = System("", signal="")
 
 
 def load_system(name_or_path: str | None) -> System:
-    """Return a system by its name, or the first of a TOML file.
+    """Return a system by its name, or the first system of a TOML file.
 
     Parameters
     ----------
     name_or_path : str or None
-        One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format; without a name
-        `ANY_SYSTEM`.
+        One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format; `ANY_SYSTEM` if
+        omitted.
 
     Returns
     -------
@@ -124,9 +124,9 @@ def load_system(name_or_path: str | None) -> System:
     Raises
     ------
     UsageError
-        No such system or file.
+        There is no such system or file.
     LibraryError
-        A file that is not of this format, or names a force that no library has.
+        The file does not have this format, or it names a force that no library has.
     """
     if name_or_path is None:
         return ANY_SYSTEM
@@ -148,9 +148,9 @@ class SystemModel(NamedTuple):
     Attributes
     ----------
     library : ForceLibrary
-        The forces that are identified or held.
+        Forces that are identified or fixed.
     constraints : mapping of str to float or (float, float)
-        Coefficients that are held, and bounds, as `identify` and `compare` take them.
+        Fixed coefficients, and bounds, in the form for `identify` and `compare`.
     """
 
     library: ForceLibrary
@@ -158,24 +158,24 @@ class SystemModel(NamedTuple):
 
     @property
     def held(self) -> dict[str, float]:
-        """The coefficients that are held, as `discover` takes them: a search bounds none."""
+        """Fixed coefficients, in the form for `discover`: a search does not bound coefficients."""
         return {symbol: value for symbol, value in self.constraints.items() if isinstance(value, float)}
 
 
 def system(
     name_or_path: str | Path, forces: Iterable[str] | None = None, library: ForceLibrary | None = None
 ) -> SystemModel:
-    """Return the forces of a system and their known coefficients, as `--system` takes them.
+    """Return the forces of a system and their known coefficients, as with `--system`.
 
     Parameters
     ----------
     name_or_path : str or path
         One of `libraries/systems.toml`, such as `pendulum`, or a file of the same format.
     forces : iterable of str, optional
-        Symbols in the place of the forces that are usually identified; what the system holds is added.
+        Symbols that replace the usually identified forces; fixed forces of the system are added.
     library : ForceLibrary, optional
-        Where forces are sought first; by default `contact_forces`. Others come from the libraries of the
-        package.
+        Library searched first for the forces; by default `contact_forces`. Other forces come from the
+        libraries of the package.
 
     Returns
     -------
@@ -184,9 +184,9 @@ def system(
     Raises
     ------
     UsageError
-        No such system, or a force that no library has.
+        There is no such system, or a force is in no library.
     LibraryError
-        A file that is not of this format.
+        The file does not have this format.
     """
     moving = load_system(str(name_or_path))
     offered = load_library() if library is None else library
@@ -209,7 +209,7 @@ def shipped_systems() -> list[System]:
 def _systems(path: Path) -> dict[str, System]:
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8")).get("system", [])
-    # TOML, text and integers of too many digits alike.
+    # Covers invalid TOML, invalid text, and integers with too many digits.
     except (OSError, ValueError, RecursionError) as error:
         raise LibraryError(f"{path.name}: not a TOML file: {' '.join(str(error).split())}.") from None
     if not isinstance(tables, list) or not tables:

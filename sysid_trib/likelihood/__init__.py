@@ -1,1 +1,1 @@
-"""Rows: a record as equations about its path, the noise of both kinds in them, and fits of forces to them."""
+"""Rows: a record as equations about its path, their two noises, and fits of forces to them."""

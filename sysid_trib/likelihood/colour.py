@@ -1,7 +1,8 @@
-"""Colour of the sensor's noise with a random force, by the spectrum of what a free motion leaves.
+"""Colour of the sensor's noise with a random force, from the spectrum of the record minus a free motion.
 
-The sensor's noise is an autoregression; the random force moves an oscillator, whose response falls off on
-both sides of its resonance. Lines near harmonics of the motion, where forces act, say nothing of either.
+The sensor's noise is an autoregression. The random force drives an oscillator, whose response falls off on
+both sides of its resonance. Spectral lines near harmonics of the motion, where forces act, contain no
+information on either.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,47 +17,48 @@ from sysid_trib.likelihood.sensor_noise import NoiseModel, filter_of, filter_slo
 from sysid_trib.records.signal import is_uniform
 
 MAX_COLOUR = 3
-# Harmonics of the motion that any force may leave.
+# Highest harmonic of the motion in which missing forces may leave a residual.
 NOISE_HARMONICS = 6
-# Lines of a spectrum that tell a colour at all.
+# Least number of spectral lines that determine a colour.
 FEWEST_LINES = 50
-# Half of the width that is left out about each harmonic, in units of the frequency of the motion; in lines if
-# a random force is fitted too. About the motion itself this covers the effect of start and frequency: farther
-# away, a random force dominates.
+# Half width of the excluded band about each harmonic, in units of the frequency of the motion; with a random
+# force, in lines. About the motion itself the band covers the effect of start and frequency; outside of it a
+# random force dominates.
 ABOUT_HARMONIC = 0.25
 LINES_ABOUT_HARMONIC = 3.0
 LINES_ABOUT_MOTION = 1.5
-# Segments of a record, half of each in the next, over which lines above the motion are averaged.
+# Number of segments of a record, overlapping by half, over which lines above the motion are averaged.
 SEGMENTS = 8
-# Averages of neighbouring lines suffice, of which a spectrum of few bends has no more than this to tell.
+# Neighbouring lines are averaged to this number, which is enough for a spectrum with few bends.
 MOST_LINES = 2000
-# For a Hann window: number of independent values of the spectrum in each line.
+# Number of independent values of the spectrum per line, for a Hann window.
 INDEPENDENT_PART = 2.0 / 3.0
-# First step of a search among colours, in units of arctanh(partial autocorrelation), and where it ends: in
+# First step of a search among colours, in units of arctanh(partial autocorrelation), and its tolerances: in
 # these units and in the deviance.
 COLOUR_STEP, COLOUR_TOLERANCE = 0.05, 0.02
-# A long record determines a colour better than that: the first step is then this number of standard errors.
+# A long record determines a colour better: the first step is then this number of standard errors.
 FIRST_STEP_IN_ERRORS = 3.0
-# Accuracy of a gain that is far beyond chance: only its size matters.
+# Relative accuracy of a gain far above significance, of which only the size matters.
 PART_OF_GAIN = 0.01
-# Largest partial autocorrelation in a search: a walk has no variance that its first sample could have.
+# Largest partial autocorrelation in a search: a random walk has no stationary variance for its first sample.
 MOST_CORRELATED = 0.999
-# Trials of a search for each tap: where noise is all but a random walk (an integrated rate's) it would creep.
+# Trials of a search per tap: for noise that is almost a random walk (of an integrated rate) it converges
+# slowly.
 MOST_TRIALS = 25
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Lines of a spectrum, averaged until they are few.
+    """Lines of a spectrum, averaged to a small number.
 
     Attributes
     ----------
     line : (line,) array of float
-        Cycles a sample.
+        Frequency in cycles per sample.
     power : (line,) array of float
         Power; for white noise the variance of a sample.
     count : (line,) array of float
-        How many are in each.
+        Number of original lines in each averaged line.
     """
 
     line: Array
@@ -76,15 +78,15 @@ class Lines:
     def as_samples(self, filter_: Array) -> tuple[float, float, float]:
         """Return the spectral lines as independent samples of a given colour (Whittle).
 
-        How many, the sum of the squares of their innovations (rad^2), and the logarithm of the determinant
-        of their covariance in units of the variance of the innovations.
+        Return their number, the sum of the squares of their innovations (rad^2), and the logarithm of the
+        determinant of their covariance in units of the innovation variance.
         """
         logarithms = float(np.sum(self.count * np.log(self._gain(filter_))))
         squares = self.independent * self.noise(filter_).innovation ** 2
         return self.independent, squares, -2.0 * INDEPENDENT_PART * logarithms
 
     def colour(self, order: int) -> Array:
-        """Return the whitening filter of the most likely autoregression of an order, by the lines alone."""
+        """Return the whitening filter of the most likely autoregression of an order, from the lines alone."""
         return _whittle(self, np.zeros_like(self.line), order)[1].filter_
 
     def _gain(self, filter_: Array) -> Array:
@@ -93,14 +95,15 @@ class Lines:
 
 
 def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
-    """Return the spectral lines above a frequency (in units of that of the motion); rows include those below.
+    """Return the spectral lines above a frequency (in units of the motion's); the rows contain those below.
 
     There are none if the time steps differ.
 
     Notes
     -----
-    Averages over overlapping segments (Welch 1967): one window over the whole record would see the noise of
-    its middle, and a record that was interpolated from another clock has a colour that comes and goes.
+    Lines are averages over overlapping segments (Welch 1967). A single window over the whole record would
+    emphasise the noise in its middle, and the colour of a record interpolated from another clock varies over
+    time.
     """
     line, power, k = _spectrum(deviation, tau, SEGMENTS)
     above = (k > band) & is_uniform(tau)
@@ -110,18 +113,18 @@ def lines_above(deviation: Array, tau: Array, band: float) -> Lines:
 def most_likely_colour(
     deviance: Callable[[Array], float], starts: Sequence[Array], *, samples: float, least: float = np.inf
 ) -> tuple[Array, float]:
-    """Return the whitening filter of least deviance, and that.
+    """Return the whitening filter of least deviance, and its deviance.
 
     Parameters
     ----------
     deviance : callable
-        Minus twice the logarithm of the likelihood of a filter (tap,), all else profiled.
+        Minus twice the log likelihood of a filter (tap,), with all other parameters profiled.
     starts : sequence of (tap,) arrays of float
-        First guesses, of one order; the best is improved by Nelder and Mead's search (1965).
+        First estimates of one order; Nelder and Mead's search (1965) improves the best of them.
     samples : float
-        Number of independent samples that tell the colour.
+        Number of independent samples that determine the colour.
     least : float
-        Deviance of another explanation: how far it is from that need be known to a part of itself alone.
+        Deviance of an alternative explanation; a small relative accuracy of the difference from it is enough.
     """
     known = [deviance(start) for start in starts]
     value, best = min(known), starts[int(np.argmin(known))]
@@ -142,7 +145,7 @@ def most_likely_colour(
         most = MOST_TRIALS * order
         options = {"initial_simplex": simplex, "xatol": COLOUR_STEP, "fatol": tolerance, "maxfev": most}
         minimum = minimize(lambda at: deviance(filter_at(at)), at, method="Nelder-Mead", options=options)
-        # A start of stronger correlation than the limit of the search may be the best.
+        # A start whose correlation exceeds the limit of the search may be the best.
         value, best = min((value, best), (float(minimum.fun), filter_at(minimum.x)), key=lambda pair: pair[0])
         if minimum.nfev >= most or _colour_tolerance(value - least) > 0.5 * tolerance:
             return best, value
@@ -153,28 +156,28 @@ def _colour_tolerance(gain: float) -> float:
 
 
 def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseModel:
-    """Return level and colour of the sensor's noise in a deviation that a random force may contain as well.
+    """Return the sensor's noise, with its colour, from a deviation that may also contain a random force.
 
     Parameters
     ----------
     deviation : (sample,) array of float, rad
-        The record, minus a free motion.
+        The record minus a free motion.
     tau : (sample,) array of float
         Time in units of 1/w.
     random_force : bool
-        Whether one is fitted with the noise. Lines of low frequency can be explained by either: which it
-        is, the likelihood of the rows tells.
+        Whether a random force is fitted with the noise. Lines of low frequency may be due to either; the
+        likelihood of the rows decides.
 
     Returns
     -------
     NoiseModel
-        White where the steps of time differ, or the lines are too few.
+        The noise is white if the time steps differ, or if there are too few lines.
 
     Notes
     -----
-    Whittle's likelihood of the spectrum variance/|filter|^2 + q/(1 - k^2)^2, k the frequency in units of the
-    motion's, the resonance as wide as a line. The order of the autoregression minimises the Bayesian
-    information criterion.
+    This is Whittle's likelihood for the spectrum variance/|filter|^2 + q/(1 - k^2)^2, with k the frequency in
+    units of the motion's and a resonance as wide as a line. The order of the autoregression minimises the
+    Bayesian information criterion.
     """
     line, power, k = _spectrum(deviation, tau)
     step = float(np.median(np.diff(tau)))
@@ -192,7 +195,7 @@ def sensor_colour(deviation: Array, tau: Array, *, random_force: bool) -> NoiseM
 
 
 def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
-    """Return the level and colour of noise by the lines of its spectrum above a frequency alone.
+    """Return the level and colour of noise from the lines of its spectrum above a frequency alone.
 
     Parameters
     ----------
@@ -201,12 +204,12 @@ def colour_above(deviation: Array, tau: Array, band: float) -> NoiseModel:
     tau : (sample,) array of float
         Time in units of 1/w.
     band : float
-        In units of the motion's frequency: below, any force may act, and what is smooth follows.
+        Frequency in units of the motion's; below it any force may act, and smooth curves follow.
 
     Returns
     -------
     NoiseModel
-        White where the steps of time differ, or the lines are too few.
+        The noise is white if the time steps differ, or if there are too few lines.
     """
     lines = lines_above(deviation, tau, band)
     if np.sum(lines.count) < FEWEST_LINES:
@@ -226,17 +229,17 @@ def _likeliest_colour(lines: Lines, response: Array) -> NoiseModel:
 
 
 def _spectrum(deviation: Array, tau: Array, segments: int = 1) -> tuple[Array, Array, Array]:
-    """Return spectral lines in cycles a sample, their power, and their frequency in units of the motion's."""
+    """Return spectral lines (cycles per sample), their power, and their frequency over the motion's."""
     length = len(deviation) // segments
     line, power = scipy.signal.welch(deviation, nperseg=length, detrend="linear")
-    # One-sided, which takes half of the time: each line except the first occurs twice.
+    # The one-sided spectrum takes half the time: each line except the first stands for two.
     line, power = line[: length // 2], power[: length // 2]
     power[1:] *= 0.5
     return line, power, 2.0 * np.pi * line / float(np.median(np.diff(tau)))
 
 
 def _averaged(line: Array, power: Array, count_of_each: float = 1.0) -> Lines:
-    """Return neighbouring lines averaged until they are few; each stands for so many of the whole record."""
+    """Return averages of neighbouring lines, at most `MOST_LINES`; a line counts as `count_of_each`."""
     width = max(1, -(-len(line) // MOST_LINES))
     first = np.arange(0, len(line), width)
     number = np.diff(np.append(first, len(line))).astype(float)

@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array, Mask
 from sysid_trib.forces.force import Force, ShapeValues
 from sysid_trib.simulation.internal_states import states_along
 
-# Points of each sample's cell at which forces that jump are averaged.
+# Points of each sample's cell at which forces with jumps are averaged.
 POINTS_OF_CELL, CELLS_AT_ONCE = 34, 10_000
 # Values of the inputs in the formulas of a force at times (s), by name.
 InputsAt = Callable[[Force, Array], Mapping[str, Array]]
@@ -36,8 +36,7 @@ def value_along(
     shapes : mapping of str to float, optional
     given : InputsAt
     known : mapping of str to (sample,) array of float, optional
-        Internal states and memory as far as they are known, `{"dahl.z": ...}`; the others are computed
-        along the motion.
+        Known internal states and memory, `{"dahl.z": ...}`; the others are computed along the motion.
     """
     time, x, v = motion
     names = {name: f"{force.symbol}.{name}" for name in (*force.state, *force.memory)}
@@ -56,7 +55,7 @@ def cell_averages(
     given: InputsAt,
     rate_error: float = 0.0,
 ) -> Array:
-    """Average forces without states over each sample's cell: sign(v) switches where v does, not at a sample.
+    """Average memoryless forces over each sample's cell, so that sign(v) switches between two samples.
 
     Parameters
     ----------
@@ -67,7 +66,7 @@ def cell_averages(
     shapes : mapping of str to float
     given : InputsAt
     rate_error : float, rad
-        Standard deviation of a rate that is not known exactly: the average is over its normal law too.
+        Standard deviation of the rate if it is uncertain: the average is over its normal distribution too.
 
     Returns
     -------
@@ -75,11 +74,11 @@ def cell_averages(
 
     Notes
     -----
-    Values at the samples alone would turn with the sampling where a period has a whole number of them: a sign
-    that is off in the same places of every period seems to tell forces apart. With an error the points are a
-    Kronecker sequence over cell and probability, symmetric about their middle, so that every point has a time
-    and an error of its own. Cells in which nothing switches are averaged too, by two points (Gauss): values
-    beside averages would be, of few samples a period, a pattern that no motion has.
+    Values at the samples alone would depend on the sampling if a period has a whole number of samples: a sign
+    that is wrong at the same places of every period seems to distinguish forces. With an uncertain rate the
+    points are a Kronecker sequence over cell and probability, symmetric about their middle, so that every
+    point has its own time and error. Cells without switching are averaged too, by two points (Gauss): with
+    few samples a period, a mixture of values and averages would be a pattern that no motion has.
     """
     columns = np.empty((len(motion[0]), len(forces)))
     number = np.arange(POINTS_OF_CELL) - 0.5 * (POINTS_OF_CELL - 1)
@@ -101,7 +100,7 @@ def cell_averages(
     before, after = (near(side / np.sqrt(12.0), 0.0, every) for side in (-1.0, 1.0))
     for i, force in enumerate(forces):
         columns[:, i] = 0.5 * (value(force, before) + value(force, after))
-        # Only these samples: few cells switch, and each has many points.
+        # Use many points only for the few cells that contain a switch.
         at = np.flatnonzero(_switches(force, corners, shapes, given))
         for few in np.array_split(at, 1 + len(at) // CELLS_AT_ONCE) if len(at) else ():
             points = near(parts[:, None], errors[:, None], [values[few] for values in every])
@@ -125,10 +124,10 @@ def _switches(
     return switches
 
 
-# Width, in units of the local amplitude, over which the noise feels a jump of a force at zero.
+# Width, in units of the local amplitude, over which a jump of a force at zero acts on the noise.
 JUMP_WIDTH = 0.8
-# Part of the amplitude within which a force that rises at zero is one that jumps there: test functions, whose
-# knots are half a radian apart, do not see how.
+# Fraction of the amplitude within which a steep rise at zero counts as a jump: test functions, whose knots
+# are half a radian apart, do not resolve it.
 STEEP = 0.2
 
 
@@ -143,20 +142,20 @@ def derivatives_along(
     Parameters
     ----------
     terms : iterable of (Force, float, mapping of str to float)
-        Each with its coefficient and shape parameters; what depends on history is left out.
+        Each force with its coefficient and shape parameters; history-dependent forces are left out.
     motion : three (sample,) arrays of float
         Time since the first sample (s), x and v (rad).
     given : mapping of str to (sample,) array of float, optional
         Inputs in the formulas.
     kind : {"force", "sensor"}
-        Stiffness and damping by forces; or by which errors of the sensor grow with the angle and its rate.
+        Derivatives of forces, which are stiffness and damping, or of errors of the sensor.
 
     Notes
     -----
-    A force that jumps with v, as sign(v), damps the noise by a spike at each reversal. The test functions
-    see no spike, but its mean: a sharper one would whiten away what they can see. A jump at zero is therefore
-    distributed over `JUMP_WIDTH`, and so is a rise that is nearly as steep, as that of abs(v)**0.1 sign(v).
-    A kink, as that of x abs(x), is none.
+    A force that jumps with v, such as sign(v), damps the noise by an impulse at each reversal. The test
+    functions respond only to the mean of this impulse; a narrower impulse would remove information by
+    whitening. A jump at zero is therefore distributed over `JUMP_WIDTH`, and so is a rise that is nearly as
+    steep, such as that of abs(v)**0.1 sign(v). A kink, such as that of x abs(x), is not a jump.
     """
     time, x, v = motion
     slopes = np.zeros((2, len(x)))
@@ -169,7 +168,7 @@ def derivatives_along(
                 continue
             with np.errstate(all="ignore"):
                 slope = np.broadcast_to(force.formula.derivative(names, name), x.shape)
-            # The motion passes the singularity of a power for an instant only.
+            # The motion passes the singularity of a power only at an instant.
             slope = np.where(np.isfinite(slope), slope, 0.0)
             if kind == "force" and force.formula.surfaces:
                 slope = _with_jump(force, names, name, slope, coefficient)
@@ -178,7 +177,7 @@ def derivatives_along(
 
 
 def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coefficient: float) -> Array:
-    """Return the derivative of a force by x or v along a motion, with jumps at zero as bumps.
+    """Return the derivative of a force by x or v along a motion, with jumps at zero as smooth bumps.
 
     The jump is the rise within `STEEP` of the amplitude, minus that of the tangents at its ends.
     """
@@ -200,7 +199,8 @@ def _with_jump(force: Force, names: dict[str, Any], of: str, slope: Array, coeff
         return slope
     at_end = np.where(along < 0.0, slopes[0], slopes[1])
     slope = np.where((np.abs(along) < steep) & (jump != 0.0), at_end, slope)
-    # The swing is about a centre that the jump shifts by half of itself: near rest that is its size.
+    # The jump shifts the centre of the swing by half of its size; near rest this shift is the size of the
+    # motion.
     width = JUMP_WIDTH * (amplitude + 0.5 * np.abs(coefficient * jump))
     bump = np.clip(1.0 - (along / width) ** 2, 0.0, None)
     return np.asarray(slope + jump * bump**2 * 15.0 / (16.0 * width))

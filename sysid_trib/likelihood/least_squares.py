@@ -1,4 +1,4 @@
-"""Least squares of rows of correlated noise, their errors, and constraints as a map of free coefficients."""
+"""Least squares of rows with correlated noise, their errors, and constraints as a linear map."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from sysid_trib.likelihood.sensor_noise import autocorrelation, ljung_box_p_valu
 from sysid_trib.likelihood.smoothness import smooth_least_squares
 from sysid_trib.likelihood.weak_form import whiten
 
-# Level and lags of Ljung and Box's test (1978) of rows that should be white.
+# Significance level and lags of Ljung and Box's test (1978) of rows that should be white.
 CORRELATION_LEVEL = 1e-4
 CORRELATION_TEST_LAGS = 12
 
@@ -28,7 +28,7 @@ class ConstraintMap:
     Attributes
     ----------
     free : (free,) array of int
-        Places of the free coefficients among all.
+        Indices of the free coefficients among all.
     matrix : (force, free) array of float
     constant : (force,) array of float
     low, high : (free,) array of float
@@ -43,7 +43,7 @@ class ConstraintMap:
 
     @property
     def in_model(self) -> Mask:
-        """Coefficients (force,) that may be other than zero."""
+        """Coefficients (force,) that may differ from zero."""
         return self.matrix.any(axis=1) | (self.constant != 0.0)
 
     def impose(self, coefficients: Array) -> Array:
@@ -56,12 +56,12 @@ class ConstraintMap:
         return ConstraintMap(self.free[kept], self.matrix[:, kept], constant, self.low[kept], self.high[kept])
 
     def keep(self, active: Mask) -> "ConstraintMap":
-        """Return the map in which the free coefficients that are not active (force,) are zero."""
+        """Return the map in which free coefficients that are not active (force,) are zero."""
         dropped = ~active[self.free]
         return self.hold(dropped, np.zeros(int(np.sum(dropped))))
 
     def active(self, kept: Mask) -> Mask:
-        """Return coefficients (force,) in the model if some free ones (mask over `free`) are kept."""
+        """Return the coefficients (force,) in the model if some free ones (mask over `free`) are kept."""
         constrained = np.ones(len(self.constant), bool)
         constrained[self.free] = False
         fixed = constrained & ~self.matrix.any(axis=1)
@@ -71,7 +71,7 @@ class ConstraintMap:
 def constraint_map(
     constraints: Constraints, library: ForceLibrary, shapes: Mapping[str, float]
 ) -> ConstraintMap:
-    """Return the map of a regression, in which all shape parameters are held.
+    """Return the map of a regression, which holds all shape parameters.
 
     Parameters
     ----------
@@ -88,8 +88,8 @@ def constraint_map(
     Raises
     ------
     UsageError
-        A name is no parameter, a tie is not linear in the coefficients, a bound is on a shape parameter, or
-        no coefficient is free.
+        A name is not a parameter, a tie is not linear in the coefficients, a bound is on a shape parameter,
+        or no coefficient is free.
     """
     constraints.check(library)
     for name in constraints.bounds:
@@ -113,8 +113,8 @@ def white_least_squares(
     columns : (row, column) array of float
     target : (row,) array of float
     lags : int
-        Over which the covariance is to allow for correlation where the residual has one; 0 takes it for
-        white.
+        Number of lags over which the covariance allows for correlation, if the residual is correlated; 0
+        means white.
     curves : sequence of arrays of int
         Columns whose coefficients are random effects of one variance each (see `smooth_least_squares`).
 
@@ -125,15 +125,15 @@ def white_least_squares(
     noise : float
         RMS residual.
     lags : int
-        Over which the covariance does.
+        Number of lags over which the covariance allows for correlation.
 
     Notes
     -----
-    The covariance of white rows is sigma^2 (X' X)^-1. If the residual is correlated, because the model is
-    incomplete, it is the estimator of Newey and West (1987).
+    The covariance for white rows is sigma^2 (X' X)^-1. If the residual is correlated, because the model is
+    incomplete, the estimator of Newey and West (1987) is used.
     """
-    # Columns in units of a power of two near their own size, which rounds nothing: those of a start in
-    # the record's unit and those of forces would else be far apart.
+    # Scale the columns by powers of two near their size, which causes no rounding. Otherwise the columns of a
+    # start, in the record's unit, and those of forces may differ by orders of magnitude.
     unit = np.exp2(-np.frexp(np.linalg.norm(columns, axis=0))[1].astype(float))
     scaled = columns * unit
     gram = scaled.T @ scaled
@@ -150,7 +150,7 @@ def white_least_squares(
     residual = target - scaled @ solved
     lags = lags if _correlated(residual) else 0
     if lags:
-        # Here, since it takes 0.2 s to import.
+        # Import only here, because it takes 0.2 s.
         from statsmodels.stats.sandwich_covariance import S_hac_simple
 
         correlated = S_hac_simple(scaled * residual[:, None], nlags=lags) - noise**2 * gram
@@ -172,24 +172,24 @@ def whitened(factor: Array | None, table: Array) -> Array:
 
 
 def significant(columns: Array, target: Array, level: float, removed_columns: int) -> Mask:
-    """Select the significant columns of white rows, (column,), at a family-wise level of significance.
+    """Select the significant columns of white rows, (column,), at a family-wise significance level.
 
     Parameters
     ----------
     columns : (row, column) array of float
     target : (row,) array of float
     level : float
-        Probability of keeping any column that is not there (Bonferroni over those offered).
+        Probability of keeping any column without effect (Bonferroni over the offered columns).
     removed_columns : int
-        Columns that have been projected out of the rows before: the residual has as many fewer degrees of
-        freedom.
+        Number of columns projected out of the rows before; the residual has fewer degrees of freedom by this
+        number.
 
     Notes
     -----
-    The kept set minimises ``RSS/sigma^2 + t^2 * size``, t^2 the chi-square of one column at the level: none
-    can be dropped, added or exchanged. Correlated columns make one-way elimination drop true ones for
-    combinations of others; exchanges, from the empty and from the full set, do not stop there (Miller, Subset
-    Selection in Regression, 2002, Sec. 3.4).
+    The kept set minimises ``RSS/sigma^2 + t^2 * size``, with t^2 the chi-square of one column at the level:
+    no drop, addition or exchange improves it. With correlated columns, one-way elimination drops true columns
+    in favour of combinations of others. Exchanges, from the empty and from the full set, do not stop there
+    (Miller, Subset Selection in Regression, 2002, Sec. 3.4).
     """
     count = columns.shape[1]
     triangle: Array = np.asarray(np.linalg.qr(np.column_stack([columns, target]), mode="r"))
@@ -199,7 +199,7 @@ def significant(columns: Array, target: Array, level: float, removed_columns: in
         solution = np.linalg.lstsq(table[:, kept], projected, rcond=1e-12)[0] if kept.any() else np.zeros(0)
         return float(np.sum((projected - table[:, kept] @ solution) ** 2))
 
-    # Columns may be dependent: the residual of all of them is the noise, by as many as are independent.
+    # Columns may be dependent: the noise is the residual of all columns, with the rank as their number.
     degrees = max(1, len(target) - removed_columns - int(np.linalg.matrix_rank(table)))
     noise = max(residual_sum(np.ones(count, bool)) / degrees, 1e-300)
     penalty = noise * float(scipy.stats.chi2.isf(level / max(1, count), 1))
@@ -211,7 +211,7 @@ def significant(columns: Array, target: Array, level: float, removed_columns: in
 
 
 def _exchange(deviance: Callable[[Mask], float], kept: Mask) -> Mask:
-    """Take the best of all drops, additions and exchanges until none helps."""
+    """Apply the best drop, addition or exchange until none improves."""
     flips = np.eye(len(kept), dtype=bool)
     pairs = [first | second for first, second in combinations(flips, 2)]
     lowest = deviance(kept)

@@ -30,11 +30,11 @@ class ForceFeatures(BaseFeatureLibrary):
 
     Parameters
     ----------
-    library : the forces; sensors act on no equation of motion and are left out.
-    sampling_time : s, needed by forces with states, memory, `t` or the derivative of an input: these follow
-        each trajectory, which is taken to start at t = 0.
+    library : the forces; sensor terms do not act in the equation of motion and are left out.
+    sampling_time : s, needed by forces with states, memory, `t` or the derivative of an input: these are
+        integrated along each trajectory, which starts at t = 0.
     reference_frequency : w in rad/s, needed by forces with states, memory, or an input that w scales.
-    shapes : shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+    shapes : shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
 
     Examples
     --------
@@ -74,9 +74,10 @@ class ForceFeatures(BaseFeatureLibrary):
         Raises
         ------
         DecayError
-            Not two columns.
+            The data do not have two columns.
         LibraryError
-            A force needs `sampling_time` or `reference_frequency`, which is missing; no forces at all.
+            A force needs `sampling_time` or `reference_frequency`, which is missing; or the library has no
+            forces.
         """
         for x in x_full:
             _check_columns(x, self.library.inputs)
@@ -95,7 +96,7 @@ class ForceFeatures(BaseFeatureLibrary):
         return [self._columns(x) for x in x_full]
 
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
-        """Return formulas in readable form, in theta and theta' unless the inputs have names of their own."""
+        """Return formulas in readable form, in theta and theta' unless the inputs have other names."""
         given = UNNAMED if input_features is None else list(input_features)[:2]
         angle, rate = ("theta", "theta'") if given == UNNAMED else given
         return [readable(force, angle, rate, self.shapes) for force in self._forces]
@@ -118,16 +119,16 @@ class ForceFeatures(BaseFeatureLibrary):
     def evaluate(
         self, time: Array, angle: Array, rate: Array, inputs: Mapping[str, KnownInput] | None = None
     ) -> Array:
-        """Return the value of every force along a motion at times of its own.
+        """Return the value of every force along a motion at given times.
 
         Parameters
         ----------
         time : (sample,) array of float, s
-            From the first sample.
+            Time from the first sample.
         angle, rate : (sample,) array of float, rad
             theta and theta'.
         inputs : mapping of str to KnownInput, optional
-            Zero where left out.
+            Inputs of the forces; missing ones are zero.
 
         Returns
         -------
@@ -169,7 +170,7 @@ def readable(
 
 
 def _spoken(tree: ast.AST, names: Mapping[str, str]) -> Any:
-    """Return a tree of a formula with what its names, numbers and functions are called, as names."""
+    """Return the tree of a formula with readable names, numbers and functions as names."""
     match tree:
         case ast.Name(id=name):
             return ast.Name(names.get(name, name))
@@ -200,16 +201,16 @@ def _check_columns(x: Any, inputs: Sequence[str]) -> None:
 class WhitenedLeastSquares(BaseOptimizer):
     """Least squares of rows whose noise has a known covariance up to a factor, with standard errors.
 
-    The least squares by which `Direct` solves its rows, for `pysindy.SINDy(optimizer=...)`.
+    `Direct` solves its rows by this least squares; it serves `pysindy.SINDy(optimizer=...)` too.
 
     Parameters
     ----------
     covariance_factor : (band, row) array of float, optional
-        Cholesky factor of the covariance of the rows' noise, lower banded as `scipy.linalg` stores it. The
-        rows are taken for white where it is left out.
+        Cholesky factor of the covariance of the rows' noise, lower banded in the form of `scipy.linalg`.
+        Without it the rows are white.
     correlation_lags : int, default 0
-        Lags over which the errors allow for correlation where the residuals of the whitened rows have one
-        (Newey and West 1987); 0 takes them for white.
+        Number of lags over which the errors allow for correlation, if the residuals of the whitened rows are
+        correlated (Newey and West 1987); 0 means white.
     curves : sequence of arrays of int, optional
         Features whose coefficients are random effects of one variance each (see `smooth_least_squares`).
 
@@ -221,7 +222,7 @@ class WhitenedLeastSquares(BaseOptimizer):
     noise_ : (target,) array of float
         RMS residual of the whitened rows.
     lags_ : (target,) array of int
-        Lags over which the errors allow for correlation.
+        Number of lags over which the errors allow for correlation.
     """
 
     def __init__(
@@ -237,7 +238,7 @@ class WhitenedLeastSquares(BaseOptimizer):
 
     def fit(self, x_: Any, y: Any, sample_weight: Any = None, **reduce_kws: Any) -> "WhitenedLeastSquares":
         """Whiten the rows and solve them, once; see `pysindy.optimizers.BaseOptimizer.fit`."""
-        # The checks and the first guess of BaseOptimizer.fit would take ten times as long as the solution.
+        # The checks and the first estimate of BaseOptimizer.fit would take ten times as long as the solution.
         x, y = (np.asarray(part, dtype=float).reshape(len(part), -1) for part in (x_, y))
         if self.covariance_factor is None:
             weights = np.sqrt(np.broadcast_to(1.0 if sample_weight is None else sample_weight, len(x)))

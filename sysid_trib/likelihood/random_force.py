@@ -15,34 +15,34 @@ from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows
 from sysid_trib.results.random_force import DENSITY_UNITS, RandomForce
 from sysid_trib.results.variables import Variables, described
 
-# Options of a method: estimate the random force, leave it out, or take this one-sided density. `auto` leaves
-# the choice to `identify` and the commands, which decide by the record; a method by itself then takes none.
+# Options of a method: estimate the random force, leave it out, or use a given one-sided density. With `auto`,
+# `identify` and the commands decide from the record; a method used directly then has no random force.
 RandomForceOption: TypeAlias = Literal["auto", "estimated", "off"] | float
 OPTIONS = ("auto", "estimated", "off")
 
 
 def check_random_force(option: RandomForceOption) -> None:
-    """Raise an error for an option that is neither a word of `OPTIONS` nor a density.
+    """Raise an error for an option that is neither in `OPTIONS` nor a density.
 
     Raises
     ------
     UsageError
-        Another word, or a density that is negative or not finite.
+        The option is another word, or a negative or non-finite density.
     """
     if isinstance(option, str):
         if option not in OPTIONS:
             raise UsageError(f"random_force='{option}' must be one of {', '.join(OPTIONS)}, or a density.")
     elif not (np.isfinite(option) and option >= 0.0):
-        raise UsageError(f"random_force={option} is no density; give {DENSITY_UNITS}, 'auto' or 'off'.")
+        raise UsageError(f"random_force={option} is not a density; give {DENSITY_UNITS}, 'auto' or 'off'.")
 
 
 def is_fitted(option: RandomForceOption) -> bool:
-    """Return true if a method itself has a random force besides the sensor's noise."""
+    """Return true if a method has a random force in addition to the sensor's noise."""
     return option not in ("auto", "off")
 
 
 def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: RandomForceOption) -> RandomForce:
-    """Return random force in SI units, tau = `frequency` t; as it was given where `option` is a density."""
+    """Return the random force in SI units, tau = `frequency` t; a given density is returned as it is."""
     if not isinstance(option, str):
         return RandomForce(float(option))
     density = RandomForce.density_of(ratio.ratio * ratio.variance, frequency)
@@ -53,9 +53,9 @@ def random_force_of_ratio(ratio: VarianceRatio, frequency: float, option: Random
 
 
 def random_force_variables(forces: Sequence[RandomForce], filters: Sequence[Array] = ()) -> Variables:
-    """Return random force of each run as variables of a result: their mean, and each where there are several.
+    """Return the random forces of the runs as variables: their mean and, for several runs, each of them.
 
-    `filters` : that whiten the sensor's noise beside it in each run (see `colour_variables`).
+    `filters` : whitening filters of the sensor's noise in each run (see `colour_variables`).
     """
     parts = np.array([(force.density, force.standard_error, force.p_value) for force in forces]).T
     densities, errors, p_values = parts
@@ -69,9 +69,9 @@ def random_force_variables(forces: Sequence[RandomForce], filters: Sequence[Arra
     return described("random_forces", values) | (colour_variables(filters) if filters else {})
 
 
-# Logarithm of a probability, relative to the largest, that is left out.
+# Log probability, relative to the largest, below which a ratio is neglected.
 NEGLIGIBLE_LOG_WEIGHT = 6.0
-# Longest step between ratios, in their logarithm: a likelihood bends over a unit of it.
+# Longest step between logarithms of ratios; the likelihood changes its curvature over about one unit.
 LONGEST_LOG_STEP = 0.5
 
 
@@ -86,31 +86,31 @@ def average_over_ratios(
     Parameters
     ----------
     rows : callable
-        The white rows of a ratio.
+        Function that returns the white rows for a ratio.
     estimate : VarianceRatio
-        As `variance_ratio` gives it of these rows.
+        Result of `variance_ratio` for these rows.
     samples : int
-        Samples of the record.
+        Number of samples of the record.
     solved : callable
-        Parameters and their covariance with a ratio and its variance.
+        Function that returns parameters and their covariance for a ratio and its variance.
 
     Returns
     -------
     shift : (parameter,) array of float
-        From the parameters at the most likely ratio to their mean.
+        Difference from the parameters at the most likely ratio to their mean.
     covariance : (parameter, parameter) array of float
-        Increase of the covariance at the most likely ratio due to the open ratio.
+        Increase of the covariance at the most likely ratio because the ratio is uncertain.
 
     Notes
     -----
     With few degrees of freedom the most likely ratio is often far too small, or zero, and errors at that
-    ratio alone would be too small as well. Where nothing pushes it is above zero by chance in four of ten
-    records.
+    ratio alone would be too small as well. Without a random force, the most likely ratio is above zero by
+    chance in four of ten records.
 
-    Bayesian model averaging (Hoeting et al. 1999): the mean is over the model without the second part and the
-    one with it, by the probability of each (`probability_of_none`). So a ratio that is above zero by chance
-    costs next to nothing. The errors are about this mean, over the ratios above zero: they hold
-    where there is a second part that the record hardly shows.
+    This is Bayesian model averaging (Hoeting et al. 1999). The mean is over the model with and the model
+    without a random force, weighted by their probabilities (`probability_of_none`). So a ratio that is above
+    zero by chance has almost no effect. The errors are about this mean, over the ratios above zero: they are
+    valid for a random force that the record hardly shows.
     """
     best, best_covariance = solved(estimate)
     ratios, variances, weight = ratio_posterior(rows, estimate)
@@ -130,10 +130,10 @@ def average_over_ratios(
 
 
 def probability_of_none(gain: float, samples: int) -> float:
-    """Return the probability of a ratio of zero if another lowers the deviance by `gain`; equal priors.
+    """Return the probability of a zero ratio if another one lowers the deviance by `gain`; equal priors.
 
-    By the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to impulses that
-    each sample shows, also grows with the root of the number of samples.
+    It follows from the Bayesian information criterion (Schwarz 1978). Jeffreys' prior, over all ratios up to
+    impulses visible in each sample, also increases with the root of the number of samples.
     """
     return float(expit(0.5 * (np.log(samples) - gain)))
 
@@ -144,22 +144,22 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
     Parameters
     ----------
     rows : callable
-        The white rows of a ratio.
+        Function that returns the white rows for a ratio.
     estimate : VarianceRatio
-        As `variance_ratio` gives it of these rows.
+        Result of `variance_ratio` for these rows.
 
     Returns
     -------
     (3, ratio) array of float
-        The ratios, the variance of the sensor's noise with each, and the probability of both; these sum to
-        one. Empty where the likelihood tells no upper end.
+        The ratios, the variance of the sensor's noise with each, and the probability of both; the
+        probabilities sum to one. Empty if the likelihood gives no upper limit.
 
     Notes
     -----
-    The restricted likelihood times Jeffreys' prior of both variances (1946), with which intervals have their
-    coverage to a higher order (Welch and Peers 1963). By the logarithm of the ratio that is
-    sqrt(tr A^2 - (tr A)^2/n), A the derivative of the logarithm of the covariance: in proportion to a small
-    ratio, so that zero has no weight of its own, and constant where the ratio is known well. With D the
+    This is the restricted likelihood times Jeffreys' prior of both variances (1946), whose intervals have the
+    correct coverage to a higher order (Welch and Peers 1963). As a density of the log ratio the prior is
+    sqrt(tr A^2 - (tr A)^2/n), with A the derivative of the logarithm of the covariance. It is proportional to
+    a small ratio, so zero has no weight, and constant where the ratio is well determined. With D the
     logarithm of the restricted determinant, tr A = D' and tr A^2 = D' - D''.
     """
     centre = float(np.log(estimate.ratio if estimate.ratio > 0.0 else estimate.upper))
@@ -179,9 +179,9 @@ def ratio_posterior(rows: Callable[[float], WhiteRows], estimate: VarianceRatio)
 def _outward(
     rows: Callable[[float], WhiteRows], first: float, step: float, least: float
 ) -> list[tuple[float, ...]]:
-    """Return the likelihoods from a logarithm of the ratio outward, until they are negligible.
+    """Return the likelihoods for log ratios from `first` outward, until they are negligible.
 
-    Each has logarithm, deviance, variance, log determinant and degrees of freedom.
+    Each entry has log ratio, deviance, variance, log determinant and degrees of freedom.
     """
     table: list[tuple[float, ...]] = []
     for logarithm in first + step * np.arange(np.ceil(2.0 * NEGLIGIBLE_LOG_WEIGHT / abs(step))):
@@ -190,7 +190,7 @@ def _outward(
         degrees_of_freedom = white.degrees_of_freedom
         determinant = deviance - degrees_of_freedom * np.log(variance)
         table.append((float(logarithm), deviance, variance, determinant, degrees_of_freedom))
-        # A small ratio has a prior that falls with it.
+        # The prior of a small ratio decreases with the ratio.
         if deviance > least + 2.0 * NEGLIGIBLE_LOG_WEIGHT or first - logarithm > NEGLIGIBLE_LOG_WEIGHT:
             break
     return table

@@ -20,56 +20,59 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 
 MAX_REFINEMENTS = 25
-# Of smooth curves, whose simulation is slow: their remaining change is then far within their bands.
+# Most motions for smooth curves, whose simulation is slow: the remaining change is then far within their
+# bands.
 MAX_REFINEMENTS_OF_CURVES = 8
-# A simulated motion this far from the record (RMS, of the record's) has slipped out of phase.
+# If the residual of a simulated motion exceeds this fraction of the record (RMS), it has lost the phase.
 SLIPPED = 0.3
-# A step after which it slips is halved, so often at most.
+# Largest number of times that a step is halved if the motion loses the phase after it.
 MOST_HALVINGS = 8
-# A step this small, in standard errors, does not count.
+# Steps below this, in standard errors, have converged.
 SETTLED_STEP = 0.02
-# For the parts of a curve, which are nearly collinear on a record: the curve's own errors are far smaller.
+# The same for the basis functions of a curve, which are nearly collinear; the errors of the curve itself are
+# far smaller.
 SETTLED_PART = 0.2
-# Part of the swing by which coefficients of a record without noise may still change.
+# Relative change of a force, over the swing, below which a record without noise has converged.
 SETTLED_WITHOUT_NOISE = 1e-10
 
 
 def refine_columns(runs: Runs, linear_about: Runs, constraints: ConstraintMap) -> Solution | None:
-    """Take the columns from the motion of the identified model, and solve again, until nothing changes.
+    """Compute the columns along the motion of the identified model and solve again, until convergence.
 
     Parameters
     ----------
     runs : tuple of RunRegression
-        With a first estimate.
+        Runs with a first estimate.
     linear_about : tuple of RunRegression
-        About whose paths the rows are linear; about each motion itself where that does not settle.
+        Runs about whose paths the rows are linear. If this does not converge, the rows are linear about each
+        motion itself.
     constraints : ConstraintMap
         Constraints of the forces that are in the model.
 
     Returns
     -------
     Solution or None
-        Of the rows about the last motion, so that its covariance is the final estimate's; None if it does
-        not settle.
+        Solution of the rows about the last motion, whose covariance is that of the final estimate; None
+        without convergence.
     """
     begun = _along_motions(runs, constraints)
     if begun is None or any(has_slipped(run) for run in begun):
-        # It has slipped about any path.
+        # The motion of the first estimate has already lost the phase.
         return None
     return _refined(begun, linear_about, constraints) or _refined(begun, None, constraints)
 
 
 def refine_from(runs: Runs, start: Model, most: int, constraints: ConstraintMap) -> Solution | None:
-    """Take the first columns from the motion of a model nearby, and refine them a few times.
+    """Compute the first columns along the motion of a nearby model, and refine them a few times.
 
     Parameters
     ----------
     runs : tuple of RunRegression
-        About any paths.
+        Runs about any paths.
     start : Model
         Identification of nearly the same forces; missing ones are zero.
     most : int
-        Motions at most: of one the estimate is a step of Gauss and Newton from the start.
+        Largest number of motions; with one, the estimate is a Gauss-Newton step from the start.
     constraints : ConstraintMap
         Constraints of the forces that are in the model.
 
@@ -100,10 +103,11 @@ def _refined(
 ) -> Solution | None:
     """Return the fixed point of the solution; without `linear_about` rows are linear about each motion.
 
-    `begun` : along the motions of the first estimate.
+    `begun` : runs along the motions of the first estimate.
 
-    Over many periods a small error of an operator turns what the motion still misses into other forces. Where
-    forces are nearly the same, so that the last steps are slow, it is then the nearest motion.
+    Over many periods, a small error of an operator attributes the remaining residual to wrong forces. If
+    forces are nearly collinear, so that the last steps are slow, the result is the solution with the nearest
+    motion.
     """
     followed: Runs | None = None
     nearest: tuple[float, Solution] | None = None
@@ -116,7 +120,7 @@ def _refined(
         except SimulationError:
             break
         if any(has_slipped(run) for run in runs):
-            # If the motion follows the record, a part of a step is a step of smaller size.
+            # The last motion that follows the record is known: halve the step from it.
             halvings += 1
             if linear_about is not None or halvings > MOST_HALVINGS or followed is None:
                 break
@@ -140,7 +144,7 @@ def _refined(
 
 
 def has_slipped(run: RunRegression) -> bool:
-    """Return true if the motion of a run's model is out of phase with the record."""
+    """Return true if the motion of a run's model has lost the phase of the record."""
     return _missed(run) > SLIPPED
 
 
@@ -152,7 +156,7 @@ def _missed(run: RunRegression) -> float:
 def step_in_errors(solution: Solution) -> Array:
     """Return the change of coefficients and frequency, (force + 1,), over the smallest relevant change."""
     before, after = solution.rows.runs, solution.runs
-    # Without noise there are no errors to settle within, but rounding, of forces as parts of the swing.
+    # Without noise there are no errors, only rounding: measure forces as fractions of the swing.
     swing = root_mean_square([np.sqrt(np.mean(run.x**2)) for run in after])
     smallest = SETTLED_WITHOUT_NOISE * np.append(swing / solution.rows.rms_forces, after[0].frequency)
     part = np.where(after[0].library.in_curves, SETTLED_PART, SETTLED_STEP)
@@ -163,8 +167,8 @@ def step_in_errors(solution: Solution) -> Array:
 def _extrapolation(step: Array, last: Array | None) -> float:
     """Return the number of further steps if steps shrink in one direction (Aitken's delta-squared).
 
-    Jumps at v = 0 are distributed in the operator, so that it converges at a rate: slowly if forces that
-    nearly cancel hold large jumps.
+    The operator distributes jumps at v = 0 and therefore converges linearly; slowly if nearly cancelling
+    forces have large jumps.
     """
     if last is None:
         return 0.0
@@ -174,7 +178,7 @@ def _extrapolation(step: Array, last: Array | None) -> float:
 
 
 def simulated(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
-    """Return a run with the motion of its present model as path, the start fitted to the record."""
+    """Return a run with the motion of its present model as the path, and its start fitted to the record."""
     values = dict(zip(run.library.symbols, run.coefficients.tolist(), strict=True))
     # Without a restoring force, an error of the start grows.
     motion = motion_of_run(run, constraints, near=not is_free_to_move(run.library, values))
@@ -185,10 +189,10 @@ def simulated(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
 
 
 def motion_of_run(run: RunRegression, constraints: ConstraintMap, *, near: bool = False) -> FittedMotion:
-    """Return motion of a run's present model, its start fitted to the record or, with `near`, next to it."""
+    """Return the motion of a run's present model, with the best start or, with `near`, a nearby one."""
     pairs = zip(run.library.symbols, run.coefficients.tolist(), constraints.in_model & run.acts, strict=True)
     kept = {s: c for s, c, keep in pairs if keep}
-    # The record comes without the terms of the sensor; formulas may hold their coefficients.
+    # The record has no sensor terms here; but formulas may contain their coefficients.
     of_sensor = {force.symbol for force in run.library if force.kind == "sensor"}
     library = run.bound if of_sensor & set(run.library.used) else run.library
     model = Model(library, kept, run.frequency, run.shapes, run.inputs)

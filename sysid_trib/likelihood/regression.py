@@ -30,9 +30,9 @@ class RunRegression:
     ----------
     time, angle : (sample,) array of float, s and rad
     form : WeakForm
-        On tau = `nominal_frequency` * time.
+        Weak form on tau = `nominal_frequency` * time.
     library : ForceLibrary
-        The forces offered, and terms of the sensor.
+        The offered forces, and terms of the sensor.
     shapes : mapping of str to float
     nominal_frequency : float, rad/s
     frequency_free : bool
@@ -42,13 +42,13 @@ class RunRegression:
     run : int
         Number of the record, from 1.
     sensor, sensor_alone : NoiseModel
-        Noise of the sensor beside a random force, and where there is none: each of a colour of its own.
+        Noise of the sensor with a random force and without one; each has its own colour.
     x, v : (sample,) array of float, rad
         theta and theta'/w of the path.
     columns : (sample, force) array of float, rad
-        Forces and terms of the sensor along it, of coefficient 1.
+        Forces and sensor terms along the path, with coefficient 1.
     coefficients : (force,) array of float
-        Common to all runs.
+        Coefficients, common to all runs.
     frequency : float, rad/s
         Reference frequency, common to all runs.
     start : (float, float), rad and rad/s
@@ -56,16 +56,16 @@ class RunRegression:
     offset : float, rad
         Zero of the sensor.
     ratio : VarianceRatio or None
-        Growth of the variance of v a unit of tau by a random force, over the variance of the innovations of
-        the sensor's noise; None where the noise is the sensor's, and white.
+        Growth of the variance of v per unit of tau due to a random force, over the innovation variance of the
+        sensor's noise; None if the only noise is the sensor's, and white.
     exact : bool
-        Whether the path is a motion of the present model, not the smoothed record.
+        Whether the path is a motion of the present model instead of the smoothed record.
     near : pair of (sample,) array of float, rad, or None
-        Of an exact motion near a path that is none: theta, and (w/nominal)^2 (x + sum c h) along it. The weak
-        form of it vanishes, so that sums need be right of the difference outside. A known input, the same for
-        both motions, is no part of it.
+        An exact motion near a path that is not exact: theta, and (w/nominal)^2 (x + sum c h) along it. Its
+        weak form vanishes, so only the difference from it has to be integrated accurately. A known input is
+        the same for both motions and not part of it.
     sensitivity : (sample, 2) array of float or None
-        Of a motion of the model to its start, if one nearby is known (see `fit_start`).
+        Sensitivity of a motion of the model to its start, if a nearby one is known (see `fit_start`).
     """
 
     time: Array
@@ -98,7 +98,7 @@ class RunRegression:
 
     @cached_property
     def bound(self) -> ForceLibrary:
-        """Forces with the present coefficients of others as numbers in their formulas."""
+        """Forces whose formulas have the present coefficients of other forces as numbers."""
         return self.library.bound(dict(zip(self.library.symbols, self.coefficients.tolist(), strict=True)))
 
     @property
@@ -114,7 +114,7 @@ class RunRegression:
 
     @cached_property
     def acts(self) -> Mask:
-        """Mask of the forces that drive the motion of this run: no sensor terms, none of another run."""
+        """Mask of the forces that act on the motion of this run: no sensor terms, no terms of another run."""
         return np.array([force.kind == "force" and force.run in (None, self.run) for force in self.library])
 
     @cached_property
@@ -124,22 +124,22 @@ class RunRegression:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the sensor's noise, of its innovations where it is coloured (rad)."""
+        """Standard deviation of the sensor's noise, or of its innovations if it is coloured (rad)."""
         return self.sensor.innovation if self.ratio is None else float(np.sqrt(self.ratio.variance))
 
     @property
     def acting(self) -> Array:
-        """The coefficients (force,), zero for terms of the sensor: what drives the motion of this run."""
+        """Coefficients (force,) of the forces that act on the motion of this run; zero for the others."""
         return np.where(self.acts, self.coefficients, 0.0)
 
     @property
     def measured(self) -> Array:
-        """The record as an angle of the motion, (sample,), rad: without the sensor's zero and its terms."""
+        """The record as an angle of the motion, (sample,), rad, without the sensor's zero and terms."""
         return self.angle - self.offset - self.columns @ np.where(self.of_sensor, self.coefficients, 0.0)
 
     @cached_property
     def gain(self) -> Array:
-        """Derivative 1 + sum s dh/dx of the reading of the sensor by the angle, (sample,), along the path."""
+        """Derivative 1 + sum s dh/dx of the sensor's reading by the angle, (sample,), along the path."""
         own = [force.run in (None, self.run) for force in self.library]
         pairs = zip(self.library, np.where(own, self.coefficients, 0.0).tolist(), strict=True)
         terms = ((force, c, self.shapes) for force, c in pairs)
@@ -149,8 +149,8 @@ class RunRegression:
     def operator(self) -> sp.csr_matrix:
         """The operator of small deviations about the path, (row, sample); it does not depend on the noise.
 
-        It acts on what the sensor shows: where its terms enlarge a deviation of the motion, that is made
-        good.
+        It acts on the sensor's reading: where sensor terms amplify a deviation of the motion, it divides by
+        the gain.
         """
         k, time, acting = self.stiffness_scale, self.elapsed, self.acting.tolist()
         given = {name: values for force in self.library for name, values in self.given(force, time).items()}
@@ -161,7 +161,7 @@ class RunRegression:
 
     @cached_property
     def white_factor(self) -> Array:
-        """Cholesky factor of the covariance of the rows about the path in white noise of unit size."""
+        """Cholesky factor of the covariance of the rows about the path, for white noise of unit size."""
         return cholesky_factor(covariance_band(self.operator))
 
     def given(self, force: Force, time: Array) -> dict[str, Array]:
@@ -178,7 +178,7 @@ class RunRegression:
         x, v : (sample,) array of float, rad
             theta and theta'/frequency.
         rate_error : float, rad
-            Standard error to which v is known.
+            Standard error of v.
         known : mapping of str to (sample,) array of float, optional
             Internal states and memory that are known, `{"dahl.z": ...}`.
         """
@@ -190,13 +190,13 @@ class RunRegression:
         columns[:, averaged] = cell_averages(
             forces, (*motion, acceleration), self.frequency, self.shapes, self.given, rate_error
         )
-        # Internal states are continuous, and costly to compute.
+        # Internal states are continuous, so cell averages are not needed; they would be costly.
         for at in np.flatnonzero(self.acts & ~memoryless):
             force = self.library.forces[at]
             columns[:, at] = value_along(force, motion, self.frequency, self.shapes, self.given, known)
         for at in np.flatnonzero(self.of_sensor):
             term = self.library.forces[at]
-            # Terms of another run's own show nothing here.
+            # A sensor term of another run is zero in this run.
             if term.run in (None, self.run):
                 columns[:, at] = term.value(x, v, self.elapsed, shapes=self.shapes)
         return columns
@@ -223,12 +223,12 @@ def begin(
     Parameters
     ----------
     decays : sequence of Dataset
-        With `angle(time)`.
+        Runs with `angle(time)`.
     library : ForceLibrary
         The forces to identify.
     constraints : ConstraintMap
     reference_frequency : float or None, rad/s
-        None has it fitted.
+        Reference frequency, which is fixed; with None it is fitted.
     shapes : mapping of str to float
 
     Returns
@@ -238,12 +238,13 @@ def begin(
     Raises
     ------
     DecayError
-        The records are too short, or some of the forces are the same on them.
+        The records are too short, or some forces are identical on them.
     """
-    # A scale of time: near the motion's frequency, and the same for all runs.
+    # Scale of time: near the frequency of the motion, and the same for all runs.
     free = reference_frequency is None
     nominal = reference_frequency or nominal_frequency(first_frequency(decays))
-    # Held forces act from the first estimate on: a stiffness is then no part of the frequency.
+    # Held forces act from the first estimate on, so that a held stiffness does not change the fitted
+    # frequency.
     held = constraints.impose(np.zeros(len(library)))
     runs = []
     for number, decay in enumerate(decays, 1):
@@ -256,7 +257,7 @@ def begin(
         run = RunRegression(*record, white, white, x, v, np.empty((0, 0)), held, nominal, start)
         runs.append(run.along_own_path())
     rows = sum(run.form.rows for run in runs)
-    # The penalty of a curve decides between its parts.
+    # The penalty of a curve separates its basis functions.
     outside = [at for at, i in enumerate(constraints.free) if not library.forces[i].curve]
     names = [library.symbols[constraints.free[at]] for at in outside]
     count = sum(not force.curve for force in library)

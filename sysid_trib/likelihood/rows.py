@@ -1,4 +1,4 @@
-"""The regression of Eq. 1 on its force columns: its rows, in weak and in strong form, and their solution."""
+"""The regression of Eq. 1 on its force columns: rows in weak and strong form, and their solution."""
 
 from collections.abc import Sequence
 from copy import deepcopy
@@ -27,11 +27,11 @@ class Rows:
     target : (row,) array of float
     columns : (row, force) array of float
     nuisances : (row, run) or (row, run + 1) array of float
-        The sensor's zero in each run and, where the frequency is fitted, the stiffness.
+        The sensor's zero in each run and, if the frequency is fitted, the stiffness.
     factor : (band, row) array of float or None
-        Cholesky factor of the covariance of the rows in unit noise of the samples; None if they are white.
+        Cholesky factor of the rows' covariance for unit noise of the samples; None if the rows are white.
     lags : int
-        Rows of two periods, over which residuals may be correlated.
+        Number of rows in two periods, over which residuals may be correlated.
     """
 
     runs: Runs
@@ -43,7 +43,7 @@ class Rows:
 
     @property
     def rms_forces(self) -> Array:
-        """RMS of each force along the motions (force,), rad: a coefficient in units of it is a force."""
+        """RMS of each force along the motions (force,), rad, for coefficient 1."""
         of_runs = [np.mean(run.columns**2, axis=0) for run in self.runs]
         rms = np.sqrt(np.average(of_runs, axis=0, weights=[run.form.rows for run in self.runs]))
         return np.where(rms > 0, rms, 1.0)
@@ -56,16 +56,16 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
     ----------
     run : RunRegression
     matrix : (row, sample) sparse array of float
-        Operator of small deviations about a motion nearby.
+        Operator of small deviations about a nearby motion.
     factor : (band, row) array of float, optional
         See `Rows`.
 
     Notes
     -----
-    With L the operator of small deviations and S the terms h of the sensor,
-    ``A x + k value (H c) + L (angle - offset - S s - x) = L noise``, k = (frequency/nominal)^2. Along an
-    exact solution the first part vanishes, so that errors of quadrature cannot bias the result; of a path
-    nearby, what its first part differs is left. A known input is integrated where neither is there.
+    With L the operator of small deviations, S the terms h of the sensor and k = (frequency/nominal)^2, the
+    rows are ``A x + k value (H c) + L (angle - offset - S s - x) = L noise``. Along an exact solution the
+    first two terms cancel, so that quadrature errors cannot bias the result. Along a nearby path, only its
+    difference from the exact solution remains. A known input is integrated if neither is available.
     """
     form, k = run.form, run.stiffness_scale
     target = -(matrix @ (run.angle - run.offset - run.x))
@@ -77,7 +77,7 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
     else:
         near, force = (0.0, run.forcing) if run.near is None else run.near
         target = target - form.curvature @ (run.x - near) - form.value @ (k * run.x - force)
-    # A zero that all runs have is a column of its own.
+    # A common zero of all runs is a separate column.
     own_zero = np.full_like(run.x, not run.library.has_common_zero)
     nuisances = [-(matrix @ own_zero)] + [stiffness] * run.frequency_free
     return Rows((run,), target, columns, np.column_stack(nuisances), factor)
@@ -86,7 +86,7 @@ def rows_about(run: RunRegression, matrix: sp.csr_matrix, factor: Array | None =
 def strong_rows(runs: Runs) -> Rows:
     """Return rows theta'' + theta of the smoothed records, one a sample.
 
-    For comparison: the noise of second derivatives makes them far less precise than the weak form, and
+    They serve comparison: the noise of second derivatives makes them far less precise than the weak form, and
     smoothing biases them.
     """
     rows = []
@@ -102,7 +102,7 @@ def strong_rows(runs: Runs) -> Rows:
 def weak_rows(runs: Runs, near: Runs | None = None) -> Rows:
     """Return weak rows of all runs about their paths, with their whitening for white noise of the samples.
 
-    Linearised there, or about the paths of other ones `near`.
+    The rows are linear about these paths, or about the paths of the runs `near`.
     """
     pairs = zip(runs, near or runs, strict=True)
     return stacked([rows_about(run, at.operator, at.white_factor) for run, at in pairs])
@@ -111,7 +111,7 @@ def weak_rows(runs: Runs, near: Runs | None = None) -> Rows:
 def stacked(rows: Sequence[Rows]) -> Rows:
     """Return the rows of several runs, each weighted by its noise relative to their RMS, as one regression.
 
-    It has common coefficients and a common stiffness, and a zero of the sensor for each run.
+    The runs have common coefficients and a common stiffness; each has its own zero of the sensor.
     """
     if len(rows) == 1:
         return rows[0]
@@ -120,7 +120,7 @@ def stacked(rows: Sequence[Rows]) -> Rows:
     pairs = list(zip(rows, np.sqrt(np.mean(np.square(noise))) / noise, strict=True))
     zeros = scipy.linalg.block_diag(*(w * run.nuisances[:, :1] for run, w in pairs))
     stiffness = np.concatenate([w * run.nuisances[:, 1:] for run, w in pairs])
-    # Rows of different runs are independent: the factor of all of them is banded as well.
+    # Rows of different runs are independent, so their common factor is banded too.
     factors = [run.factor for run in rows if run.factor is not None]
     bands = max(map(len, factors), default=0)
     padded = [np.pad(factor, ((0, bands - len(factor)), (0, 0))) for factor in factors]
@@ -142,9 +142,9 @@ class Solution:
     ----------
     rows : Rows
     runs : tuple of RunRegression
-        With the estimate; along the paths of the rows.
+        Runs with the new estimate, along the paths of the rows.
     coefficients : (force,) array of float
-        Of the rows, at the frequency that they were made with; zero where a force is not in the model.
+        Coefficients at the frequency of the rows; zero if a force is not in the model.
     steps : (run,) or (run + 1,) array of float
         Steps of the nuisances: the sensor's zero in each run (rad), the stiffness.
     covariance : (force + 1, force + 1) array of float
@@ -152,9 +152,9 @@ class Solution:
     noise : float, rad
         RMS residual of the white rows.
     lags : int
-        Lags over which the covariance allows for correlated residuals.
+        Number of lags over which the covariance allows for correlated residuals.
     constraints : ConstraintMap
-        With the coefficients that are held at a bound.
+        Constraints; coefficients at a bound are fixed there.
     """
 
     rows: Rows
@@ -172,11 +172,11 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
 
     Notes
     -----
-    Where the residual is correlated the covariance is the sandwich of `white_least_squares` over two
-    periods. Coefficients that would pass a bound are found by an active set and held there.
+    If the residual is correlated, the covariance is the sandwich of `white_least_squares` over two periods.
+    An active-set method finds coefficients that would pass a bound and holds them there.
 
-    A constraint holds at the reference frequency that is fitted with it: a stiffness changes the coefficients
-    that hold it at the present frequency.
+    A constraint applies at the fitted reference frequency: a fitted stiffness changes the coefficients that
+    satisfy it at the present frequency.
     """
     run = rows.runs[0]
     rescaling = _rescaling(run, run.coefficients * constraints.in_model)
@@ -193,12 +193,12 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
     count = len(constraints.free)
     free, steps = solved[:count], solved[count:]
     if np.any((free < constraints.low) | (free > constraints.high)):
-        # Nuisances have no bounds.
+        # Nuisance parameters have no bounds.
         low, high = np.full((2, len(solved)), [[-np.inf], [np.inf]])
         low[:count], high[:count] = constraints.low, constraints.high
         side = lsq_linear(columns, white_target, (low, high), method="bvls").active_mask[:count]
         if not np.any(side):
-            # Without the penalty of curves no bound would be exceeded: hold those that are exceeded with it.
+            # If only the penalty of curves makes coefficients exceed bounds, hold those.
             side = np.sign(free - np.clip(free, constraints.low, constraints.high))
         limits = np.where(side < 0, constraints.low, constraints.high)[side != 0]
         return solve(rows, constraints.hold(side != 0, limits))
@@ -207,8 +207,8 @@ def solve(rows: Rows, constraints: ConstraintMap) -> Solution:
     jacobian[:-1, :count] = constraints.matrix
     if run.frequency_free:
         coefficients = coefficients + shift * steps[-1]
-        # Transformation from the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that
-        # refer to it.
+        # Jacobian from the stiffness to the frequency, w sqrt(1 + stiffness), and to coefficients that refer
+        # to it.
         jacobian[:-1, -1] = -constraints.matrix @ _rescaling(run, coefficients)[constraints.free]
         jacobian[-1, -1] = 0.5 * run.frequency * np.sqrt(max(0.25, 1.0 + steps[-1]))
     covariance = jacobian @ solved_covariance @ jacobian.T
@@ -223,16 +223,16 @@ def _rescaling(run: RunRegression, coefficients: Array) -> Array:
 
 
 def _updated(runs: Runs, coefficients: Array, steps: Array, constraints: ConstraintMap) -> Runs:
-    """Return the runs with the next estimate and with the columns of the motions of the last one.
+    """Return the runs with the next estimate and with the columns along the last motions.
 
-    A fitted stiffness, the last of the steps, is turned into the reference frequency.
+    A fitted stiffness, the last of the steps, changes the reference frequency.
     """
     first, former = runs[0], runs[0].frequency
     frequency = former
     if first.frequency_free:
         frequency = float(former * np.sqrt(max(0.25, 1.0 + steps[-1])))
         factors = rescaling_factors(first.library.forces, former, frequency)
-        # A force without a degree in v keeps its size at least: w^2 c stays. A term of the sensor has no w^2.
+        # For a force without a degree in v, keep w^2 c and so its size at least. A sensor term has no w^2.
         factors = np.where(np.isnan(factors), (former / frequency) ** 2, factors)
         coefficients = coefficients * np.where(first.of_sensor, 1.0, factors)
     changed = [
@@ -243,7 +243,7 @@ def _updated(runs: Runs, coefficients: Array, steps: Array, constraints: Constra
 
 
 def with_errors_of_dropped(solution: Solution, active: Mask, constraints: ConstraintMap) -> Solution:
-    """Return solution with the variances that forces which are not active would have if they were added."""
+    """Return the solution with variances for inactive forces, as if each were added to the model."""
     covariance = solution.covariance.copy()
     for j in constraints.free[~active[constraints.free]]:
         added = active.copy()
@@ -255,14 +255,14 @@ def with_errors_of_dropped(solution: Solution, active: Mask, constraints: Constr
 def with_errors_of_bounded(solution: Solution, constraints: ConstraintMap) -> Solution:
     """Return the solution with the covariance of the fit in which the coefficients at their bounds are free.
 
-    A coefficient at its bound is not known: the errors of the others allow for what it may be.
+    A coefficient at its bound is uncertain: the errors of the others include this uncertainty.
 
     Parameters
     ----------
     solution : Solution
-        With some coefficients held at a bound.
+        Solution with some coefficients held at a bound.
     constraints : ConstraintMap
-        The map in which these are still free.
+        The map in which these coefficients are still free.
     """
     if len(solution.constraints.free) == len(constraints.free):
         return solution
@@ -283,15 +283,16 @@ def select(
     rows : Rows
     constraints : ConstraintMap
     optimizer : pysindy optimiser, optional
-        It sees the columns of the free coefficients, scaled to their RMS force (rad) and white; nuisances
+        It receives the whitened columns of the free coefficients, scaled to their RMS force (rad). Nuisances
         are projected out and never thresholded.
     significance : float, optional
-        Level, see `significant`.
+        Significance level, see `significant`.
 
     Returns
     -------
     (force,) array of bool
-        Fixed coefficients are always in the model, tied ones with those that they are tied to.
+        Fixed coefficients are always in the model; tied ones are in the model with the coefficients of their
+        ties.
     """
     kept, count = np.ones(len(constraints.free), bool), rows.nuisances.shape[1]
     if optimizer is not None or significance is not None:

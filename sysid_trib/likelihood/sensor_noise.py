@@ -1,4 +1,4 @@
-"""The sensor's noise: its level, its colour, whether numbers are white; and its covariance in banded rows."""
+"""The sensor's noise: level, colour, tests for whiteness, and its covariance in banded rows."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,9 +12,9 @@ from sysid_trib.arrays import Array
 from sysid_trib.results.variables import Variables, noise_of_run, variable
 
 MAX_ORDER = 20
-# Correlation below which coloured noise is independent.
+# Correlation below which samples of coloured noise count as independent.
 FORGOTTEN = 1e-3
-# Entries of each row beyond which dense products of blocks of rows are faster than the sparse one.
+# Number of entries per row beyond which dense products of blocks of rows are faster than the sparse product.
 LONG_ROWS = 400
 
 
@@ -28,7 +28,7 @@ def autoregression(residual: Array) -> Array:
     Returns
     -------
     (order + 1,) array of float
-        Its coefficients, the first is 1.
+        Coefficients of the filter; the first is 1.
     """
     n = len(residual)
     centred = residual - residual.mean()
@@ -37,17 +37,17 @@ def autoregression(residual: Array) -> Array:
 
 
 def _autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
-    """Return whitening filter, (order + 1,), and innovation variance, by the autocovariance of n samples.
+    """Return whitening filter, (order + 1,), and innovation variance from the autocovariance of n samples.
 
-    Yule and Walker's equations; the order minimises n log(variance) + order log(n).
+    The filter solves Yule and Walker's equations; the order minimises n log(variance) + order log(n).
     """
-    # Here, since a program that needs no autoregression starts faster without.
+    # Import only here: a program that needs no autoregression starts faster.
     from statsmodels.tsa.stattools import levinson_durbin
 
     highest = min(_highest_order(samples), len(covariance) - 1)
     if highest < 1 or covariance[0] <= 0.0:
         return np.ones(1), float(covariance[0])
-    # Noise that its past determines has no variance left at some order, and no higher order is defined.
+    # If the past determines the noise, the variance vanishes at some order, and higher orders are undefined.
     with np.errstate(divide="ignore", invalid="ignore"):
         *_, variances, weights = levinson_durbin(covariance, nlags=highest, isacov=True)
     variances[0] = covariance[0]
@@ -76,9 +76,9 @@ def partial_autocorrelations(filter_: Array) -> Array:
 
 
 def of_order(filter_: Array, order: int) -> Array:
-    """Return the whitening filter of an order that is nearest to one of another order, (order + 1,).
+    """Return the nearest whitening filter of another order, (order + 1,).
 
-    The leading taps of a longer one need not be stable; its leading partial autocorrelations are.
+    Truncate the partial autocorrelations: the leading taps of a longer filter need not be stable.
     """
     partial = np.zeros(order)
     known = partial_autocorrelations(filter_)[:order]
@@ -87,7 +87,7 @@ def of_order(filter_: Array, order: int) -> Array:
 
 
 def filter_slopes(partial: Array) -> Array:
-    """Return derivative of the filter by each partial autocorrelation, (tap, order): it is linear in each."""
+    """Return slopes of the filter by each partial autocorrelation, (tap, order); it is linear in each."""
     order = len(partial)
     slopes = np.empty((order + 1, order))
     for at in range(order):
@@ -110,7 +110,7 @@ def memory_samples(whitening_filter: Array) -> int:
 
 
 def whitened(values: Array, whitening_filter: Array) -> Array:
-    """Return values along the first axis after the whitening filter, without the first that have no past."""
+    """Return values along the first axis after the whitening filter, without the first ones."""
     start = NoiseModel(1.0, whitening_filter).warm_up
     return np.asarray(scipy.signal.lfilter(whitening_filter, [1.0], values, axis=0))[start:]
 
@@ -128,7 +128,7 @@ class NoiseModel:
     innovation : float, rad
         Standard deviation of the innovations.
     filter_ : (tap,) array of float
-        Whitens the noise; [1] if it is white.
+        Whitening filter; [1] if the noise is white.
     """
 
     innovation: float
@@ -136,13 +136,14 @@ class NoiseModel:
 
     @property
     def warm_up(self) -> int:
-        """First samples that cannot be whitened; of a long filter those that would need most of it."""
+        """Number of first samples that cannot be whitened; for a long filter, those that need most of it."""
         return min(len(self.filter_) - 1, MAX_ORDER)
 
     @property
     def standard_deviation(self) -> float:
         """Standard deviation of a sample, rad."""
-        # Lines of a record: 1/f noise has more the longer it lasts.
+        # Number of lines of a record; for a long filter of 1/f noise, the variance increases with the
+        # duration.
         lines = len(self.filter_) if len(self.filter_) - 1 > MAX_ORDER else 4096
         power = np.abs(np.fft.rfft(self.filter_, lines)[1:]) ** 2
         return self.innovation * float(np.sqrt(np.mean(1.0 / power)))
@@ -152,7 +153,7 @@ class NoiseModel:
         if step == 1 or len(self.filter_) == 1:
             return self
         lags = step * MAX_ORDER + 1
-        # The autocovariance of the series of innovations' responses, long enough to have died away.
+        # Autocovariance from the impulse response, which is long enough to have decayed.
         response = scipy.signal.lfilter(
             [1.0], self.filter_, np.eye(1, lags + 2 * memory_samples(self.filter_))[0]
         )
@@ -162,10 +163,10 @@ class NoiseModel:
         return NoiseModel(self.innovation * float(np.sqrt(variance)), filter_)
 
     def draws(self, samples: int, count: int) -> Array:
-        """Return the realisations of such noise, (count, samples), rad, of mean zero; always the same."""
+        """Return simulated noise, (count, samples), rad, with mean zero and a fixed seed."""
         lines = np.fft.rfft(np.random.default_rng(0).standard_normal((count, samples)))
         response = np.fft.rfft(self.filter_, samples)
-        # A walk has no mean to come back to.
+        # A random walk has no mean to return to.
         lines[:, 0], response[0] = 0.0, 1.0
         return np.asarray(np.fft.irfft(self.innovation * lines / response, samples))
 
@@ -174,7 +175,7 @@ FILTER = "noise_filter"
 
 
 def colour_variables(filters: Sequence[Array]) -> Variables:
-    """Return the whitening filters of the sensor noise as variables of a result; none if all is white.
+    """Return the whitening filters of the sensor noise as variables of a result; empty if all are white.
 
     Parameters
     ----------
@@ -191,7 +192,7 @@ def colour_variables(filters: Sequence[Array]) -> Variables:
 
 
 def sensor_noise_of(result: xr.Dataset, run: int = 0) -> NoiseModel:
-    """Return the sensor's noise in one run of an identification; white where it says nothing of a colour."""
+    """Return the sensor's noise in one run of an identification; white if no colour is stored."""
     level = noise_of_run(result, run)
     if FILTER not in result:
         return NoiseModel(level, np.ones(1))
@@ -200,9 +201,9 @@ def sensor_noise_of(result: xr.Dataset, run: int = 0) -> NoiseModel:
     return NoiseModel(level / NoiseModel(1.0, filter_).standard_deviation, filter_)
 
 
-# Autocorrelations that are looked at.
+# Number of autocorrelations in the test.
 MOST_LAGS = 20
-# Level at which a residual is not white.
+# Significance level of the test that a residual is white.
 WHITE_LEVEL = 1e-3
 
 
@@ -214,7 +215,7 @@ def autocorrelation(values: Array, most: int) -> Array:
 
 
 def ljung_box_p_value(correlation: Array, count: int) -> float:
-    """Return p-value that so many values are white, by their autocorrelation at the first lags, (lag,)."""
+    """Return the p-value that `count` values are white, from the autocorrelation at first lags, (lag,)."""
     lags = np.arange(1, len(correlation) + 1)
     statistic = count * (count + 2) * float(np.sum(correlation**2 / (count - lags)))
     return float(scipy.stats.chi2.sf(statistic, len(lags)))
@@ -227,14 +228,14 @@ def white_p_value(residual: Array) -> float:
 
 
 def covariance_band(operator: sp.csr_matrix, other: sp.csr_matrix | None = None) -> Array:
-    """Return diagonals of a covariance `operator @ operator.T`, (band, row), lower as scipy.linalg does.
+    """Return the diagonals of `operator @ operator.T`, (band, row), in the lower form of scipy.linalg.
 
     Parameters
     ----------
     operator : (row, sample) sparse array of float
-        Each row on neighbouring samples, later rows on later ones.
+        Each row acts on neighbouring samples, and later rows on later samples.
     other : (row, sample) sparse array of float, optional
-        In the place of the second operator; the product is symmetric too.
+        Second operator, if it differs from the first; the product must be symmetric.
     """
     if other is None and operator.nnz > LONG_ROWS * operator.shape[0]:
         return _band_by_blocks(operator.sorted_indices())
@@ -247,11 +248,11 @@ def covariance_band(operator: sp.csr_matrix, other: sp.csr_matrix | None = None)
 
 
 def _band_by_blocks(operator: sp.csr_matrix) -> Array:
-    """Return `covariance_band` of rows on many samples each, by dense products of as many as overlap."""
+    """Return `covariance_band` for rows on many samples each, by dense products of overlapping rows."""
     first = np.minimum.accumulate(operator.indices[operator.indptr[:-1]][::-1])[::-1]
     end = np.maximum.accumulate(operator.indices[operator.indptr[1:] - 1] + 1)
     rows = len(first)
-    # Rows that share a sample with a row: itself and this number after it.
+    # Number of rows from each row on that share a sample with it, including itself.
     bands = int(np.max(np.searchsorted(first, end) - np.arange(rows)))
     band = np.zeros((bands, rows))
     for begin in range(0, rows, bands):

@@ -1,8 +1,8 @@
-"""Curves as random effects: penalised least squares whose smoothness follows from the rows.
+"""Curves as random effects: penalised least squares with a smoothness estimated from the rows.
 
-The coefficients of a curve are independent normal variables of one variance (Ruppert, Wand & Carroll,
-Semiparametric Regression, 2003, Ch. 4). Restricted likelihood tells that variance; its uncertainty is part of
-the estimate's covariance.
+The coefficients of a curve are independent normal variables with a common variance (Ruppert, Wand & Carroll,
+Semiparametric Regression, 2003, Ch. 4). Restricted likelihood estimates this variance; its uncertainty is
+part of the covariance of the estimate.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,11 +13,11 @@ import scipy
 
 from sysid_trib.arrays import Array, Index
 
-# Logarithms of the variance ratios that are tried first: from no curve at all to one without a penalty.
+# First grid of log variance ratios: from no curve at all to a curve without penalty.
 COARSE = np.arange(-15.0, 31.0, 3.0)
-# Ratios less likely than the best by this difference of the deviance do not count.
+# Ratios are neglected if their deviance exceeds the best one by this.
 NEGLIGIBLE = 14.0
-# Points along each ratio, of one or two curves and of more.
+# Points of the grid along each ratio, for one or two curves and for more.
 FINE_POINTS, FEW_POINTS = 9, 4
 
 
@@ -59,11 +59,11 @@ def smooth_least_squares(columns: Array, target: Array, curves: Sequence[Index])
 
     Notes
     -----
-    Columns count in units of their own norm, so that all coefficients of a curve contribute alike to the
-    record. The standard deviation of a curve's coefficients has a uniform prior (Gelman, Bayesian Analysis 1,
-    2006, 515). Estimates are averaged over a grid of variances by their restricted likelihood: the covariance
-    then holds the error of the smoothness, and, by its Bayesian meaning, that of smoothing (Nychka, Journal
-    of the American Statistical Association 83, 1988, 1134).
+    Columns are scaled to unit norm, so that all coefficients of a curve contribute equally to the record. The
+    standard deviation of a curve's coefficients has a uniform prior (Gelman, Bayesian Analysis 1, 2006, 515).
+    Estimates are averaged over a grid of variances by their restricted likelihood. The covariance therefore
+    includes the uncertainty of the smoothness and, by its Bayesian interpretation, the bias of smoothing
+    (Nychka, Journal of the American Statistical Association 83, 1988, 1134).
     """
     unit = np.linalg.norm(columns, axis=0)
     unit[unit == 0.0] = 1.0
@@ -105,7 +105,7 @@ class _Point:
 
 @dataclass(frozen=True)
 class _NormalEquations:
-    """Normal equations of white rows, and which of their coefficients are of curves."""
+    """Normal equations of white rows, and the indices of the coefficients of curves."""
 
     gram: Array
     projected: Array
@@ -122,7 +122,7 @@ class _NormalEquations:
         penalty = np.zeros(len(self.gram))
         for curve, ratio in zip(self.curves, ratios, strict=True):
             penalty[curve] = np.exp(-ratio)
-        # Columns of unit norm: a ridge of rounding keeps those apart that are the same.
+        # The columns have unit norm: a ridge of the size of rounding separates identical columns.
         normal = self.gram + np.diag(penalty + len(self.gram) * np.finfo(float).eps)
         factor: Array = np.asarray(np.linalg.cholesky(normal), dtype=float)
         coefficients = scipy.linalg.cho_solve((factor, True), self.projected)
@@ -131,13 +131,13 @@ class _NormalEquations:
         variance = max((self.square - coefficients @ self.projected) / freedoms, 1e-300)
         restricted = freedoms * np.log(variance) + 2.0 * np.sum(np.log(np.diag(factor)))
         restricted += sum(len(curve) * ratio for curve, ratio in zip(self.curves, ratios, strict=True))
-        # The prior that is uniform in the standard deviation, for the logarithm of the variance.
+        # Prior that is uniform in the standard deviation, as a density of the log variance.
         return _Point(float(restricted - np.sum(ratios)), coefficients, float(variance), penalty, factor)
 
     def likely_ratios(self) -> Iterator[Array]:
         """Yield a grid of variance ratios over the region that the rows allow."""
         centre = np.full(len(self.curves), COARSE[len(COARSE) // 2])
-        # One curve after the other: their variances hardly depend on each other.
+        # Optimise one curve after another, because their variances hardly depend on each other.
         for _ in range(2):
             for at in range(len(centre)):
                 centre[at] = min(COARSE, key=lambda value: self.fit(_with(centre, at, value)).deviance)
@@ -152,7 +152,7 @@ class _NormalEquations:
 
 
 def _with(values: Array, at: int, value: float) -> Array:
-    """Return values with another one at a place."""
+    """Return the values with one of them replaced."""
     changed = values.copy()
     changed[at] = value
     return changed

@@ -1,9 +1,9 @@
-"""Regression along the smoothed motion of a record with a random force, in both noises' covariance.
+"""Regression along the smoothed motion of a record with a random force, with both noises.
 
-The noise of the rows is the operator on the sensor's noise, plus integrals of the random force. The most
-likely noise of the sensor (best linear unbiased prediction, Robinson 1991) is subtracted from the record:
-that is the smoothed motion, and the columns are taken along it. They are expected values: the sign of a speed
-that is known to so many rad only goes from -1 to 1 within that, near rest over many samples.
+The noise of the rows is the operator applied to the sensor's noise, plus integrals of the random force. The
+smoothed motion is the record minus the most likely sensor noise (best linear unbiased prediction, Robinson
+1991); the columns are computed along it. They are expected values: if v has a standard error, its sign goes
+from -1 to 1 gradually over this error, which near rest takes many samples.
 """
 
 from collections.abc import Sequence
@@ -26,35 +26,36 @@ from sysid_trib.likelihood.variance_ratio import VarianceRatio
 from sysid_trib.records.smoothing import least_squares_spline
 
 MAX_SMOOTHED_PATHS = 12
-# After this number of rounds, a step of this part of an error ends them: paths that alternate between
-# branches of a force that jumps come no nearer. The step is then included in the errors.
+# After this number of rounds, a step of this fraction of an error ends the iteration: paths that alternate
+# between branches of a force with jumps come no closer. The step is then included in the errors.
 ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
-# Round in which the colour of the sensor's noise is estimated, by a motion that is no longer the first guess.
+# Round in which the colour of the sensor's noise is estimated, because the motion is then better than a first
+# estimate.
 COLOUR_ROUND = 1
 
 
 def regress_stochastic(
     runs: Runs, constraints: ConstraintMap, option: RandomForceOption
 ) -> tuple[Solution, bool]:
-    """Estimate forces, a random force and the sensor's noise, along motions that are smoothed with them.
+    """Estimate forces, a random force and the sensor's noise, along motions smoothed with them.
 
     Parameters
     ----------
     runs : tuple of RunRegression
-        With a first estimate.
+        Runs with a first estimate.
     constraints : ConstraintMap
         Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, held.
+        A number is the one-sided density, which is fixed.
 
     Returns
     -------
     solution : Solution
-        Of the rows about smoothed motions, with noises; about the free ones where no random force is most
-        likely. It is the mean over the ratios of the two variances that the record leaves open, and its
-        covariance allows for these, and for the last step where that is among the errors.
+        Solution of the rows about smoothed motions, with both noises; about free motions if no random force
+        is most likely. It is the mean over the plausible ratios of the two variances. Its covariance includes
+        the uncertainty of these ratios and, if the iteration ended early, the last step.
     settled : bool
-        Whether the estimate has stopped moving.
+        Whether the estimate has converged.
 
     Raises
     ------
@@ -62,14 +63,14 @@ def regress_stochastic(
         The rows are degenerate.
     """
     for turn in range(MAX_SMOOTHED_PATHS):
-        # A motion that slipped where both noises were known would slip again, or now and then.
+        # If a free motion lost the phase after both noises were known, do not try it again.
         tried = [turn <= COLOUR_ROUND or run.near is not None for run in runs]
         runs = tuple(
             _about_free_motion(run, constraints) if may_follow else run.along_own_path()
             for run, may_follow in zip(runs, tried, strict=True)
         )
         # With a given density, as in simulated records, the sensor's noise is white. The discrepancy of a
-        # driven model is not sensor noise, whatever its colour.
+        # driven model is not sensor noise of any colour.
         driven = any(run.inputs for run in runs)
         colour = turn == COLOUR_ROUND and isinstance(option, str) and not driven
         weighed = [with_noises(run, constraints, option, colour=colour) for run in runs]
@@ -92,36 +93,36 @@ def regress_stochastic(
     return replace(solution, runs=after, covariance=covariance), settled
 
 
-# Step of the logarithm of a ratio by which a determinant is differenced.
+# Step of the log ratio for the difference quotient of a determinant.
 LOG_RATIO_STEP = 0.05
 
 
 def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solution) -> Array:
-    """Return the bias (force + 1,) that the estimate has if the random force is noise of a measured input.
+    """Return the bias (force + 1,) of the estimate if the random force is noise of a measured input.
 
     Parameters
     ----------
     weighed : sequence of WeighedRun
     solution : Solution
-        Solution of their rows.
+        Solution of the rows of these runs.
 
     Returns
     -------
     (force + 1,) array of float
-        Of the coefficients and the reference frequency (rad/s); zero without a force of an input alone.
+        Bias of the coefficients and the reference frequency (rad/s); zero without a force of an input alone.
 
     Notes
     -----
-    Errors in variables (Fuller 1987): noise of an input is in its column, too, and makes the coefficient too
-    small. If all of the random force comes from it, white rows r = -theta N have the bias
-    -C E[N' r] = C n/theta, C the covariance of the estimate and n the number of rows that the random force
-    makes, d log det / d log ratio of their covariance. The record does not say whether the random force is
-    noise of the input or acts on the body: the bias is an error, and no correction is made.
+    Errors in variables (Fuller 1987): noise of an input is also in its column and makes the coefficient too
+    small. If the whole random force is due to it, white rows r = -theta N have the bias -C E[N' r] = C
+    n/theta, with C the covariance of the estimate and n the number of rows dominated by the random force, d
+    log det / d log ratio of their covariance. The record does not show whether the random force is noise of
+    the input or acts on the body: the bias is added to the errors, and not corrected.
     """
     runs, nothing = solution.runs, np.zeros(len(solution.covariance))
     library, coefficients = runs[0].library, runs[0].coefficients
-    # The effect of a noisy input on a force that also contains the motion is smaller, and changes with the
-    # motion.
+    # A noisy input has a smaller effect in a force that also contains the motion, and this effect changes
+    # with the motion.
     of_input = [bool(force.inputs) and not {"x", "v"} & force.formula.names for force in library]
     size = np.where(of_input, np.abs(coefficients) * solution.rows.rms_forces, 0.0)
     at = int(np.argmax(size))
@@ -137,32 +138,32 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
 
 
 def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
-    """Return a run whose path is about a free motion of its present model, where that follows the record."""
+    """Return a run with a path about a free motion of its present model, if that follows the record."""
     try:
         free = motion_of_run(run, constraints, near=True)
     except SimulationError:
         return run.along_own_path()
     along = run.columns_along(free.x, free.v)
     force = run.stiffness_scale * (free.x + along @ run.acting)
-    # The first path: the free motion itself.
+    # The first path is the free motion itself.
     nearby = replace(run, x=free.x, v=free.v, columns=along, exact=False, near=(free.x, force))
     nearby = replace(nearby, start=(free.angle, free.rate), sensitivity=free.sensitivity)
     if has_slipped(nearby):
         return run.along_own_path()
     if run.ratio is not None:
-        # Friction on a body at rest equals the other forces.
+        # Friction on a body at rest balances the other forces.
         near = free.x, np.where(free.v == 0.0, run.forcing, force)
         error = _smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
         expected = run.columns_along(run.x, run.v, error)
         nearby = replace(nearby, x=run.x, v=run.v, columns=expected, near=near)
-    # The zero of the sensor is that of the rows, which include the random force.
+    # Keep the sensor's zero of the rows, which include the random force.
     return nearby
 
 
 def _along_smoothed(run: RunRegression, weighed: WeighedRun, solution: Solution, at: int) -> RunRegression:
-    """Return a run along the next smoothed motion: the record, without the most likely noise of the sensor.
+    """Return a run along the next smoothed motion: the record minus the most likely noise of the sensor.
 
-    `at` : number of the run, from 0.
+    `at` : index of the run, from 0.
     """
     rows, tau = weighed.rows, run.form.tau
     count = len(solution.steps) - run.frequency_free
@@ -202,26 +203,26 @@ def _average_by_ratios(weighed: Sequence[WeighedRun], constraints: ConstraintMap
 
 
 def _smoothed_rate_error(ratio: VarianceRatio, step: float) -> float:
-    """Return the standard error of v = theta'/w of the smoothed motion, inside of a record.
+    """Return the standard error of v = theta'/w of the smoothed motion, away from the ends of the record.
 
     Parameters
     ----------
     ratio : VarianceRatio
-        Growth q of the variance of v a unit of tau, over the variance of the sensor's noise in a sample.
+        Growth q of the variance of v per unit of tau, over the variance of the sensor's noise in a sample.
     step : float
-        Between two samples, in tau.
+        Time between two samples, in tau.
 
     Returns
     -------
     float, rad
-        Zero without a random force.
+        The standard error; zero without a random force.
 
     Notes
     -----
-    For an oscillator with white acceleration of (two-sided) spectral density q, and white noise of density r
-    = variance * step, the error of the best smoother in x has the spectral density 1/((1 - k^2)^2/q + 1/r)
-    (Wiener 1949), k the frequency. The integral of k^2 times that over dk/(2 pi) is q / (2 sqrt(2 (sqrt(1 +
-    q/r) - 1))): sqrt(q r)/2 where q is small.
+    For an oscillator with white acceleration of (two-sided) spectral density q, and white noise of density
+    r = variance * step, the error of the best smoother in x has the spectral density 1/((1 - k^2)^2/q + 1/r)
+    (Wiener 1949), with k the frequency. The integral of k^2 times this density over dk/(2 pi) is q / (2
+    sqrt(2 (sqrt(1 + q/r) - 1))), which is sqrt(q r)/2 for small q.
     """
     by_sample = ratio.ratio / step
     if by_sample == 0.0:

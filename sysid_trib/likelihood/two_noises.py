@@ -1,8 +1,8 @@
 """The sensor's noise and the random force of a run, by the restricted likelihood of its weak rows.
 
-The colour of the sensor's noise and the ratio of the two variances have one likelihood: that of the rows, and
-that of the lines of the spectrum above their band. Without a random force the colour is another one. A colour
-that were held while the ratio is sought would lend its own error to the random force.
+The colour of the sensor's noise and the ratio of the two variances are estimated from one likelihood: that of
+the rows and of the spectral lines above their band. Without a random force the most likely colour differs. If
+the colour were held while the ratio is estimated, its error would become part of the random force.
 """
 
 from collections.abc import Callable
@@ -30,8 +30,8 @@ from sysid_trib.likelihood.weak_form import cholesky_factor, coloured
 from sysid_trib.records.smoothing import smooth
 from sysid_trib.results.random_force import RandomForce
 
-# Lines of the spectrum above the swing show the sensor's noise; within the swing's band it may differ, so
-# they count as so many samples.
+# Spectral lines above the swing give the level of the sensor's noise. Within the band of the swing the level
+# may differ, so these lines count as few samples.
 DEGREES_OF_PRIOR = 5
 
 
@@ -42,15 +42,15 @@ class WeighedRun:
     Attributes
     ----------
     run : RunRegression
-        With the noises that were last most likely.
+        Run with the last most likely noises.
     matrix : (row, sample) sparse array of float
         Operator of small deviations.
     rows : Rows
     table : (row, column) array of float
-        Free columns, nuisances, target of the rows.
+        Free columns, nuisances and target of the rows.
     shared_level : bool
-        Whether the lines above the band count in full, since one autoregression holds there and in the band.
-        White noise is but an approximation: its level in the band may be another.
+        Whether the lines above the band have full weight, because one autoregression describes the noise
+        there and in the band. White noise is only an approximation, so its level in the band may differ.
     """
 
     run: RunRegression
@@ -72,7 +72,7 @@ class WeighedRun:
 
     @cached_property
     def lines(self) -> Lines:
-        """Lines of the spectrum above the band of the rows: splines follow half an oscillation a knot."""
+        """Spectral lines above the band of the rows: splines follow half an oscillation per knot."""
         band = np.pi * self.run.form.rows / float(self.tau[-1] - self.tau[0])
         return lines_above(self.deviation, self.tau, band)
 
@@ -96,7 +96,7 @@ class WeighedRun:
         return replace(self, run=run, rows=replace(self.rows, runs=(run,), factor=factor))
 
     def by_ratio(self, sensor: NoiseModel) -> Callable[[float], WhiteRows]:
-        """Return the white rows of a ratio of the two variances, with a sensor's noise of one colour."""
+        """Return the function that gives the white rows for a ratio, with a sensor noise of one colour."""
         degrees = float(DEGREES_OF_PRIOR)
         further = degrees, degrees * sensor.innovation**2, 0.0
         if self.shared_level:
@@ -106,14 +106,14 @@ class WeighedRun:
         return rows_by_ratio(band, self.run.form.gram, self.table, further)
 
     def ratio(self, sensor: NoiseModel, start: float | None) -> VarianceRatio:
-        """Return the ratio of most likelihood with a sensor's noise; near `start` if that is given."""
+        """Return the most likely ratio with a given sensor noise; near `start` if that is given."""
         tau = self.run.form.tau
         return variance_ratio(
             self.by_ratio(sensor), float(np.ptp(tau)), float(np.median(np.diff(tau))), start
         )
 
     def without_force(self, sensor: NoiseModel) -> VarianceRatio:
-        """Return the sensor's noise alone."""
+        """Return the variance of the sensor's noise alone."""
         return held_ratio(self.by_ratio(sensor), 0.0, None)
 
 
@@ -128,18 +128,18 @@ def with_noises(
     constraints : ConstraintMap
         Constraints of the forces that are in the model.
     option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, held.
+        A number is the one-sided density, which is fixed.
     colour : bool
-        Whether the colour of the sensor's noise is estimated anew.
+        Whether the colour of the sensor's noise is estimated again.
 
     Notes
     -----
-    The gain of the likelihood by a random force is over the most likely noise of the sensor without one,
-    which has a colour of its own.
+    The gain of a random force is relative to the most likely sensor noise without one, which has its own
+    colour.
     """
     rows = rows_about(run, run.operator)
     free, target = rows.columns @ constraints.matrix, rows.target - rows.columns @ constraints.constant
-    # Stored by columns, as LAPACK uses them many times.
+    # Column order, because LAPACK uses the columns many times.
     table = np.asfortranarray(np.column_stack([free, rows.nuisances, target]))
     weighed = WeighedRun(run, run.operator, rows, table)
     if isinstance(option, str):
@@ -175,14 +175,14 @@ def _estimated(weighed: WeighedRun, colour: bool) -> WeighedRun:
 
 
 def _colours(weighed: WeighedRun) -> tuple[NoiseModel, NoiseModel, float | None]:
-    """Return the most likely sensor noises with and without a random force, and a ratio near the first's.
+    """Return the most likely sensor noises with and without a random force, and a likely ratio.
 
-    The orders are those that the spectrum asks for with a random force, and without one; of the two that of
-    the lower Bayesian information criterion. A random force is tested beside colours of one order: a higher
-    one could resonate as the motion does.
+    Two orders are tried: those of the spectrum with and without a random force. The one with the lower
+    Bayesian information criterion is used. The random force is tested with colours of the same order, because
+    a colour of higher order could resonate as the motion does.
     """
     if weighed.run.near is None:
-        # For a record that no free motion follows, by the residual of the spline.
+        # If no free motion follows the record, use the residual of the spline.
         angle, tau = weighed.run.angle, weighed.run.form.tau
         white = NoiseModel(float(np.std(angle - smooth(tau, angle)[0])), np.ones(1))
         return white, white, None
@@ -216,7 +216,7 @@ def _colours(weighed: WeighedRun) -> tuple[NoiseModel, NoiseModel, float | None]
     best, without = min(stochastic, key=criterion), min(still, key=criterion)
     taps = len(best[0])
     if len(without[0]) != taps and criterion(without) < criterion(best) + penalty:
-        # Another colour is the better explanation, and a random force has to be likely with that.
+        # Another colour is the better explanation: test the random force with that colour.
         return lines.noise(without[0]), lines.noise(without[0]), None
     same_order = next(filter_ for filter_, _ in still if len(filter_) == taps)
     return lines.noise(best[0]), lines.noise(same_order), first.ratio

@@ -1,7 +1,8 @@
 """Fraction of random force in the noise: restricted likelihood in the ratio of two variances.
 
-Rows of noise with the covariance variance * (A + ratio * B), A of the sensor's noise and B of a random force
-of unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the estimated coefficients.
+The noise of the rows has the covariance variance * (A + ratio * B), with A of the sensor's noise and B of a
+random force of unit size. Restricted likelihood (Patterson and Thompson 1971) allows for the estimated
+coefficients.
 """
 
 from collections.abc import Callable
@@ -17,25 +18,26 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 from sysid_trib.likelihood.weak_form import cholesky_factor, log_determinant, whiten
 
-# Ratios tried: a random walk far below a noise level at the end, and impulses far above it at each sample.
+# Range of ratios: from a random walk far below the noise level at the end to impulses far above it in each
+# sample.
 SMALLEST_WALK = 0.03
 LARGEST_IMPULSE = 10.0
-# Rounds for the sensor's variance with a random force that is given.
+# Most iterations of the sensor's variance if the random force is given.
 VARIANCE_ROUNDS = 6
-# A change of it, in parts, that moves nothing.
+# Relative change of this variance at which it has converged.
 SETTLED_VARIANCE = 1e-4
-# Distance of the first values tried, in the logarithm of the ratio; a maximum of the likelihood is wider.
+# Step of the first grid, in the logarithm of the ratio; a maximum of the likelihood is wider.
 FIRST_GRID = 2.0
 LOG_TOLERANCE = 0.02
-# Rise of the deviance over that without a random force, by which a ratio is a standard error too large.
+# Increase of the deviance over that without a random force at which a ratio is one standard error too large.
 RISEN = 1.0
-# Differences for the curvature, in units of the logarithm.
+# Step of the difference quotient for the curvature, in the logarithm.
 CURVATURE_STEP = 0.3
 
 
 @dataclass(frozen=True)
 class WhiteRows:
-    """Rows in which noise of the given ratio is white.
+    """Rows whose noise is white at the given ratio.
 
     Attributes
     ----------
@@ -44,10 +46,10 @@ class WhiteRows:
     log_determinant : float
         Log determinant of the covariance in units of the variance.
     further : float
-        Number of samples that a row stands for beyond itself: of noise alone one row may have the squares of
-        many.
+        Number of additional samples that one row represents: a row of noise alone may contain the squares of
+        many samples.
     least_variance : float
-        A variance that would be below it is this.
+        Lower limit of the variance.
     """
 
     target: Array
@@ -63,15 +65,15 @@ class WhiteRows:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Number of samples beyond the columns that have an effect."""
+        """Number of samples minus the number of columns that have an effect."""
         return max(1.0, len(self.target) + self.further - float(np.sum(self._size > 0.0)))
 
     def restricted_deviance(self) -> tuple[float, float]:
         """Return minus twice the log restricted likelihood with its variance profiled, and the variance."""
-        # The triangular factor of the design and the target is sufficient.
+        # The triangular factor of design and target is sufficient.
         acting = self._size > 0.0
         size = self._size[acting]
-        # Columns that lie in one piece, as LAPACK needs them, take a third of the time.
+        # Contiguous columns, as LAPACK needs them, take a third of the time.
         columns = np.concatenate([self.design.T[acting] / size[:, None], self.target[None]])
         factor: Array = np.asarray(np.linalg.qr(columns.T, mode="r"), dtype=float)
         count = len(size)
@@ -94,7 +96,7 @@ class WhiteRows:
         """Return least squares of the rows: coefficients, and their covariance in units of the variance."""
         size = np.where(self._size > 0.0, self._size, 1.0)
         q, r = np.linalg.qr(self.design / size)
-        # Columns that nothing tells apart have the least solution.
+        # For collinear columns, take the solution of least norm.
         inverse = np.linalg.pinv(r) if np.linalg.cond(r) > 1e13 else solve_triangular(r, np.eye(len(r)))
         scaled = inverse / size[:, None]
         return np.asarray(scaled @ (q.T @ self.target)), np.asarray(scaled @ scaled.T)
@@ -102,20 +104,21 @@ class WhiteRows:
 
 @dataclass(frozen=True)
 class VarianceRatio:
-    """The ratio of two variances of most restricted likelihood.
+    """The ratio of two variances with the largest restricted likelihood.
 
     Attributes
     ----------
     ratio : float
-        0 where the likelihood is greatest there.
+        Ratio; 0 if the likelihood is largest there.
     variance : float
         Variance of the sensor's noise.
     relative_error : float
-        Standard error of ratio * variance over itself; where that is 0, nan.
+        Relative standard error of ratio * variance; nan if the ratio is 0.
     upper : float
-        Where the ratio is 0: the ratio at which the deviance has risen by one, one standard error as it were.
+        For a ratio of 0: the ratio at which the deviance is larger by one, which corresponds to one standard
+        error.
     gain : float
-        Decrease of the deviance by the second part.
+        Decrease of the deviance due to the random force.
     deviance : float
         Minus twice the logarithm of the restricted likelihood.
     """
@@ -134,7 +137,7 @@ class VarianceRatio:
 
 
 def p_value_of_gain(gain: float) -> float:
-    """Return p-value of a ratio of zero, given the decrease of the deviance at another (Chernoff 1954)."""
+    """Return the p-value of a zero ratio, from the decrease of the deviance at another (Chernoff 1954)."""
     return 0.5 * float(scipy.stats.chi2.sf(gain, 1)) if gain > 0.0 else 1.0
 
 
@@ -145,17 +148,17 @@ def rows_by_ratio(
     further: tuple[float, float, float] | None = None,
     least_variance: float = 0.0,
 ) -> Callable[[float], WhiteRows]:
-    """Return the white rows of a ratio of two variances.
+    """Return the function that gives the white rows for a ratio of the two variances.
 
     Parameters
     ----------
     band, gram : (band, row) array of float
-        Covariance of the rows by the sensor's noise and by the random force, of unit variance.
+        Covariance of the rows due to the sensor's noise and due to the random force, of unit variance.
     table : (row, column) array of float
         Columns, then the target.
     further : (float, float, float)
-        Further samples of the sensor's noise: how many, the sum of the squares of their innovations (rad^2),
-        and the logarithm of the determinant of their covariance.
+        Further samples of the sensor's noise: their number, the sum of the squares of their innovations
+        (rad^2), and the logarithm of the determinant of their covariance.
     least_variance : float
         See `WhiteRows`.
     """
@@ -182,11 +185,11 @@ def variance_ratio(
     Parameters
     ----------
     rows : callable
-        The white rows of a ratio.
+        Function that returns the white rows for a ratio.
     duration, step : float
-        See `ratio_span`: between those it is sought, besides zero.
+        See `ratio_span`, which gives the range of the search; zero is tried as well.
     start : float, optional
-        Where it was last: nothing far from there is tried.
+        Last estimate; only ratios near it are tried.
 
     Returns
     -------
@@ -209,7 +212,7 @@ def variance_ratio(
     elif start is not None:
         grid = np.clip(np.log(start) + np.array([-1.0, 0.0, 1.0]), first, last)
     best = float(min(grid, key=deviance))
-    # A maximum of the likelihood is wider than the grid: below a smallest ratio that is too large is none.
+    # A maximum is wider than the grid: if even the smallest ratio is too large, there is no maximum below it.
     if best > first or deviance(best) <= none[0] + RISEN:
         best = _refined(deviance, grid, best, (first, last))
     gain = none[0] - deviance(best)
@@ -236,22 +239,22 @@ def _refined(
 
 
 def ratio_span(duration: float, step: float) -> tuple[float, float]:
-    """Return the ratios between which a random force is neither invisible nor dominant in each sample.
+    """Return the smallest and largest ratio for which a random force is visible but not dominant in a sample.
 
     Parameters
     ----------
     duration : float
-        Length of the record in tau.
+        Duration of the record in tau.
     step : float
-        Between two samples, in tau.
+        Time between two samples, in tau.
     """
     return SMALLEST_WALK**2 / (0.5 * duration), 3.0 * LARGEST_IMPULSE**2 / step**3
 
 
 def held_ratio(rows: Callable[[float], WhiteRows], per_tau: float, variance: float | None) -> VarianceRatio:
-    """Return the ratio where the size of the random force is given, `per_tau` in the unit of the variance.
+    """Return the ratio for a given size of the random force, `per_tau` in the unit of the variance.
 
-    `variance` is where the sensor's was last; None where nothing is known of it.
+    `variance` : last variance of the sensor's noise; None if unknown.
     """
     if variance is None:
         variance = rows(0.0).restricted_deviance()[1]
@@ -275,7 +278,7 @@ def _relative_error(
     low, here, high = (deviance(best + side * step) for side in (-1.0, 0.0, 1.0))
     profile = max((low + high - 2.0 * here) / step**2, 1e-12)
     slope = (np.log(known[best + step][1]) - np.log(known[best - step][1])) / (2.0 * step)
-    # With the variance profiled, log(variance) moves by `slope` with log(ratio); a unit of it has
-    # `degrees_of_freedom` of curvature.
+    # With the variance profiled, log(variance) changes by `slope` per unit of log(ratio); the curvature in
+    # log(variance) is `degrees_of_freedom`.
     variance_of_log_ratio = 2.0 / profile
     return float(np.sqrt((1.0 + slope) ** 2 * variance_of_log_ratio + 2.0 / max(1, degrees_of_freedom)))

@@ -2,8 +2,8 @@
 
 Multiplying theta'' + w^2 (theta + sum c_j h_j) = 0 by a test function psi and integrating twice by parts,
 ``int psi'' theta + w^2 int psi (theta + sum c_j h_j) = 0``, needs no derivative of the measured angle.
-The test functions are B-splines: narrow, so that noise of distant rows is independent and whitening costs
-a banded Cholesky factor; and clamped at the ends, so that nothing of the large first swing is lost.
+The test functions are B-splines. They are narrow, so noise of distant rows is independent and whitening needs
+only a banded Cholesky factor. They are clamped at the ends, so the large first swing is used completely.
 """
 
 from dataclasses import dataclass
@@ -27,17 +27,17 @@ from sysid_trib.records.smoothing import (
     spline_design,
 )
 
-# With fewer samples than this a row, rows would nearly depend on each other; with many more, those of a
-# record of 20 samples a period would not resolve the third harmonic of the motion.
+# With fewer samples per row, rows would nearly depend on each other. With many more, the rows of a record
+# with 20 samples per period would not resolve the third harmonic of the motion.
 SAMPLES_PER_ROW = 1.5
-# The first and last rows have knots on top of each other: samples are interpolated there by splines of this
-# degree and integrated in so many parts of a step, else each would be wrong by a hundredth.
+# The first and last rows have multiple knots. There, samples are interpolated by splines of this degree and
+# integrated in this number of parts per step; otherwise each row would be wrong by a hundredth.
 END_ROWS, END_DEGREE, END_PARTS = SPLINE_DEGREE - 2, 7, 6
-# Next to a gap, a step longer than this number of others, nothing is interpolated.
+# Next to a gap, which is a step longer than this multiple of the median step, samples are not interpolated.
 MOST_UNEVEN = 1.5
-# Places of the entries of a sparse matrix.
+# Attributes of a sparse matrix with the places of its entries.
 ENTRIES = "indptr", "indices"
-# Numbers that are filtered at once.
+# Largest number of entries that are filtered at once.
 MOST_DENSE = 4_000_000
 
 
@@ -50,10 +50,10 @@ class WeakForm:
     tau : (sample,) array of float
         Time times a frequency.
     value, slope, curvature : (row, sample) sparse array of float
-        ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` the same
-        with psi' and psi''.
+        ``value @ f`` is int psi f dtau for every test function psi; `slope` and `curvature` are the same with
+        psi' and psi''.
     splines : SplinesAt
-        On the knots of the test functions, at the samples.
+        Splines on the knots of the test functions, at the samples.
     """
 
     tau: Array
@@ -64,12 +64,12 @@ class WeakForm:
 
     @cached_property
     def gram(self) -> Array:
-        """Covariance of the rows by white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
+        """Covariance of the rows for white acceleration of unit size, int psi_i psi_j dtau: (band, row)."""
         return covariance_band(self.value @ sp.diags_array(1.0 / np.gradient(self.tau)), self.value)
 
     @cached_property
     def shares_entries(self) -> bool:
-        """True if the three matrices have entries in the same places, in the same order."""
+        """True if the three matrices have their entries in the same places and order."""
         return all(
             np.array_equal(getattr(self.value, name), getattr(other, name))
             for other in (self.slope, self.curvature)
@@ -83,10 +83,10 @@ class WeakForm:
 
 
 def build_weak_form(tau: Array, intervals: int | None = None) -> WeakForm:
-    """Build the weak form on the samples `tau` = w t (increasing, also uneven); the last few are kept.
+    """Build the weak form on the samples `tau` = w t (increasing, also uneven); the last few are cached.
 
-    `intervals` : between the knots of the test functions; by default `knot_intervals` of tau, of at least
-    `SAMPLES_PER_ROW` samples.
+    `intervals` : number of intervals between the knots of the test functions; by default `knot_intervals` of
+    tau, with at least `SAMPLES_PER_ROW` samples each.
     """
     number = intervals or knot_intervals(tau, SAMPLES_PER_ROW)
     return _kept(tau.tobytes(), number) if len(tau) <= MOST_KEPT else _built(tau, number)
@@ -100,21 +100,21 @@ def _kept(tau: bytes, intervals: int) -> WeakForm:
 def _built(tau: Array, intervals: int) -> WeakForm:
     value, slope, curvature = (_sample_integrals(tau, intervals, order) for order in range(3))
     for matrix in (value, slope, curvature):
-        # Sorted, the three have their entries in the same places.
+        # After sorting, the three matrices have their entries in the same places.
         matrix.sort_indices()
     return WeakForm(tau, value, slope, curvature, SplinesAt(tau, knot_sequence(tau, intervals)))
 
 
 def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
     """Return integrals against a derivative of the test functions from values at samples, (row, sample)."""
-    # The first and last rows of a short record are the same ones.
+    # In a short record the first rows are also the last ones.
     if intervals + 1 < 2 * END_ROWS:
         return _integrals(tau, tau, intervals, order)
     turned = tau[0] + tau[-1] - tau[::-1]
     first, last = _first_rows(tau, intervals, order), _first_rows(turned, intervals, order)
     if first is None or last is None:
         return _integrals(tau, tau, intervals, order)
-    # Turned back entry by entry: scipy would sort all samples.
+    # Reverse the entries one by one: scipy would sort all samples.
     last = last.tocoo()
     places = END_ROWS - 1 - last.row, len(tau) - 1 - last.col
     last = sp.coo_array(((-1.0) ** order * last.data, places), last.shape).tocsr()
@@ -123,7 +123,7 @@ def _sample_integrals(tau: Array, intervals: int, order: int) -> sp.csr_matrix:
 
 
 def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
-    """Return the first rows, (row, sample), from samples that are interpolated; None next to a gap."""
+    """Return the first rows, (row, sample), from interpolated samples; None next to a gap."""
     end = knot_sequence(tau, intervals)[END_ROWS + 2 + SPLINE_DEGREE]
     used = max(END_DEGREE + 1, int(np.searchsorted(tau, end)) + 1)
     steps = np.diff(tau[:used])
@@ -136,23 +136,24 @@ def _first_rows(tau: Array, intervals: int, order: int) -> sp.csr_matrix | None:
 
 
 def points_between(tau: Array, intervals: int, per_period: float) -> tuple[SplinesAt, sp.csr_matrix]:
-    """Return points between the samples of a weak form, for integrands that turn quickly; a few are kept.
+    """Return points between samples, for integrands that vary quickly, and their integrals; cached.
 
     Parameters
     ----------
     tau : (sample,) array of float
-        Of the weak form.
+        Times of the weak form.
     intervals : int
         Intervals of the weak form.
     per_period : float
-        Points wanted in 2 pi of tau, at least.
+        Least number of points per 2 pi of tau.
 
     Returns
     -------
     splines : SplinesAt
-        On the knots of the test functions, at the points: each step of `tau` in equal parts.
+        Splines on the knots of the test functions, at the points, which divide each step of `tau` into equal
+        parts.
     integrals : (row, point) sparse array of float
-        Integrals of the same rows as `WeakForm.value`.
+        Integrals over the same rows as `WeakForm.value`.
     """
     step = float(np.median(np.diff(tau)))
     parts = max(1, int(np.ceil(per_period * step / (2.0 * np.pi))))
@@ -167,7 +168,7 @@ def _kept_between(tau: bytes, intervals: int, parts: int) -> tuple[SplinesAt, sp
 
 
 def _between_samples(tau: Array, parts: int) -> Array:
-    """Return each step of tau in equal parts, (point,)."""
+    """Return points that divide each step of tau into equal parts, (point,)."""
     return np.interp(np.arange(parts * (len(tau) - 1) + 1) / parts, np.arange(len(tau)), tau)
 
 
@@ -175,17 +176,17 @@ def _integrals(points: Array, tau: Array, intervals: int, order: int, ends: int 
     """Return integrals against a derivative of the test functions on `tau`, without `ends` at each end."""
     knots = knot_sequence(tau, intervals)
     weights = np.gradient(points) * _end_weights(len(points))
-    # The first two and last two clamped splines have a value or a slope at the ends: they are left out.
+    # Leave out the first two and last two clamped splines, which have a value or a slope at the ends.
     keep = slice(2 + ends, len(knots) - SPLINE_DEGREE - 1 - 2 - ends)
     rows = spline_design(points, knots, order).T.tocsr()[keep]
-    # A spline is zero at its last knot, its derivatives have no entry there.
+    # A spline is zero at its last knot; remove the explicit zeros of its derivatives there.
     rows.eliminate_zeros()
     rows.data *= weights[rows.indices]
     return rows
 
 
 def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_matrix:
-    """Return rows as they act on the noise: of the equation linearised along the trajectory.
+    """Return the rows applied to the noise: those of the equation linearised along the trajectory.
 
     Parameters
     ----------
@@ -197,7 +198,7 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     -------
     (row, sample) sparse array of float
     """
-    # int psi d e' = -int (psi d)' e: the derivative is taken of the rows, never of the noise.
+    # int psi d e' = -int (psi d)' e: the derivative is that of the rows, not of the noise.
     rate = np.gradient(damping, form.tau)
     if form.shares_entries:
         at = form.value.indices
@@ -208,23 +209,23 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
 
 
 def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
-    """Return an operator on samples as it acts on the innovations of coloured noise.
+    """Return an operator on samples as an operator on the innovations of coloured noise.
 
     Parameters
     ----------
     operator : (row, sample) sparse array of float
-        Each row on a few neighbouring samples.
+        Each row acts on a few neighbouring samples.
     filter_ : (tap,) array of float
-        Whitens the noise; [1] if it is white.
+        Whitening filter of the noise; [1] if it is white.
 
     Returns
     -------
     (row, sample) sparse array of float
-        Its product with the inverse of the filter, cut where the noise has forgotten.
+        Product with the inverse of the filter, truncated where the noise is no longer correlated.
 
     Notes
     -----
-    A filter that runs backwards over each row, over blocks of rows side by side.
+    The filter runs backwards along each row, for blocks of rows in parallel.
     """
     if len(filter_) == 1:
         return operator
@@ -234,7 +235,7 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
     length = last - np.maximum(0, first - min(memory_samples(filter_), samples)) + 1
     values, columns = [], []
     for block in np.array_split(np.arange(rows), 1 + int(np.sum(length)) // MOST_DENSE):
-        # Each row from its end backwards, so that all begin in one column.
+        # Reverse each row from its end, so that all start in the same column.
         entries = operator[block].tocoo()
         backwards = np.zeros((len(block), int(length[block].max())))
         backwards[entries.row, last[block][entries.row] - entries.col] = entries.data
@@ -247,7 +248,7 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
 
 
 def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) -> Array:
-    """Return banded Cholesky factor of a covariance, to which that of a random force (band, row) is added."""
+    """Return the banded Cholesky factor of a covariance plus `ratio` times another (band, row)."""
     if gram is not None and ratio:
         whole = np.zeros((max(len(band), len(gram)), band.shape[1]))
         whole[: len(band)] = band
@@ -260,13 +261,13 @@ def cholesky_factor(band: Array, gram: Array | None = None, ratio: float = 0.0) 
 
 
 def log_determinant(factor: Array) -> float:
-    """Return the logarithm of the determinant of a covariance, by its banded Cholesky factor."""
+    """Return the log determinant of a covariance from its banded Cholesky factor."""
     return 2.0 * float(np.sum(np.log(factor[0])))
 
 
 def whiten(factor: Array, columns: Array) -> Array:
-    """Solve L z = columns, so that the noise of z has the unit matrix as covariance."""
-    # LAPACK of scipy 1.17 writes beyond an empty array.
+    """Solve L z = columns, so that the noise of z has the unit matrix as its covariance."""
+    # LAPACK of scipy 1.17 writes beyond the end of an empty array.
     if not columns.size:
         return columns.copy()
     solve = scipy.linalg.get_lapack_funcs("tbtrs", (factor, columns))
@@ -277,7 +278,7 @@ def whiten(factor: Array, columns: Array) -> Array:
 def _end_weights(samples: int) -> Array:
     """Return Gregory's end weights: the trapezoid rule to sixth order at the ends of a smooth integrand.
 
-    Inside, the rule has no error to speak of: test functions end smoothly there.
+    Inside the record the error of the rule is negligible, because test functions end smoothly there.
     """
     weights = np.ones(samples)
     ends = np.array([95 / 288, 317 / 240, 23 / 30, 793 / 720, 157 / 160])

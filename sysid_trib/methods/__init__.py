@@ -51,18 +51,18 @@ def every_kind() -> tuple[type[Any], ...]:
 
 
 def as_method(given: Any, function: str) -> Any:
-    """Return the method that is given, by itself or by its name: `direct`, or `Direct`.
+    """Return a method that is given as an object or by its name: `direct`, or `Direct`.
 
     Parameters
     ----------
     given : Method or str
     function : str
-        The function that takes it, for the message.
+        Name of the calling function, for the message.
 
     Raises
     ------
     UsageError
-        No such method, or a class in the place of an object.
+        There is no such method, or a class was given in place of an object.
     """
     if isinstance(given, str):
         kinds = {name: kind for kind in every_kind() for name in (kind.__name__.lower(), _label_of(kind))}
@@ -90,19 +90,19 @@ def _of_package(entry: EntryPoint) -> type[Any]:
     Raises
     ------
     UsageError
-        It is no class with a method `identify`, or cannot be loaded.
+        It is not a class with a method `identify`, or it cannot be loaded.
     """
     kind = plugins.loaded(entry)
     if isinstance(kind, type) and hasattr(kind, "identify"):
         return kind
     raise UsageError(
-        f"The entry point '{entry.name}' of {plugins.METHOD_PLUGINS} is no method: it must be a class with "
-        "identify(decay, library)."
+        f"The entry point '{entry.name}' of {plugins.METHOD_PLUGINS} is not a method: it must be a class "
+        "with identify(decay, library)."
     )
 
 
 def method_of(result: xr.Dataset) -> Any:
-    """Return the method of an identification, with the options it was made with.
+    """Return the method of an identification, with its options.
 
     Parameters
     ----------
@@ -112,14 +112,14 @@ def method_of(result: xr.Dataset) -> Any:
     Raises
     ------
     UsageError
-        The method is none of this package, nor of another that is installed.
+        The method belongs neither to this package nor to an installed plug-in.
     """
     kinds = {kind.__name__.lower(): kind for kind in every_kind()}
     name = result.attrs["method"]
     if name not in kinds:
-        raise UsageError(f"'{name}' is no method that is installed; run it yourself on the record.")
+        raise UsageError(f"'{name}' is not an installed method; run it yourself on the record.")
     options = json.loads(result.attrs["options"])
-    # An optimiser or a start model is not kept in a result: the method goes without it.
+    # A result does not store an optimiser or a start model: the method is returned without it.
     kept = {k: v for k, v in options.items() if not (isinstance(v, dict) and NOT_KEPT in v)}
-    # JSON knows lists but no tuples.
+    # JSON has lists but no tuples.
     return kinds[name](**{k: tuple(v) if isinstance(v, list) else v for k, v in kept.items()})

@@ -22,13 +22,14 @@ from sysid_trib.results.effects import birge_ratio
 from sysid_trib.results.random_force import RandomForce
 from sysid_trib.simulation.model import Model
 
-# Degree of the polynomials in the amplitude that a random force has no part in; instants for these at least.
+# Degree of the polynomials in the amplitude that test for an amplitude dependence, and least number of
+# instants.
 DEGREES, TESTED_INSTANTS = 4, 40
 Groups: TypeAlias = Mapping[str, half_periods.EquationSolution]
 
 
 def same_half_periods(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Return equations of a steady frequency: all half periods are equal; the parameter is their time (s)."""
+    """Return equations of a steady frequency: the parameter is the duration (s) of all half periods."""
     return np.ones((len(time) - 1, 1)), np.diff(time)
 
 
@@ -44,9 +45,9 @@ def energy_balance(library: ForceLibrary) -> half_periods.Equations:
 
 
 def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_periods.Equations:
-    """Return the rate of the amplitude and frequency of each instant, against w c of each force, and w.
+    """Return the averaged equations at each instant: rate of the amplitude, and frequency.
 
-    The columns are L = <h sin phi> and M = <h cos phi>/a.
+    Their parameters are w c of each force, and w. The columns are L = <h sin phi> and M = <h cos phi>/a.
     """
 
     def equations(extremum: Array, time: Array) -> tuple[Array, Array]:
@@ -62,20 +63,21 @@ def averaged_equations(library: ForceLibrary, shapes: ShapeValues) -> half_perio
 
 @dataclass(frozen=True)
 class AuxiliaryModel:
-    """A simplified model of the envelope of a decay, quick to fit, and biased.
+    """A simplified model of the envelope of a decay: quick to fit, but biased.
 
     Attributes
     ----------
     equations : mapping of str to Equations
-        Groups with parameters of their own, `envelope`, `frequency`.
+        Groups of equations with separate parameters, `envelope` and `frequency`.
     values_of : callable
-        From all parameters, in the groups' order, to coefficients and, last, the frequency (rad/s).
+        Function from all parameters, in the order of the groups, to coefficients and, last, the frequency
+        (rad/s).
     library : ForceLibrary
-        The forces of the coefficients, for motions of its own.
+        The forces of the coefficients, for simulated motions.
     shapes : Mapping of str to float
         Shape parameters of these forces.
     wandering : tuple of str
-        Groups of equations that a random force is estimated from.
+        Groups of equations from which a random force is estimated.
     curve : {"half-sines", "analytic-signal"}
         Curve that gives the extrema.
     rule : Rule
@@ -85,7 +87,7 @@ class AuxiliaryModel:
     curves : tuple of arrays of int
         Parameters of each smooth curve, which are penalised (see `solve_curves`).
     means : callable, optional
-        From coefficients and frequency to the parameters of the curves, zero for the others.
+        Function from coefficients and frequency to the parameters of the curves; zero for the others.
     """
 
     equations: Mapping[str, half_periods.Equations]
@@ -100,7 +102,7 @@ class AuxiliaryModel:
     means: Callable[[Array], Array] | None = None
 
     def measure(self, decay: xr.Dataset) -> xr.Dataset:
-        """Measure the envelope of a decay (see `envelope`); attrs state the method and `first_time` (s)."""
+        """Measure the envelope of a decay (see `envelope`); attributes: the method and `first_time` (s)."""
         attrs = {"first_time": float(decay.time.values[0]), "curve": self.curve}
         return envelope(decay, self.curve).assign_attrs(attrs)
 
@@ -117,17 +119,17 @@ class AuxiliaryModel:
         }
 
     def fit_simulated(self, simulated: Sequence[xr.Dataset], values: Array, first: Groups) -> Groups:
-        """Fit the envelopes of motions of a model as those of the records were fitted.
+        """Fit the envelopes of simulated motions in the same way as those of the records.
 
         Parameters
         ----------
         simulated : sequence of Dataset
-            Their envelopes.
+            Envelopes of the simulated motions.
         values : (value,) array of float
             Coefficients and frequency of the model.
         first : Groups
-            The fit of the records, whose smoothness of curves is held. The penalty is about the model's own
-            curves: what it pulls to zero in a record is no bias of the averaging.
+            The fit of the records, whose smoothness of curves is kept. The penalty is centred at the curves
+            of the model: the shrinkage of a record's curves towards zero is not a bias of averaging.
         """
         if not self.curves or self.means is None:
             return self.fit(simulated)
@@ -144,9 +146,9 @@ class AuxiliaryModel:
         return self.values_of(np.concatenate([group.parameters for group in groups.values()]))
 
     def covariance(self, groups: Groups, ratios: Mapping[str, float]) -> Array:
-        """Return the covariance of the values, each group's errors raised by its Birge ratio."""
+        """Return the covariance of the values, with each group's errors multiplied by its Birge ratio."""
         parameters = np.concatenate([group.parameters for group in groups.values()])
-        # Groups share the errors of half periods.
+        # The groups have the errors of the half periods in common.
         influence = np.concatenate(
             [max(1.0, ratios[name]) * group.influence for name, group in groups.items()]
         )
@@ -156,16 +158,16 @@ class AuxiliaryModel:
     def influence(
         self, groups: Groups, measured: Sequence[xr.Dataset], decays: Sequence[xr.Dataset]
     ) -> list[Array]:
-        """Compute how each sample moves the values, their bias left in: (value, sample) of each run.
+        """Compute the effect of each sample on the values, without bias correction: (value, sample) per run.
 
         Parameters
         ----------
         groups : mapping of str to EquationSolution
             The fit to the envelopes.
         measured : sequence of Dataset
-            The envelopes, of half-sines.
+            The envelopes, from half-sines.
         decays : sequence of Dataset
-            Decays of the envelopes.
+            The decays of these envelopes.
         """
         parameters = np.concatenate([group.parameters for group in groups.values()])
         of_errors = np.concatenate([group.influence for group in groups.values()])
@@ -187,7 +189,7 @@ class AuxiliaryModel:
 
 
 def birge_ratios(groups: Groups) -> dict[str, float]:
-    """Return the root of the reduced chi-square of each group, and of all by an empty name."""
+    """Return the root of the reduced chi-square of each group, and of all under an empty name."""
     every = list(groups.values())
     whole = birge_ratio(sum(g.chi_square for g in every), sum(g.degrees_of_freedom for g in every))
     of_groups = {name: birge_ratio(g.chi_square, g.degrees_of_freedom) for name, g in groups.items()}
@@ -195,7 +197,7 @@ def birge_ratios(groups: Groups) -> dict[str, float]:
 
 
 def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Dataset:
-    """Return an envelope with the errors of white sensor noise and of a random force, if there is any.
+    """Return an envelope with the errors due to white sensor noise and, if any, a random force.
 
     Parameters
     ----------
@@ -210,26 +212,26 @@ def with_noises(measured: xr.Dataset, noise: float, density: float) -> xr.Datase
 
 
 def with_random_force(measured: xr.Dataset, ratio: VarianceRatio) -> xr.Dataset:
-    """Return an envelope whose errors are those of the sensor's noise and of a random force.
+    """Return an envelope with the errors due to the sensor's noise and a random force.
 
     Parameters
     ----------
     measured : Dataset
         The envelope (see `AuxiliaryModel.measure`).
     ratio : VarianceRatio
-        As `random_force_ratio` gives it.
+        Result of `random_force_ratio`.
     """
     density = RandomForce.density_of(ratio.ratio * ratio.variance, swing_frequency(measured))
     return with_noises(measured, float(np.sqrt(ratio.variance)), density)
 
 
 def swing_frequency(measured: xr.Dataset) -> float:
-    """Return the median frequency of an envelope, rad/s: the reference of the unit of the ratio."""
+    """Return the median frequency of an envelope (rad/s), to which the unit of the ratio refers."""
     return float(np.median(measured.frequency.values))
 
 
 def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
-    """Return the envelope with the errors of white sensor noise, without the scatter of a random force."""
+    """Return the envelope with errors due to white sensor noise, without the scatter of a random force."""
     white = max(measured.white_noise.item(), float(np.finfo(float).tiny))
     scatters = [measured.attrs[name] for name in ("scatter_of_extrema", "scatter_of_times")]
     pairs = zip(half_periods.ENVELOPE_ERRORS, scatters, strict=True)
@@ -237,7 +239,7 @@ def _at_noise(measured: xr.Dataset, noise: float) -> xr.Dataset:
 
 
 def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset) -> float:
-    """Test whether the residual of equations depends on the amplitude, as no random force does.
+    """Test whether the residual of equations depends on the amplitude, unlike a random force.
 
     Parameters
     ----------
@@ -249,12 +251,13 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
     Returns
     -------
     float
-        P-value of the polynomials of `DEGREES` in the amplitude, of both equations; 1 of too few instants.
+        P-value of polynomials of `DEGREES` in the amplitude, in both equations; 1 if there are too few
+        instants.
 
     Notes
     -----
-    A score test (Rao 1948): of the fit without these columns, in the noise of the sensor and of the random
-    force that is likeliest with them.
+    This is a score test (Rao 1948): it uses the fit without these columns, with the noise of the sensor and
+    the most likely random force with these columns.
     """
     w = swing_frequency(measured)
     table, noise, gram = _table_of(groups, measured)
@@ -264,7 +267,7 @@ def amplitude_p_value(groups: Sequence[half_periods.HalfPeriodEquations], measur
         return 1.0
     low, high = amplitude.min(), amplitude.max()
     powers = legendre.legvander((2.0 * amplitude - low - high) / (high - low), DEGREES)
-    # At each instant the rate of the amplitude, then the frequency.
+    # For each instant: first the rate of the amplitude, then the frequency.
     further = np.zeros((len(amplitude), 2, 2 * (DEGREES + 1)))
     further[:, 0, : DEGREES + 1] = amplitude[:, None] * powers
     further[:, 1, DEGREES + 1 :] = powers
@@ -294,9 +297,9 @@ def _unexplained(target: Array, design: Array) -> float:
 def _table_of(
     groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset
 ) -> tuple[Array, Array, Array]:
-    """Return columns and residual of equations, with covariances by unit noise and by a unit random force.
+    """Return columns and residual of equations, and their covariances due to unit noise and a random force.
 
-    The two covariances are (band, row), the random force that of a unit of tau.
+    Both covariances are (band, row); the random force has unit size per unit of tau.
     """
     w, white = swing_frequency(measured), _at_noise(measured, 1.0)
     order = np.argsort(np.concatenate([group.first for group in groups]), kind="stable")
@@ -311,29 +314,30 @@ def _table_of(
 def random_force_ratio(
     groups: Sequence[half_periods.HalfPeriodEquations], measured: xr.Dataset, option: RandomForceOption
 ) -> VarianceRatio:
-    """Return a run's ratio of random force to sensor noise, by restricted likelihood of its equations.
+    """Return a run's ratio of random force to sensor noise, by the restricted likelihood of its equations.
 
     Parameters
     ----------
     groups : sequence of HalfPeriodEquations
-        Each with parameters of its own, of the same half periods.
+        Groups with separate parameters, over the same half periods.
     measured : Dataset
-        Their envelope.
+        Envelope of these half periods.
     option : "auto" or float, (rad/s^2)^2/Hz
-        A number is the one-sided density, held.
+        A number is the one-sided density, which is fixed.
 
     Returns
     -------
     VarianceRatio
-        Of the growth of the variance of v a unit of tau to the variance of the sensor's noise (rad^2).
+        Ratio of the growth of the variance of v per unit of tau to the variance of the sensor's noise
+        (rad^2).
     """
     w = swing_frequency(measured)
     table, noise, gram = _table_of(groups, measured)
-    # Waves and a moving camera displace extrema more than white noise does; nothing displaces them less. A
-    # few half periods may look less noisy by chance: a random force would then absorb the difference.
+    # Waves or a moving camera displace extrema more than white noise does; nothing displaces them less. A few
+    # half periods may seem less noisy by chance, and a random force would then absorb the difference.
     rows = rows_by_ratio(noise, gram, table, least_variance=measured.white_noise.item() ** 2)
     if not isinstance(option, str):
         return held_ratio(rows, RandomForce(float(option)).per_tau(w), None)
     times = measured.extremum_time.values
-    # In units of tau: the largest impulses tried hide the sensor's noise within this time.
+    # Time in units of tau: the largest impulses tried hide the sensor's noise within this time.
     return variance_ratio(rows, w * float(times[-1] - times[0]), 0.1)

@@ -48,31 +48,31 @@ class Averaging(Constrained):
     Parameters
     ----------
     frequency : {"fit", "last"}
-        `fit` estimates the asymptotic frequency too; `last` is the paper's rule, the last half periods'
-        frequency, with its plain least squares.
+        `fit` estimates the asymptotic frequency too; `last` is the paper's rule: the frequency of the last
+        half periods, with ordinary least squares.
     correct : bool
-        Whether the first-order bias is removed by indirect inference: the identified model is simulated, its
-        motion goes through the same averaging, and what that got wrong is subtracted, until nothing moves.
+        Whether indirect inference removes the first-order bias: the identified model is simulated, its motion
+        is averaged in the same way, and its error is subtracted, until convergence.
     reference_frequency : float, rad/s
-        w, held; the library's force of formula `x` is then identified.
+        Reference frequency w, which is then held; the library's force of formula `x` is then identified.
     weighted : bool
         Generalised least squares with the covariance of the half-sine fits (never with `last`).
     shapes : Mapping of str to float
-        Values of shape parameters, which are held.
+        Values of shape parameters, which are fixed.
     curve : {"half-sines", "analytic-signal"}
         Curve that gives the extrema (see `envelope`).
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        `estimated` finds a white random acceleration in each run besides the sensor's noise, by the
-        restricted likelihood of the equations; a number is its one-sided density, held. `auto` leaves it to
-        `identify`. Not for the paper's rule.
+        `estimated` estimates a white random acceleration in each run in addition to the sensor's noise, by
+        the restricted likelihood of the equations; a number is its one-sided density, which is fixed. `auto`
+        leaves the choice to `identify`. Not available for the paper's rule.
     constraints : mapping of str to float, (float, float) or str
-        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
-        held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: fixed values of coefficients and shape
+        parameters, lowest and highest values of coefficients, and coefficients as linear formulas of others.
 
     Notes
     -----
-    With the columns L = <h sin phi> and M = <h cos phi>/a, parameters w and w c: da/dt = L (w c) and
-    w(a) = w + M (w c). A force with both signatures has one parameter in both.
+    With the columns L = <h sin phi> and M = <h cos phi>/a, and the parameters w and w c: da/dt = L (w c) and
+    w(a) = w + M (w c). A force with both signatures has the same parameter in both equations.
     """
 
     frequency: Literal["fit", "last"] = "fit"
@@ -97,10 +97,10 @@ class Averaging(Constrained):
         Raises
         ------
         DecayError
-            The decay cannot support the request: too short, or forces of the same signature.
+            The decay cannot support the request: it is too short, or forces have the same signature.
         UsageError
-            The paper's rule for several runs: each has its own last frequency. A constraint is not linear in
-            the coefficients, or does not fit to the library.
+            The paper's rule was asked for several runs, but each has its own last frequency. Or a constraint
+            is not linear in the coefficients, or does not fit the library.
         """
         asked = forces_to_identify(library, self.reference_frequency)
         runs = as_runs(decay)
@@ -121,7 +121,7 @@ class Averaging(Constrained):
             unbounded = unbounded or estimate
             if not passed:
                 break
-            # The furthest first: held there, it often frees the others.
+            # Fix the worst violation first: this often removes the others.
             error = dict(zip(asked.symbols, np.sqrt(np.diag(estimate.covariance)).tolist(), strict=False))
             furthest = max(passed, key=lambda k: abs(value[k] - passed[k]) / max(error[k], 1e-300))
             constraints = constraints.holding({furthest: passed[furthest]})
@@ -144,25 +144,25 @@ class Averaging(Constrained):
         free: ConstraintMap,
         noises: Sequence[tuple[float, float]],
     ) -> list[Array]:
-        """Compute how each sample moves coefficients and frequency before the bias is removed.
+        """Compute the effect of each sample on coefficients and frequency, without bias correction.
 
         Parameters
         ----------
         decays : sequence of Dataset
             The runs.
         motions : sequence of Dataset
-            Motions of the identified model in these, at whose averages the equations are linear.
+            Motions of the identified model in these runs; the equations are linear about their averages.
         asked : ForceLibrary
-            The forces that were identified.
+            The identified forces.
         free : ConstraintMap
-            Their free coefficients.
+            Free coefficients of these forces.
         noises : sequence of (float, float), rad and (rad/s^2)^2/Hz
             Noise of a sample and random force in each run.
 
         Returns
         -------
         list of (value, sample) array of float
-            Of each run; the frequency is the last value.
+            One array per run; the frequency is the last value.
         """
         auxiliary = self._auxiliary(asked, free)
         simulated = []
@@ -175,17 +175,17 @@ class Averaging(Constrained):
     def amplitude_p_value(
         self, decays: Sequence[xr.Dataset], motions: Sequence[xr.Dataset], asked: ForceLibrary
     ) -> float:
-        """Test whether the residual of the averages depends on the amplitude, as no random force does.
+        """Test whether the residual of the averages depends on the amplitude, unlike a random force.
 
         Parameters
         ----------
         decays, motions, asked
-            As of `influence`.
+            As in `influence`.
 
         Returns
         -------
         float
-            P-value of all runs (Bonferroni).
+            P-value of all runs together (Bonferroni).
         """
         free = constraint_map(Constraints({}), asked, self.shapes)
         auxiliary, p_values = self._auxiliary(asked, free), []
@@ -203,7 +203,7 @@ class Averaging(Constrained):
         return replace(SCOPE, several_runs=self.frequency == "fit")
 
     def _auxiliary(self, library: ForceLibrary, free: ConstraintMap) -> AuxiliaryModel:
-        """Return the averaged equations of the free coefficients, whose parameters are w c of each, and w."""
+        """Return the averaged equations of the free coefficients; the parameters are w c of each, and w."""
         whole, reference = averaged_equations(library, self.shapes), self.reference_frequency
         damping = [(library.symbols.index(s), factor) for s, factor in library.damping_factors.items()]
         # Linear map from (w c of each free force, w) to (w c of each force, w).
@@ -261,19 +261,19 @@ class Averaging(Constrained):
 def _with_errors_of_unbounded(estimate: IndirectEstimate, unbounded: IndirectEstimate) -> IndirectEstimate:
     """Return an estimate at its bounds with the covariance of the unbounded estimate.
 
-    A coefficient at its bound is not known: the errors of the others include its uncertainty. The residual
-    due to the bounds widens them.
+    A coefficient at its bound is uncertain: the errors of the others include this uncertainty. The residual
+    due to the bounds increases the errors.
     """
     ratios = [max(1.0, of.birge_ratios[""]) for of in (estimate, unbounded)]
     widening = max(1.0, ratios[0] / ratios[1])
     return replace(estimate, covariance=widening**2 * unbounded.covariance)
 
 
-# Friction by which the simulated amplitude shrinks as the record's does; it is not reported.
+# Friction with which the simulated amplitude decays as the record's does; it is not reported.
 FRICTION_FORMULAS, VISCOUS = ("sign(v)", "2*v", "v*abs(v)"), 1
 DAMPING_FORCES = [{"symbol": f"damping_beside_{p}", "formula": f} for p, f in enumerate(FRICTION_FORMULAS)]
 DAMPING = parse_library({"force": DAMPING_FORCES}, "damping of frequency_shift")
-# (w_inf/w)^2 of a motion that hardly swings.
+# Lower limit of (w_inf/w)^2, for a motion that hardly oscillates.
 SMALLEST = 1e-2
 
 
@@ -284,19 +284,19 @@ class FrequencyShift:
     Parameters
     ----------
     reference_frequency : float, rad/s
-        w without contact, held: coefficients refer to it, and the library's force of formula `x` is
-        identified. Without it they refer to the undamped w fitted.
+        Frequency w without contact, which is fixed: coefficients refer to it, and the library's force of
+        formula `x` is identified. Without it, coefficients refer to the fitted undamped w.
     correct : bool
-        Whether the bias of half-sines and averaging is removed by indirect inference.
+        Whether indirect inference removes the bias of half-sines and averaging.
     shapes : Mapping of str to float
-        Values of shape parameters, which are held.
+        Values of shape parameters, which are fixed.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        As that of `Averaging`.
+        As in `Averaging`.
 
     Notes
     -----
-    Solid, viscous and quadratic friction that follow the envelope are found beside, for the simulation and
-    for w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
+    Solid, viscous and quadratic friction are fitted to the envelope too. They serve the simulation and
+    w_inf = w sqrt(1 + alpha - zeta^2), and are not reported.
     """
 
     scope: ClassVar = MethodScope(
@@ -322,10 +322,10 @@ class FrequencyShift:
         Raises
         ------
         DecayError
-            The library has no conservative force but that of formula `x`, or they look the same; or a sensor
-            term.
+            The library has no conservative force except that of formula `x`, the conservative forces have the
+            same signature, or there is a sensor term.
         UsageError
-            Several decays.
+            Several decays were given.
         """
         decay = one_record(self, decay)
         refuse_sensors(library)
@@ -344,7 +344,7 @@ class FrequencyShift:
             forces = (stiffness, *forces)
 
         def identified(values: Array) -> Array:
-            """Return coefficients at the reference frequency, formula `x` first, and that frequency."""
+            """Return coefficients at the reference frequency, formula `x` first, and this frequency."""
             coefficients, fitted = values[:count], values[-1:]
             if reference is None:
                 return np.append(coefficients, fitted)
@@ -367,7 +367,7 @@ class FrequencyShift:
 
 
 def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> AuxiliaryModel:
-    """Return shift of the frequency, and friction that the simulated amplitude shrinks by as the record's."""
+    """Return equations of the frequency shift, and of friction with which the simulated amplitude decays."""
     whole = ForceLibrary("conservative forces, damped", (*library.forces, *DAMPING.forces))
     count, averaged = len(library), averaged_equations(library, shapes)
 
@@ -378,7 +378,7 @@ def _damped_model(library: ForceLibrary, shapes: Mapping[str, float]) -> Auxilia
 
     def values(parameters: Array) -> Array:
         damping = parameters[count + 1 :]
-        # Undamped, the frequency would be higher than w_inf.
+        # Without damping, the frequency would be higher than w_inf.
         w = parameters[count] / np.sqrt(max(1.0 - damping[VISCOUS] ** 2, SMALLEST))
         return np.concatenate([parameters[:count] * parameters[count] / w**2, damping, [w]])
 

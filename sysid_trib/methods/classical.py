@@ -1,6 +1,6 @@
 """The classical decrements, one relation between half periods each: Rayleigh (1877) to Wu et al. (2007)."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from inspect import cleandoc
 from typing import Any, ClassVar
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
-from sysid_trib.forces.selection import needed_forces
+from sysid_trib.forces.selection import refuse_sensors
 from sysid_trib.likelihood.random_force import RandomForceOption, check_random_force
 from sysid_trib.methods.auxiliary import AuxiliaryModel, energy_balance, same_half_periods
 from sysid_trib.methods.half_period_equations import Equations
@@ -33,10 +33,10 @@ class ClassicalMethod:
     Parameters
     ----------
     correct : bool
-        Whether the bias of half-sines and of the relation is removed by indirect inference.
+        Whether indirect inference removes the bias of half-sines and of the relation.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        Whether the errors are those of a motion with a random force: `estimated` finds the force from
-        the extrema; a number is its one-sided density, held; `auto` leaves it to `identify`.
+        Whether the errors are those of a motion with a random force: `estimated` estimates the force from the
+        extrema; a number is its one-sided density, which is fixed; `auto` leaves the choice to `identify`.
     """
 
     scope: ClassVar[MethodScope]
@@ -60,12 +60,12 @@ class ClassicalMethod:
         DecayError
             The library lacks a force, or the decay has too few half periods.
         UsageError
-            Several decays.
+            Several decays were given.
         """
         decay = one_record(self, decay)
         asked = self.forces_of(library)
         groups = {"envelope": self.equations(asked), "frequency": same_half_periods}
-        # A frequency that is not steady is no random force.
+        # A varying frequency does not indicate a random force: estimate the force from the envelope alone.
         auxiliary = AuxiliaryModel(groups, self.values, asked)
         estimate = indirect_estimate(auxiliary, [decay], correct=self.correct, random_force=self.random_force)
         return as_identification(self, decay, asked, estimate, library)
@@ -100,23 +100,25 @@ def decrement(
     beta: Callable[[Array], Array] = np.asarray,
     rates: bool = False,
 ) -> type[ClassicalMethod]:
-    """Return a classical method, made of the relation of its forces between half periods.
+    """Return a classical method for a relation between half periods.
 
     Parameters
     ----------
     name : str
         Name of the class.
     relation : callable
-        From extrema and times to design and target (see `Equations`). Its docstring is that of the method.
+        Function from extrema and times to design and target (see `Equations`). Its docstring is that of the
+        method.
     label : str
         Label of the method in tables and sentences.
     forces : mapping of str to float
-        Formulas of the forces, in the order of the parameters, and coefficients of a decay that has nothing
-        else. The parameter of `2*v` gives zeta.
+        Formulas of the forces, in the order of the parameters, and their coefficients in an example decay
+        with these forces only. The parameter of `2*v` gives zeta.
     beta : callable
-        From the parameter of `2*v` to beta = zeta/sqrt(1 - zeta^2), which it is where left out.
+        Function from the parameter of `2*v` to beta = zeta/sqrt(1 - zeta^2); by default the parameter is beta
+        itself.
     rates : bool
-        Whether parameters are coefficients times w, the target a rate by time: forces are weak then.
+        Whether parameters are coefficients times w and the target is a rate; the forces are then weak.
     """
     words = [FRICTION_WORDS.get(formula, formula) for formula in forces]
     what = f"{' and '.join(words)} friction"
@@ -150,15 +152,15 @@ def _turning_points(extremum: Array, time: Array) -> tuple[Array, Array]:
 
     Notes
     -----
-    |X_i+1| = q |X_i| - lambda (1 + q) with q = exp(-pi beta), beta = zeta/sqrt(1 - zeta^2), is exact; it is
-    solved as |X_i| - |X_i+1| = tanh(pi beta/2) (|X_i| + |X_i+1|) + 2 lambda, where the noise of a difference
-    has nothing in common with that of the sum.
+    |X_i+1| = q |X_i| - lambda (1 + q), with q = exp(-pi beta) and beta = zeta/sqrt(1 - zeta^2), is exact. It
+    is solved in the form |X_i| - |X_i+1| = tanh(pi beta/2) (|X_i| + |X_i+1|) + 2 lambda, in which the noises
+    of difference and sum are uncorrelated.
     """
     both = extremum[:-1] + extremum[1:]
     return np.column_stack([np.full(len(both), 2.0), both]), -np.diff(extremum)
 
 
-# tanh(pi beta/2) of a damping ratio near one, at which nothing swings any more.
+# Value of tanh(pi beta/2) for a damping ratio near one, at which the motion no longer oscillates.
 LARGEST = 1.0 - 1e-12
 
 
@@ -171,7 +173,7 @@ def _energy(extremum: Array, time: Array) -> tuple[Array, Array]:
 
     Notes
     -----
-    dE/dt = -(2/pi) w lambda sqrt(2 E) - 2 w zeta E, from one half period before to one after.
+    dE/dt = -(2/pi) w lambda sqrt(2 E) - 2 w zeta E, from one half period before to one half period after.
     """
     before, after = extremum[:-2], extremum[2:]
     twice = 0.25 * (before + after) ** 2
@@ -203,23 +205,23 @@ QuadraticDecay = decrement(
 
 
 class WuDecrement(ClassicalMethod):
-    """Solid friction and all powers of the speed in a library from the decrement, and the frequency.
+    """Solid friction and all powers of the speed in a library, from the decrement, and the frequency.
 
     Parameters
     ----------
     correct : bool
-        Whether the bias of half-sines and energy balance is removed by indirect inference.
+        Whether indirect inference removes the bias of half-sines and energy balance.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         Whether the motion has a random force (see `ClassicalMethod`).
 
     Notes
     -----
-    The energy that a half period loses is the work of the forces along a sine of the mean amplitude a: for
-    forces c_p |v|^p sign(v), |X_i| - |X_i+1| = sum of c_p B_p a^p, B_p the integral of sin^(p+1) over half a
-    period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are estimated at once. An elastic force
-    nu x |x|, by which half periods last longer or shorter with the amplitude, passes for a delta of about
-    -2 zeta nu; `frequency_birge_ratio` shows it, the envelope does not. Damping of any power lowers the
-    frequency to second order, together by what is well known of it: that is left to the correction.
+    The energy loss of a half period is the work of the forces along a sine of the mean amplitude a. For
+    forces c_p |v|^p sign(v): |X_i| - |X_i+1| = sum of c_p B_p a^p, with B_p the integral of sin^(p+1) over
+    half a period: 2 lambda + pi zeta a + (4/3) delta a^2. All powers are estimated at once. An elastic force
+    nu x |x|, which changes the duration of half periods with the amplitude, appears as a delta of about -2
+    zeta nu; `frequency_birge_ratio` shows it, the envelope does not. Damping of any power lowers the
+    frequency to second order; the correction of the bias includes this.
     """
 
     scope = MethodScope(
@@ -232,7 +234,7 @@ class WuDecrement(ClassicalMethod):
     )
 
     def forces_of(self, library: ForceLibrary) -> ForceLibrary:
-        """Return the powers of the speed in a library, solid friction among them.
+        """Return the powers of the speed in a library, including solid friction.
 
         Raises
         ------
@@ -264,7 +266,7 @@ def one_record(method: Method, decay: Any) -> xr.Dataset:
     Raises
     ------
     UsageError
-        Several were given, or something else, or a record with a known input.
+        Several decays were given, or another object, or a record with a known input.
     """
     if not isinstance(decay, xr.Dataset):
         raise UsageError(f"{scope_of(method).sentence_label} takes one record at a time.")
@@ -278,7 +280,7 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     Parameters
     ----------
     turning_points : (turn,) array of float, rad
-        Angles about the equilibrium at which the motion turns; signed or not.
+        Angles about the equilibrium at which the motion reverses; signed or not.
 
     Returns
     -------
@@ -290,7 +292,7 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     Raises
     ------
     DecayError
-        Fewer than three, or they do not decay as these two forces have it.
+        There are fewer than three, or they do not decay as under these two forces.
     """
     extremum = np.abs(np.asarray(turning_points, dtype=float))
     if len(extremum) < 3:
@@ -300,3 +302,18 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
         raise DecayError("The turning points do not decay as under solid and viscous friction.")
     solid, viscous, _ = FeenyLiang().values(np.append(parameters, 1.0))
     return float(solid), float(viscous)
+
+
+def needed_forces(library: ForceLibrary, formulas: Sequence[str], method: str) -> ForceLibrary:
+    """Return the library's forces of these formulas, for a method by its label.
+
+    Raises
+    ------
+    DecayError
+        One is missing, so that the method does not apply; or there is a sensor term.
+    """
+    refuse_sensors(library)
+    forces = {formula: library.role(formula) for formula in formulas}
+    if missing := [formula for formula, force in forces.items() if force is None]:
+        raise DecayError(f"{method} needs a force of formula {missing[0]}, and the library has none.")
+    return library.select(force.symbol for force in forces.values() if force is not None)

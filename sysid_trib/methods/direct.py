@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -13,7 +14,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.selection import forces_to_identify
-from sysid_trib.likelihood.least_squares import ConstraintMap, constraint_map
+from sysid_trib.likelihood.least_squares import constraint_map
 from sysid_trib.likelihood.random_force import (
     RandomForceOption,
     check_random_force,
@@ -21,23 +22,10 @@ from sysid_trib.likelihood.random_force import (
     random_force_of_ratio,
     random_force_variables,
 )
-from sysid_trib.likelihood.refined_columns import (
-    MAX_REFINEMENTS_OF_CURVES,
-    refine_columns,
-    refine_from,
-)
-from sysid_trib.likelihood.regression import begin, common_values, shifted
-from sysid_trib.likelihood.rows import (
-    Rows,
-    Solution,
-    select,
-    solve,
-    strong_rows,
-    weak_rows,
-    with_errors_of_bounded,
-    with_errors_of_dropped,
-)
-from sysid_trib.likelihood.stochastic_columns import regress_stochastic
+from sysid_trib.likelihood.refined_columns import MAX_REFINEMENTS_OF_CURVES, refine_from
+from sysid_trib.likelihood.regression import begin
+from sysid_trib.likelihood.rows import Solution
+from sysid_trib.likelihood.selected_regression import RegressionOptions, regress
 from sysid_trib.methods.scope import Constrained, MethodScope
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
 from sysid_trib.records.smoothing import swing_frequency
@@ -46,10 +34,7 @@ from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import Variables, described, start_variables
 from sysid_trib.simulation.model import Model
 
-MAX_SELECTIONS = 5
-# The columns of the first estimate are at a frequency of two digits, and its operator contains no free force.
-FIRST_ESTIMATES = 2
-# Half of a record of fewer radians gives no better start.
+# Least duration (rad): half of a shorter record gives no better start.
 FEWEST_RADIANS = 120.0
 
 
@@ -57,49 +42,51 @@ FEWEST_RADIANS = 120.0
 class Direct(Constrained):
     """Regression of Eq. 1 on its force columns (Le Bot et al. 2019, Eq. 1), solved by whitened least squares.
 
-    The columns are those of `ForceFeatures`, a feature library of pysindy, averaged over the samples' cells,
-    and they are solved by `WhitenedLeastSquares`, one of its optimisers.
+    The columns are those of `ForceFeatures`, a feature library of pysindy, averaged over the samples' cells.
+    `WhitenedLeastSquares`, an optimiser for pysindy, solves them.
 
     Parameters
     ----------
     reference_frequency : float, rad/s, optional
-        w, held; the library's force of formula `x` is then among those that are identified. Without it w is
-        fitted and that force is absent.
+        Reference frequency w, which is fixed; the library's force of formula `x` is then identified too.
+        Without it, w is fitted and that force is left out.
     optimizer : pysindy optimiser, optional
-        Chooses the forces that are kept; their coefficients are then refined. Columns are scaled to their RMS
-        force, so that a threshold is a force in rad. Without it every force is kept.
+        Selects the forces that are kept; their coefficients are then refined. Columns are scaled to their RMS
+        force, so a threshold is a force in rad. Without it every force is kept.
     significance : float, optional
-        Family-wise level of significance at which a force is kept; None keeps every force.
+        Family-wise significance level at which a force is kept; None keeps every force.
     form : {"weak", "strong"}
         `strong` solves theta'' + theta of the smoothed record, for comparison.
     refine : bool
-        Whether the nonlinear columns are taken from the motion of the identified model (refined instrumental
-        variables, Young 2011), which removes the bias of smoothed columns.
+        Whether the nonlinear columns are computed along the motion of the identified model (refined
+        instrumental variables, Young 2011), which removes the bias of smoothed columns.
     shapes : mapping of str to float
-        Values of shape parameters, which are held.
+        Values of shape parameters, which are fixed.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        `estimated` finds a white random acceleration in each run besides the sensor's noise, by the
-        restricted likelihood of the rows, and the colour of that noise; a number is its one-sided density,
-        held, and the sensor's noise is white then. `auto` leaves it to `identify`. The
-        columns are then those of the smoothed motion, since the free motion does not follow the record (see
-        `regress_stochastic`). The strong form, and the weak form that is not refined, have none.
+        `estimated` estimates a white random acceleration in each run in addition to the sensor's noise, and
+        the colour of this noise, by the restricted likelihood of the rows. A number is the one-sided density,
+        which is held; the sensor's noise is then white. `auto` leaves the choice to `identify`. With a random
+        force the columns are those of the smoothed motion, because the free motion does not follow the record
+        (see `regress_stochastic`). The strong form, and the weak form without refinement, have no random
+        force.
     own : tuple of str
-        Forces whose coefficient is each run's own, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the result.
+        Forces with a separate coefficient in each run, `("lambda",)`: `lambda_1`, `lambda_2`, ... in the
+        result.
     start : Model, optional
-        Of nearly the same forces, as another fit of the records found them: the first columns are those of
-        its motion, where that follows the records.
+        Model with nearly the same forces, from another fit of the records: the first columns are computed
+        along its motion, if that follows the records.
     most_refinements : int
-        Motions, from a start, that give columns at most.
+        Largest number of motions along which columns are computed, with `start`.
     constraints : mapping of str to float, (float, float) or str
-        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: coefficients and shape parameters that are
-        held, lowest and highest value of coefficients, and coefficients as linear formulas of others.
+        `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`: fixed values of coefficients and shape
+        parameters, lowest and highest values of coefficients, and coefficients as linear formulas of others.
 
     Notes
     -----
-    At convergence the residual angle is orthogonal to the sensitivities of the motion: the estimate has
-    the variance of maximum likelihood in white noise. Fixed and tied coefficients are a linear map of the
-    columns. A coefficient that would pass its bound is held there; the errors, its own too, are those of the
-    fit in which it is free.
+    At convergence the residual angle is orthogonal to the sensitivities of the motion: the estimate has the
+    variance of maximum likelihood in white noise. Fixed and tied coefficients are a linear map of the
+    columns. A coefficient that would pass its bound is held there. All errors, including its own, are those
+    of the fit in which it is free.
     """
 
     scope: ClassVar = MethodScope(
@@ -144,27 +131,28 @@ class Direct(Constrained):
         Parameters
         ----------
         decay : Dataset or sequence of Dataset
-            With `angle(time)`, rad and s; a known `input(time)`, rad/s^2, is taken by the weak form.
+            One record or several with `angle(time)`, rad and s; the weak form uses a known `input(time)`,
+            rad/s^2.
         library : ForceLibrary
             Forces, and terms of the sensor: the record is then x + coefficient * h(x, v, t). The strong form
-            takes none.
+            takes no sensor terms.
 
         Returns
         -------
         Dataset
-            See `identify`; a force that was not kept has `active` False, coefficient 0 and the standard error
-            it would have had. Besides: `birge_ratio`, the in-band residual over the noise; `start_angle`
-            (rad), `start_rate` (rad/s) and `offset` (rad) of the model's motion, `(run)` where there are
-            several; with constraints `constraint(force)`, how each coefficient is constrained. attrs:
-            `refined`, whether the columns are from that motion; `correlation_lags`, over which the errors
-            allow for correlation.
+            See `identify`. A force that was not kept has `active` False, coefficient 0 and the standard error
+            that it would have. Further variables: `birge_ratio`, the in-band residual over the noise;
+            `start_angle` (rad), `start_rate` (rad/s) and `offset` (rad) of the model's motion, `(run)` for
+            several runs; with constraints `constraint(force)`, which states each coefficient's constraint.
+            Attributes: `refined`, whether the columns are from that motion; `correlation_lags`, the number of
+            lags over which the errors allow for correlation.
 
         Raises
         ------
         DecayError
-            The decay cannot support the request: too short, or forces that are the same on it.
+            The decay cannot support the request: it is too short, or forces are identical on it.
         UsageError
-            A constraint is not linear in the coefficients, or does not fit to the library.
+            A constraint is not linear in the coefficients, or does not fit the library.
         """
         runs_given = as_runs(decay, driven=self.form == "weak")
         library = library.with_own(self.own, len(runs_given))
@@ -181,28 +169,15 @@ class Direct(Constrained):
         if started is not None:
             every = np.ones(len(offered), bool)
             return self._identified(decay, library, offered, asked, shapes, started, every, refined=True)
-        for _ in range(FIRST_ESTIMATES):
-            after = solve(weak_rows(runs), constraints).runs
-            runs = tuple(run.along_own_path() for run in after)
-        begun = rows = strong_rows(runs) if self.form == "strong" else weak_rows(runs)
-        chosen = np.ones(len(offered), bool)
-        if not self._fits_random_force:
-            chosen = select(rows, constraints, self.optimizer, self.significance)
-        # About the motion of the kept forces alone the choice is better founded than about all of them.
-        for _ in range(MAX_SELECTIONS):
-            active = chosen
-            solution, refined = self._regressed(begun, rows, constraints.keep(active))
-            rows = solution.rows
-            chosen = select(rows, constraints, self.optimizer, self.significance)
-            if np.array_equal(chosen, active):
-                break
-        if not refined and (nearer := _of_first_half(self, decay, library)) is not None:
-            after = shifted(rows.runs, nearer - common_values(rows.runs), constraints)
-            kept = constraints.keep(active)
-            again = refine_columns(after, after, kept)
-            solution, refined = again or solve(replace(rows, runs=after), kept), again is not None
-        solution = with_errors_of_bounded(solution, constraints.keep(active))
-        solution = with_errors_of_dropped(solution, active, constraints)
+        options = RegressionOptions(
+            optimizer=self.optimizer,
+            significance=self.significance,
+            strong=self.form == "strong",
+            refine=self.refine,
+            random_force=self.random_force if self._fits_random_force else None,
+        )
+        nearer = partial(_of_first_half, self, decay, library)
+        solution, active, refined = regress(runs, constraints, options, nearer)
         return self._identified(decay, library, offered, asked, shapes, solution, active, refined=refined)
 
     def _identified(
@@ -231,32 +206,14 @@ class Direct(Constrained):
     def _fits_random_force(self) -> bool:
         return is_fitted(self.random_force) and self._takes_random_force
 
-    def _regressed(self, begun: Rows, last: Rows, constraints: ConstraintMap) -> tuple[Solution, bool]:
-        """Return the solution with the forces in the model, and whether it has converged.
-
-        From the rows of the first estimate, or of the last one.
-        """
-        if self._fits_random_force:
-            return regress_stochastic(begun.runs, constraints, self.random_force)
-        solution, linear_about = solve(last, constraints), begun.runs
-        if self.form == "strong":
-            return solution, False
-        # Dropped forces do not contribute to stiffness and damping.
-        if linear_about[0].coefficients[~constraints.in_model].any():
-            pairs = zip(solution.runs, linear_about, strict=True)
-            linear_about = tuple(replace(run, x=at.x, v=at.v) for run, at in pairs)
-        refined = refine_columns(solution.runs, linear_about, constraints) if self.refine else None
-        # Rows that are not refined lead the frequency and the sensor's zero a step further.
-        return refined or solve(replace(last, runs=solution.runs), constraints), refined is not None
-
 
 def _estimate(solution: Solution) -> Estimate:
-    """Return estimate of the last regression as results take it; the noise is that with a random force."""
+    """Return the estimate of the last regression for results; the noise is that with a random force."""
     runs = solution.runs
     noises = [replace(run.sensor, innovation=run.noise).standard_deviation for run in runs]
     if any(run.inputs for run in runs):
-        # A driven motion may contain parts that no spline follows: the residual of the model is not below the
-        # noise.
+        # A driven motion may contain components that no spline follows: the residual of the model is not
+        # below the noise.
         rms = [float(np.std(run.measured - run.x)) for run in runs if run.exact]
         noises = np.minimum(noises, rms or noises).tolist()
     expected = root_mean_square([run.noise for run in runs])
@@ -277,9 +234,9 @@ def _random_force(solution: Solution, option: RandomForceOption) -> Variables:
 
 
 def _of_first_half(method: Direct, decay: Decays, library: ForceLibrary) -> Array | None:
-    """Return coefficients and frequency from the first half of each run; None if the motion slips there too.
+    """Return coefficients and frequency from the first half of each run; None if that loses the phase too.
 
-    Over many periods a first estimate is soon out of phase.
+    Over many periods, the motion of a first estimate loses the phase.
     """
     if not method._takes_random_force or method._fits_random_force:
         return None

@@ -1,4 +1,4 @@
-"""Equations between neighbouring half periods: noise of both kinds in them, and their least squares."""
+"""Equations between neighbouring half periods: their two noises, and their least squares."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -16,15 +16,15 @@ from sysid_trib.likelihood.smoothness import smooth_least_squares
 from sysid_trib.likelihood.weak_form import cholesky_factor, whiten
 from sysid_trib.records.half_sines import half_period_responses
 
-# Errors of an envelope: of extrema and of their times, and the density of a random force.
+# Standard errors of an envelope: of extrema and of their times; and the density of a random force.
 ENVELOPE_ERRORS = ("extremum_standard_error", "extremum_time_standard_error")
 DENSITY = "random_force_density"
 Equations: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]
-"""From extrema (rad, positive) and their times since the first sample (s) to design and target.
+"""Function from extrema (rad, positive) and their times since the first sample (s) to design and target.
 
-These are (instant, parameter) and (instant,), or (instant, 2, parameter) and (instant, 2) of two equations at
-each instant. Those of instant i hold nothing but half periods i to i + m, where m is the number of half
-periods beyond that of the instants.
+Shapes are (instant, parameter) and (instant,), or (instant, 2, parameter) and (instant, 2) for two equations
+at each instant. The equations of instant i contain only half periods i to i + m, where m is the number of
+half periods minus the number of instants.
 """
 Rule: TypeAlias = Literal["weighted", "plain", "last"]
 
@@ -44,7 +44,7 @@ class HalfPeriodEquations:
     slopes : (equation, 2 half periods) sparse array of float
         Derivatives of the residual by the extrema (rad), then by their times (s).
     first : (equation,) array of int
-        The first half period that each equation holds.
+        First half period in each equation.
     """
 
     design: Array
@@ -53,7 +53,7 @@ class HalfPeriodEquations:
     first: Index
 
     def noise(self, measured: xr.Dataset) -> sp.csr_matrix:
-        """Return the derivatives of each equation by unit errors: extrema, their times, and unit impulses.
+        """Return the change of each equation by unit errors of extrema and times, and by unit impulses.
 
         Parameters
         ----------
@@ -76,10 +76,11 @@ class HalfPeriodEquations:
         Returns
         -------
         (equation, impulse) sparse array of float
-            `IMPULSES` impulses between neighbouring extrema, before the first and after the last.
+            `IMPULSES` impulses between neighbouring extrema, before the first extremum and after the last.
         """
-        # By what is added to a half period of an equation but its first, and to all after it: a slope counts
-        # for the half periods after the first of its equation, up to its own.
+        # A step at a half period changes this half period and all later ones of an equation, but not its
+        # first. So the slope of a half period counts for steps at all half periods after the first, up to its
+        # own.
         slopes = self.slopes.tocoo()
         times = slopes.col % (slopes.shape[1] // 2) - self.first[slopes.row]
         steps = np.arange(times.sum()) - np.repeat(np.cumsum(times) - times, times)
@@ -115,14 +116,14 @@ class EquationSolution:
     ----------
     parameters : (parameter,) array of float
     influence : (parameter, error) array of float
-        Of unit errors of the extrema, of their times and, if the motion is pushed, of unit impulses; last,
-        where there are curves, of unit errors of their penalty and smoothness.
+        Effect of unit errors of the extrema, of their times and, with a random force, of unit impulses; then,
+        for curves, of unit errors of their penalty and smoothness.
     runs : sequence of HalfPeriodEquations
-        With their residual, of each run.
+        Equations of each run, with their residual.
     factors : sequence of (band, equation) array of float
         Cholesky factor of the covariance of each run's equations, lower banded.
     fitted : float
-        Number of parameters; of curves, which are penalised, the effective number.
+        Number of parameters; for curves, which are penalised, the effective number.
     precision : (parameter,) array of float, optional
         Parameters of the `Penalty`, if there are curves.
     """
@@ -141,13 +142,13 @@ class EquationSolution:
 
     @property
     def chi_square(self) -> float:
-        """Squares of the residual over its covariance, summed."""
+        """Sum of squares of the residual over its covariance."""
         pairs = zip(self.runs, self.factors, strict=True)
         whites = [whiten(factor, run.residual) for run, factor in pairs]
         return float(sum(white @ white for white in whites))
 
     def without_bias(self, simulated: "EquationSolution") -> "EquationSolution":
-        """Return the solution of a simulated motion with the residual of this one beyond that motion's."""
+        """Return this solution with the residual of a simulated motion's solution subtracted from its own."""
         runs = []
         for run, other in zip(self.runs, simulated.runs, strict=True):
             kept = slice(min(len(run.residual), len(other.residual)))
@@ -167,7 +168,7 @@ def solve(
     measured : sequence of Dataset
         The envelope of each run (see `measure`).
     rule : {"weighted", "plain", "last"}
-        Generalised least squares, or plain ones; with `last` the last parameter is the last target.
+        Generalised or ordinary least squares; with `last`, the last parameter is the last target.
     names : sequence of str
         Names of the first parameters.
 
@@ -178,7 +179,7 @@ def solve(
     Raises
     ------
     DecayError
-        Too few half periods for the parameters, or parameters that they cannot separate.
+        There are too few half periods for the parameters, or they cannot separate the parameters.
     """
     linear = [_linear(equations, run) for run in measured]
     design, target = (np.concatenate(parts) for parts in zip(*(run[:2] for run in linear), strict=True))
@@ -187,8 +188,9 @@ def solve(
     size, ends = np.linalg.norm(design, axis=0), np.cumsum([len(run[1]) for run in linear])[:-1]
     weights = _plain_weights(design, last=rule == "last")
     parameters = weights @ target
-    # The covariance depends on the parameters: weakly, but where averages over a cycle leave much of a
-    # record, which would be weighed by what is wrong. Plain ones do not depend on it.
+    # The covariance depends weakly on the parameters. But averages over a cycle may leave a large residual of
+    # a record; wrong parameters would then give wrong weights. Ordinary least squares does not depend on the
+    # covariance.
     for _ in range(2 if rule == "weighted" and not names else 1):
         runs, noises, factors = _with_noise(linear, measured, parameters)
         if rule == "weighted":
@@ -209,7 +211,7 @@ def solve_curves(
     curves: Sequence[Index],
     penalty: Penalty | None = None,
 ) -> EquationSolution:
-    """Solve equations between half periods in which some parameters are those of smooth curves.
+    """Solve equations between half periods in which some parameters belong to smooth curves.
 
     Parameters
     ----------
@@ -221,7 +223,7 @@ def solve_curves(
     curves : sequence of arrays of int
         Parameters of each curve (see `smooth_least_squares`).
     penalty : Penalty, optional
-        Penalty of the curves; estimated from the equations where left out.
+        Penalty of the curves; by default estimated from the equations.
 
     Returns
     -------
@@ -230,7 +232,7 @@ def solve_curves(
     Raises
     ------
     DecayError
-        Too few half periods for the parameters without a penalty, or parameters that they cannot separate.
+        There are too few half periods for the parameters without a penalty, or they cannot separate them.
     """
     linear = [_linear(equations, run) for run in measured]
     design, target = (np.concatenate(parts) for parts in zip(*(run[:2] for run in linear), strict=True))
@@ -272,7 +274,7 @@ def _with_noise(
     measured: Sequence[xr.Dataset],
     parameters: Array,
 ) -> tuple[list[HalfPeriodEquations], list[sp.csr_matrix], list[Array]]:
-    """Return the equations at an estimate, how unit errors move them, and the factor of their covariance."""
+    """Return the equations at an estimate, the effects of unit errors, and the factor of their covariance."""
     runs = [HalfPeriodEquations(a, y, slopes(parameters), first) for a, y, first, slopes in linear]
     noises = [run.noise(envelope) for run, envelope in zip(runs, measured, strict=True)]
     return runs, noises, [cholesky_factor(covariance_band(noise)) for noise in noises]
@@ -286,7 +288,7 @@ def _plain_weights(design: Array, *, last: bool) -> Array:
     if not last:
         return np.asarray(inverse, dtype=float)
     of_last = np.eye(1, len(design), len(design) - 1)
-    # The error of the last target is in all others from which it is taken.
+    # The error of the last target enters all other targets, because it is subtracted from them.
     return np.vstack([inverse - (inverse @ design[:, -1:]) @ of_last, of_last])
 
 
@@ -325,14 +327,14 @@ def _rows(
 def _linear(
     equations: Equations, measured: xr.Dataset
 ) -> tuple[Array, Array, Index, Callable[[Array], sp.csr_matrix]]:
-    """Return design, target, instant, and slopes of the residual by extrema and times, of any parameters."""
+    """Return design, target, instant, and the function from parameters to slopes by extrema and times."""
     design, target, instant = _rows(equations, measured)
     steps = DIFFERENCE_STEP * _sizes(measured)
     half_periods = steps.shape[1]
     count = half_periods - instant[-1]
     of_design, of_target, columns = [], [], []
     for kind, first in np.ndindex(2, count):
-        # Half periods are changed together if they are so far apart that no equation contains two of them.
+        # Displace half periods together if they are so far apart that no equation contains two of them.
         shift = np.zeros_like(steps)
         shift[kind, first::count] = steps[kind, first::count]
         (after, y_after, _), (before, y_before, _) = (
@@ -354,7 +356,7 @@ def _linear(
 
 
 def errors_of_half_periods(measured: xr.Dataset) -> Array:
-    """Return the standard errors of the extrema (rad), then of their times (s), never less than rounding."""
+    """Return the standard errors of the extrema (rad), then of their times (s), at least rounding."""
     errors = np.stack([measured[name].values for name in ENVELOPE_ERRORS]) + ROUNDING * _sizes(measured)
     return np.asarray(errors.ravel())
 

@@ -36,13 +36,13 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.stand_in import accuracy_of
 from sysid_trib.simulation.trajectory import trajectory
 
-# Steps that end the correction: relative to the standard errors, or to the values if there is almost no
-# noise.
+# Steps at which the correction has converged: relative to the standard errors, or to the values if there is
+# almost no noise.
 SETTLED_ERRORS, SETTLED_VALUES = 5e-3, 1e-9
-# Parts of a smooth curve are nearly collinear on a record: their sum converges far earlier.
+# The same for smooth curves, whose basis functions are nearly collinear: their sum converges far earlier.
 SETTLED_CURVES = 0.1
-# Rounds in which values and random force follow each other. A smaller step of the density, of its standard
-# error, ends them.
+# Most rounds in which values and random force are estimated in turn, and the step of the density, over its
+# standard error, that ends them.
 DENSITY_ROUNDS, SETTLED_DENSITY = 3, 0.1
 
 
@@ -53,17 +53,17 @@ class IndirectEstimate:
     Attributes
     ----------
     values, bias : (value,) array of float
-        Coefficients and, last, the frequency (rad/s); what was taken off them.
+        Coefficients and, last, the frequency (rad/s); and the bias subtracted from them.
     covariance : (value, value) array of float
-        Scaled by the Birge ratios.
+        Covariance, multiplied by the Birge ratios.
     birge_ratios : Mapping of str to float
-        Birge ratios of each group of equations, and of all by an empty name.
+        Birge ratio of each group of equations, and of all under an empty name.
     bias_removed : bool
-        Whether the bias was taken off.
+        Whether the bias was subtracted.
     bias_reason : str
-        Why it was not, where that was tried.
+        Why the bias was not subtracted although this was tried.
     random_forces : list of RandomForce
-        Random forces of each run; none where the motion is not pushed.
+        Random force of each run; empty without a random force.
     """
 
     values: Array
@@ -99,13 +99,13 @@ def indirect_estimate(
     correct : bool
         Whether the bias is removed.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
-        What the envelopes' errors are of besides the sensor's noise. Where the most likely density is zero in
-        every run, the estimate is that of `off`.
+        Random force in the errors of the envelopes, in addition to the sensor's noise. If the most likely
+        density is zero in every run, the estimate is that of `off`.
 
     Notes
     -----
-    The model of the values is simulated from the fitted start, the auxiliary model is fitted to its motion as
-    to the record, and what that got wrong is subtracted, until nothing moves (Gourieroux et al. 1993).
+    The model with these values is simulated from the fitted start. The auxiliary model is fitted to its
+    motion as to the record, and its error is subtracted, until convergence (Gourieroux et al. 1993).
     """
     measured = [auxiliary.measure(decay) for decay in decays]
     # With a held density, the residuals determine the sensor's noise alone: a first fit is sufficient.
@@ -126,7 +126,7 @@ def indirect_estimate(
         pairs = list(zip(measured, ratios, strict=True))
         before = forces
         forces = [random_force_of_ratio(ratio, swing_frequency(run), random_force) for run, ratio in pairs]
-        # Densities that hardly differ from those of the round before; one that is held does not.
+        # Stop if the densities hardly differ from those of the round before; a held density never does.
         steps = [abs(new.density - old.density) for new, old in zip(forces, before, strict=False)]
         errors = [SETTLED_DENSITY * np.nan_to_num(force.standard_error) for force in forces]
         if steps and all(step <= error for step, error in zip(steps, errors, strict=True)):
@@ -139,7 +139,7 @@ def indirect_estimate(
 def _estimate(
     auxiliary: AuxiliaryModel, decays: Sequence[xr.Dataset], measured: Sequence[xr.Dataset], *, correct: bool
 ) -> tuple[IndirectEstimate, Groups]:
-    """Return the estimate with the envelopes' errors as they are stated, and the fit of its residuals."""
+    """Return the estimate with the stated errors of the envelopes, and the fit of its residuals."""
     first = auxiliary.fit(measured)
     values, last = auxiliary.values(first), first
     bias_removed, bias_reason = False, ""
@@ -161,14 +161,14 @@ def _corrected(
     measured: Sequence[xr.Dataset],
     first: Groups,
 ) -> tuple[Array, Groups]:
-    """Return the values whose simulated motions give the same fit as the records, and that fit.
+    """Return the values whose simulated motions give the same fit as the records, and this fit.
 
-    Its residuals are those of the records beyond those of the motions.
+    Its residuals are those of the records minus those of the motions.
 
     Raises
     ------
     SysidTribError
-        A motion cannot be computed or measured, or the values do not settle.
+        A motion cannot be computed or measured, or the values do not converge.
     """
     biased = values = auxiliary.values(first)
     errors = np.sqrt(np.diag(auxiliary.covariance(first, birge_ratios(first))))
@@ -195,9 +195,9 @@ def _corrected(
 def _motion_from_start(
     model: Model, decay: xr.Dataset, before: FittedMotion | None, frequency: float
 ) -> tuple[xr.Dataset, FittedMotion]:
-    """Return a motion of the model that starts like a decay, and its start; `before` is a nearby motion's."""
+    """Return a motion of the model that starts as a decay does, and its start; `before` is a nearby start."""
     time, angle = (decay[name].to_numpy().astype(float) for name in ("time", "angle"))
-    # Two periods fix the start; a model that is still biased may slip out of phase later.
+    # Two periods determine the start; later, a still biased model may lose the phase.
     count = np.searchsorted(time, time[0] + 4.0 * np.pi / frequency) + 1
     begin = time[:count], angle[:count]
     guess = first_guess(*begin, frequency) if before is None else (before.angle, before.rate)
@@ -211,9 +211,9 @@ def _motion_from_start(
 def _accelerated(tried: Sequence[Array], steps: Sequence[Array], unit: Array) -> Array:
     """Return the zero of steps that are nearly linear in the values (Anderson 1965); first the plain step.
 
-    With a strong random force the plain steps converge slowly, or diverge.
+    With a strong random force, plain steps converge slowly or diverge.
     """
-    # Number of corrections whose differences shorten or lengthen the next one.
+    # Number of corrections whose differences scale the next one.
     recent = slice(-5, None)
     by_values, by_steps = (np.diff(np.array(known[recent]), axis=0).T for known in (tried, steps))
     part = np.linalg.lstsq(by_steps / unit[:, None], steps[-1] / unit, rcond=None)[0]
@@ -226,7 +226,7 @@ def as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     DecayError
-        They have fewer than three half periods in common, as where the motion stops early.
+        The envelopes have fewer than three half periods in common, for example if the motion stops early.
     """
     shift = int(np.argmin(np.abs(simulated.extremum_time.values - measured.extremum_time.values[0])))
     count = min(measured.sizes["half_period"], simulated.sizes["half_period"] - shift)
@@ -243,7 +243,7 @@ def as_measured(simulated: xr.Dataset, measured: xr.Dataset) -> xr.Dataset:
 def as_identification(
     method: Method, decay: Decays, asked: ForceLibrary, indirect: IndirectEstimate, offered: ForceLibrary
 ) -> xr.Dataset:
-    """Return an indirect estimate as an identification, with its bias and what the method assumes."""
+    """Return an indirect estimate as an identification, with its bias and the assumptions of the method."""
     extra: dict[str, tuple[ArrayLike, str, str]] = {
         f"{name}_birge_ratio": (value, "1", f"Birge ratio of the {name}'s equations alone")
         for name, value in indirect.birge_ratios.items()

@@ -16,14 +16,14 @@ def constrained(method: Method, constraints: Constraints) -> Method:
     Parameters
     ----------
     method : Method
-        The method without them.
+        The method without constraints.
     constraints : Constraints
         Fixed values, bounds and ties.
 
     Raises
     ------
     UsageError
-        The method takes no such constraint.
+        The method does not support such a constraint.
     """
     if not constraints:
         return method
@@ -33,16 +33,16 @@ def constrained(method: Method, constraints: Constraints) -> Method:
 
 
 def with_stated(constraints: ConstraintTable, library: ForceLibrary, method: Method) -> Constraints:
-    """Add held coefficients that a user's library states, unless constraints say otherwise.
+    """Add the held coefficients that a user's library states, unless the given constraints contradict.
 
     Parameters
     ----------
     constraints : mapping of str to float, (float, float) or str
-        Constraints asked for.
+        The given constraints.
     library : ForceLibrary
-        Forces offered.
+        The offered forces.
     method : Method
-        Method; its own constraints are left as they are.
+        Method, whose own constraints remain unchanged.
     """
     asked = {*constraints, *getattr(method, "constraints", {})}
     stated = {name: value for name, value in known_coefficients(library).items() if name not in asked}
@@ -57,14 +57,14 @@ def with_random_force(method: Method, random_force: RandomForceOption) -> Method
     Parameters
     ----------
     method : Method
-        The method without it.
+        The method without this option.
     random_force : "auto", "off", "estimated" or float, (rad/s^2)^2/Hz
         See `methods.Trajectory`.
 
     Raises
     ------
     UsageError
-        No such option.
+        There is no such option.
     """
     check_random_force(random_force)
     if not is_dataclass(method) or "random_force" not in {option.name for option in fields(method)}:

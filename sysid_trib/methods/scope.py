@@ -16,7 +16,7 @@ class Method(Protocol):
     """An identification method: a frozen object with its options, and a `scope` (see `MethodScope`)."""
 
     def identify(self, decay: Any, library: ForceLibrary) -> xr.Dataset:
-        """Identify the forces of `library` from a decay with `angle(time)`, or from several if it can."""
+        """Identify the forces of `library` from a decay with `angle(time)`, or from several if supported."""
 
 
 @dataclass(frozen=True)
@@ -36,17 +36,17 @@ class MethodScope:
     several_runs : bool
         Whether it identifies several runs together.
     white_noise : bool
-        Whether its standard errors are right in white noise only.
+        Whether its standard errors are valid in white noise only.
     names_forces : bool
-        Whether it identifies coefficients of the forces offered; else it identifies curves.
+        Whether it identifies coefficients of the offered forces; otherwise it identifies curves.
     driven : bool
-        Whether it identifies the forces with a known input of the record, too.
+        Whether it also identifies forces from records with a known input.
     family : str
-        Colour and mark in figures.
+        Family of methods, for colour and mark in figures.
     variants : Mapping
-        Options of variants by their name, which `compare` runs with the method.
+        Options of variants by their name; `compare` runs these variants with the method.
     example : Mapping of str to float
-        Coefficients, by formulas, of a decay in which it neglects no force: tests try it there.
+        Coefficients, by formulas, of an example decay in which the method neglects no force; tests use it.
     """
 
     label: str
@@ -74,13 +74,13 @@ class Constrained:
     Parameters
     ----------
     constraints : mapping of str to float, (float, float) or str
-        See `Constraints`.
+        Constraints, see `Constraints`.
     """
 
     constraints: ConstraintTable = field(default_factory=dict)
 
 
 def scope_of(method: Method) -> MethodScope:
-    """Return the scope of a method; by default its class as label."""
+    """Return the scope of a method; by default with the name of its class as the label."""
     stated = getattr(method, "scope", None)
     return stated if isinstance(stated, MethodScope) else MethodScope(type(method).__name__.lower())

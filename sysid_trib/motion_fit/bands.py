@@ -1,4 +1,4 @@
-"""Predictions of a record from what was measured before, with bands that grow by the random force."""
+"""Predictions of a record from earlier samples, with bands that grow with the random force."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -20,9 +20,9 @@ from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.simulation.model import FREQUENCY
 from sysid_trib.simulation.steps import Steps, steps_over
 
-# Periods that count as recent: as many as the longest predictions that are asked for go ahead.
+# Number of recent periods: as many as the longest predictions usually span.
 RECENT_PERIODS = 10
-# Periods that the filter has for the start and the sensor's zero before the first prediction.
+# Number of periods in which the filter finds the start and the sensor's zero, before the first prediction.
 SETTLING_PERIODS = 2.0
 
 
@@ -40,38 +40,39 @@ def prediction_bands(
     Parameters
     ----------
     decay : Dataset
-        `angle(time)`: the record that the result is of, or another of the same experiment.
+        `angle(time)`: the record of the result, or another record of the same experiment.
     result : Dataset
         Any identification.
     periods : array_like of float
-        Periods of the reference frequency to predict ahead; the nearest sample of each is taken.
+        Horizons in periods of the reference frequency; the nearest sample of each is predicted.
     origins : sequence of float, s, optional
-        Times to predict from; where left out, one each longest horizon, so that predictions do not overlap.
+        Times from which to predict; by default one per longest horizon, so that predictions do not overlap.
     run : int
-        Which of the result's runs gives noise and random force.
+        Index of the run of the result whose noise and random force apply.
 
     Returns
     -------
     Dataset
         Over `origin` (s) and `horizon` (periods): `time_ahead` (s), `predicted` (rad) and its
-        `standard_error`, the sensor's noise of the sample among it; `measured` (rad), nan beyond the record.
-        Over `origin` the `widening`, by which the standard error was multiplied.
+        `standard_error`, which includes the sensor's noise of the sample; `measured` (rad), nan beyond the
+        record. Over `origin`: the `widening`, the factor by which the standard error was multiplied.
 
     Raises
     ------
     DecayError
-        The record is too short, or the motion does not settle on it.
+        The record is too short, or the motion does not converge to it.
     UsageError
         A horizon that is not positive.
 
     Notes
     -----
-    The state is that of the filter, with no sample after the origin. The variance ahead is the sum of that of
-    the state, of the random force on the way (both along the motion, exact switching), of the coefficients,
-    of the sensor's zero and of its noise. The random force counts with its expected density, which is more
-    than the most likely one where that is zero or nearly so. Where predictions one period ahead that came due
-    in the ten periods before an origin were off by more than chance, the model lacks something there: errors
-    are multiplied by their Birge ratio (`widening`).
+    The state is that of the filter and uses no sample after the origin. The variance of a prediction is the
+    sum of the variances of the state, of the random force until then (both along the motion, exact across
+    switching), of the coefficients, of the sensor's zero and of its noise. The random force has its expected
+    density, which exceeds the most likely density if that is zero or nearly so. If recent predictions one
+    period ahead were wrong by more than chance allows, the model lacks something: the errors are then
+    multiplied by the Birge ratio of these predictions (`widening`). Recent are those for times within ten
+    periods before the origin.
     """
     ahead = np.sort(np.atleast_1d(np.asarray(periods, dtype=float)))
     if not (len(ahead) and np.all(np.isfinite(ahead)) and ahead[0] > 0.0):
@@ -87,7 +88,7 @@ def bands_of(
     origins: Sequence[float] | None = None,
     run: int = 0,
 ) -> xr.Dataset:
-    """Return `prediction_bands` of a record that was followed before, so many periods ahead: ascending."""
+    """Return `prediction_bands` of a tracked record for these horizons (periods, ascending)."""
     tracked = tracked.with_density(_expected_density(random_force_of(result, run)))
     starts = _origins(tracked, float(ahead[-1]), origins)
     ahead_of = partial(_predictions, tracked, result, run=run)
@@ -106,20 +107,20 @@ def bands_of(
 def _recent_ratios(
     tracked: TrackedRecord, starts: Index, ahead_of: Callable[[Index, Array], tuple[Array, ...]]
 ) -> Array:
-    """Return the factor of the errors at each start (start,), from predictions that came due before.
+    """Return the factor of the errors at each start (start,), from predictions for times before it.
 
-    Birge ratio (1932) of the last `RECENT_PERIODS` predictions one period ahead where it is above 1 by more
-    than chance (chi-square), else 1.
+    The factor is the Birge ratio (1932) of the last `RECENT_PERIODS` predictions one period ahead if it is
+    significantly above 1 (chi-square), else 1.
 
     Notes
     -----
-    Errors of a random force are those of a white series: for a complete model the sum of their squares is a
-    chi-square. The effect of a missing force changes with the amplitude, so that old predictions say little
-    about it.
+    Errors due to a random force are a white series, so for a complete model the sum of their squares is a
+    chi-square. The effect of a missing force changes with the amplitude, so old predictions contain little
+    information about it.
     """
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
     factors = np.ones(len(starts))
-    # The last predictions to come due at the last start, and those of the periods before.
+    # Predictions one period ahead, the last of which ends at the last start, and the others a period apart.
     earlier = np.arange(time[starts[-1]] - period, time[0] + SETTLING_PERIODS * period, -period)[::-1]
     if not len(earlier):
         return factors
@@ -129,7 +130,7 @@ def _recent_ratios(
     squares = ((measured - predicted) / errors)[seen] ** 2
     for at, due in enumerate(np.searchsorted(times[seen], time[starts], side="right")):
         last = squares[max(0, due - RECENT_PERIODS) : due]
-        # Significance level of predictions that are worse than they claim.
+        # Significance level at which the predictions are worse than their stated errors.
         if len(last) and scipy.stats.chi2.sf(np.sum(last), len(last)) < 0.01:
             factors[at] = np.sqrt(np.mean(last))
     return factors
@@ -140,8 +141,8 @@ def _predictions(
 ) -> tuple[Array, ...]:
     """Predict from each start over the horizons `ahead` (periods, ascending).
 
-    (origin, horizon) arrays of times (s), of what is predicted with its standard error (rad), and of what was
-    measured, nan where there is no sample.
+    Return (origin, horizon) arrays: the times (s), the predictions with their standard errors (rad), and the
+    measured values, nan where there is no sample.
     """
     names, of_parameters = parameters_of(result)
     by = (*names, FREQUENCY)
@@ -173,7 +174,7 @@ def _predictions(
 
 
 def _expected_density(force: RandomForce) -> float:
-    """Return the mean of the density by its estimate and error: that of a Gaussian cut at zero."""
+    """Return the expected density from its estimate and error: the mean of a Gaussian truncated at zero."""
     if not force.standard_error > 0.0:
         return force.density
     at = force.density / force.standard_error
@@ -183,7 +184,7 @@ def _expected_density(force: RandomForce) -> float:
 
 
 def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | None) -> Index:
-    """Return samples to predict from."""
+    """Return the samples from which to predict."""
     time, period = tracked.time, 2.0 * np.pi / tracked.model.reference_frequency
     first = time[0] + SETTLING_PERIODS * period
     usual = np.arange(first, time[-1] - longest * period, longest * period) if origins is None else origins
@@ -202,23 +203,23 @@ def _origins(tracked: TrackedRecord, longest: float, origins: Sequence[float] | 
 
 
 def _nearest(time: Array, wanted: Array) -> Index:
-    """Return the indices of the nearest samples; -1 where the record has none within half a step."""
+    """Return the indices of the nearest samples; -1 if the record has none within half a step."""
     half = 0.51 * float(np.median(np.diff(time)))
     return pd.Index(time).get_indexer(wanted.ravel(), "nearest", tolerance=half).reshape(wanted.shape)
 
 
 def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tuple[Array, Array, Array]:
-    """Return states with the sensor's zero behind them, from the samples up to each start.
+    """Return the filtered states at each start, with the sensor's zero as the last state.
 
-    (start, state + 1), their covariance, and their derivatives by coefficients and frequency: with another
-    curve of the sensor, or another force, the same samples are those of another motion. Nothing is known of
-    the motion and the zero before the first sample: their standard deviation there is the swing.
+    Return also their covariance, and their derivatives by coefficients and frequency, because other
+    coefficients give another motion for the same samples. Shape of the states: (start, state + 1). Motion and
+    zero are unknown before the first sample: their standard deviation there is the swing.
     """
     linear = tracked.linear_about(tracked.linear.path, tracked.zero, by)
     behind, (steps, size, _) = (0, 1), linear.steps.transition.shape
     first = np.zeros((size + 1, size + 1))
     first[[0, 1, size], [0, 1, size]] = (float(np.max(np.abs(tracked.angle))) / tracked.noise) ** 2
-    # The start is no column here, but of that covariance.
+    # The start is not a column here, but part of that covariance.
     linear = linear.by_parameters(np.eye(len(by) + 3, len(by)))
     linear = replace(linear, start=0.0 * linear.start)
     diffusion = np.pad(linear.steps.diffusion, ((0, 0), behind, behind))
@@ -230,5 +231,5 @@ def _filtered(tracked: TrackedRecord, starts: Index, by: tuple[str, ...]) -> tup
 
 
 def parameters_of(result: xr.Dataset) -> tuple[tuple[str, ...], Array]:
-    """Return the coefficients of the model, and their covariance with the reference frequency as last."""
+    """Return the coefficients of the model, and their covariance with the reference frequency as the last."""
     return tuple(result.force.values.tolist()), np.nan_to_num(covariance_with_frequency(result))

@@ -1,4 +1,4 @@
-"""A record followed by the motion of a model that is given: innovations, and the random force over time.
+"""A record tracked with a given model: innovations, and the random force over time.
 
 Only the start of the motion and the sensor's zero adapt to the record.
 """
@@ -19,7 +19,7 @@ from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.model import Model
 
-# Number of taps for 1/f noise: each is a state, and further ones change little at the frequency of a swing.
+# Number of taps for 1/f noise: each is a state; more taps change little at the frequency of a swing.
 MOST_TAPS = 49
 
 
@@ -34,15 +34,16 @@ class TrackedRecord:
     time, angle : (sample,) array of float, s and rad
         The record.
     linear : LinearModel
-        About the smoothed motion, with columns for angle and rate at the start and for the sensor's zero.
+        Linear model about the smoothed motion, with columns for start angle, start rate and the sensor's
+        zero.
     deviation : (3,) array of float
-        Deviations of these three from the reference; nearly zero.
+        Deviations of start angle, start rate and zero from the reference; nearly zero.
     zero : float, rad
         Zero of the sensor.
     noise : float, rad
-        Standard deviation of the sensor's noise, of its innovations where it is coloured.
+        Standard deviation of the sensor's noise, or of its innovations if it is coloured.
     per_tau : float, rad^2
-        Growth of the variance of v in a unit of tau, by the random force.
+        Growth of the variance of v per unit of tau, due to the random force.
     """
 
     model: Model
@@ -65,7 +66,7 @@ class TrackedRecord:
         return innovations[:, 0], self.noise * np.sqrt(variance)
 
     def linear_about(self, path: Array, zero: float, by: tuple[str, ...] = ()) -> LinearModel:
-        """Return the record linear about a path, with a zero of the sensor, and columns for parameters."""
+        """Return the record, linear about a path, with a zero of the sensor and columns for parameters."""
         per_run = np.array([path[0, 0], self.model.reference_frequency * path[0, 1], zero])
         linear = linearised_about(self.model, (self.time, self.angle), path, per_run, by)
         return replace(linear, sensor_filter=self.linear.sensor_filter)
@@ -76,7 +77,7 @@ class TrackedRecord:
         Raises
         ------
         DecayError
-            The motion does not settle on the record.
+            The motion does not converge to the record.
         SimulationError
             The motion between two samples cannot be computed.
         """
@@ -85,37 +86,38 @@ class TrackedRecord:
 
 
 def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -> TrackedRecord:
-    """Follow a record by an identified model with its random force.
+    """Track a record with an identified model and its random force.
 
     Parameters
     ----------
     decay : Dataset
         `angle(time)` of a run.
     result : Dataset
-        Any identification; one that says nothing of a random force has none.
+        Any identification; without information on a random force it has none.
     run : int
-        Which of its runs the decay is, for noise and random force.
+        Index of the run of the result whose noise and random force apply to the decay.
     every : int
-        Decimation: one of so many samples is taken.
+        Decimation: one of `every` samples is used.
 
     Raises
     ------
     DecayError
-        The motion does not settle on the record.
+        The motion does not converge to the record.
     SimulationError
         The motion between two samples cannot be computed.
 
     Notes
     -----
-    The iterated extended Kalman smoother (Bell 1994): linear about a path, the next path is the smoothed
-    motion. Without a random force that is least squares on the start, by multiple shooting.
+    This is the iterated extended Kalman smoother (Bell 1994): the model is linear about a path, and the next
+    path is the smoothed motion. Without a random force, it is least squares for the start, by multiple
+    shooting.
     """
     model = replace(schema.model_of(result, run), inputs=inputs_of(decay))
     decay = decay.isel(time=slice(None, None, every))
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     frequency = model.reference_frequency
     per_tau = random_force_of(result, run).per_tau(frequency)
-    # A record without noise is still one of finite digits.
+    # Even a record without noise has a finite number of digits.
     sensor = sensor_noise.sensor_noise_of(result, run).of_every(every, len(time))
     noise = max(sensor.innovation, 1e-12 * float(np.max(np.abs(angle))))
     path = spline_path(model, time, angle)
@@ -128,8 +130,8 @@ def track(decay: xr.Dataset, result: xr.Dataset, run: int = 0, every: int = 1) -
 
 
 def _settled(tracked: TrackedRecord) -> TrackedRecord:
-    """Return the record about the motion at which its smoothing converges."""
-    # The path is settled where it moves by less than this part of the sensor's noise.
+    """Return the record about the motion to which repeated smoothing converges."""
+    # The path has converged if it moves by less than this fraction of the sensor's noise.
     tolerance = 0.01 * tracked.noise
     changes: list[float] = []
     for _ in range(12):
@@ -141,8 +143,8 @@ def _settled(tracked: TrackedRecord) -> TrackedRecord:
         if np.max(np.abs(change[:, 0])) <= tolerance and abs(deviation[2]) <= tolerance:
             return replace(tracked, deviation=deviation)
         changes.append(float(np.max(np.abs(change))))
-        # If friction alternately holds and frees the body, the changes are periodic: stop after so many steps
-        # without a smaller change.
+        # If friction alternately holds and releases the body, the changes are periodic: stop after three
+        # steps without a smaller change.
         if np.argmin(changes) < len(changes) - 3:
             break
         zero = float(tracked.zero + deviation[2])
@@ -162,10 +164,10 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
     decay : Dataset
         `angle(time)` of a run.
     result : Dataset
-        Any identification of it. Coefficients, noise and random force are its own; the start of the motion
-        and the sensor's zero adapt to the record.
+        Any identification of the decay. Coefficients, noise and random force are those of the identification;
+        the start of the motion and the sensor's zero adapt to the record.
     run : int
-        Which of the result's runs the decay is.
+        Index of the run of the result that the decay is.
 
     Returns
     -------
@@ -173,28 +175,28 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
         Over `time`: `innovation` and its standard deviation by the model, `innovation_standard_deviation`
         (rad); `smoothed_angle` (rad) and `smoothed_rate` (rad/s) of the motion; `random_force`, mean
         acceleration in spans of the `averaging_time` (s), with `random_force_standard_error` (rad/s^2).
-        Over `lag`: `autocorrelation` of the innovations in units of their standard deviation. Besides
-        `innovation_rms` (rad), `ljung_box_p_value`.
+        Over `lag`: `autocorrelation` of the innovations in units of their standard deviation. Scalars:
+        `innovation_rms` (rad) and `ljung_box_p_value`.
 
     Raises
     ------
     DecayError
-        The motion does not settle on the record.
+        The motion does not converge to the record.
     SimulationError
         The motion between two samples cannot be computed.
 
     Notes
     -----
-    Innovations of a right model are white (Ljung 1999); the test is that of Ljung and Box (1978). Without a
-    random force they are what a free motion leaves of the record. The averaging time is twice the time in
-    which the random force moves the motion as far as the sensor's noise lets it be seen, (r^2 dt / per_tau)
-    to the power 1/4 in units of tau: within shorter spans little is known of the force.
+    Innovations of a correct model are white (Ljung 1999); the test is that of Ljung and Box (1978). Without a
+    random force the innovations are the record minus a free motion. The averaging time is twice the time in
+    which the random force moves the motion as far as the sensor's noise can show, (r^2 dt / per_tau) to the
+    power 1/4 in units of tau: within shorter spans little is known of the force.
     """
     return innovations_of(decay, track(decay, result, run))
 
 
 def innovations_of(decay: xr.Dataset, tracked: TrackedRecord) -> xr.Dataset:
-    """Return `innovations` of a record that was followed before."""
+    """Return `innovations` of a record that was already tracked."""
     innovation, deviation = tracked.innovations()
     most, spans = min(sensor_noise.MOST_LAGS, max(1, len(innovation) // 4)), _spans(tracked)
     correlation = sensor_noise.autocorrelation(innovation / deviation, most)
@@ -220,7 +222,7 @@ def _spans(tracked: TrackedRecord) -> Index:
     """Return the number of the span in which each sample's next step lies, (sample,) array of int."""
     time, frequency = tracked.time, tracked.model.reference_frequency
     if tracked.ratio == 0.0:
-        # There is no force to resolve; zero is shown.
+        # There is no force to resolve: it is zero.
         return np.arange(len(time))
     step = float(np.median(np.diff(time)))
     resolved = 2.0 * (frequency * step / tracked.ratio) ** 0.25 / frequency
@@ -231,8 +233,8 @@ def _spans(tracked: TrackedRecord) -> Index:
 def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, Array]:
     """Return smoothed states (state, sample), and each span's mean random force and error, (sample,) each.
 
-    The state has one entry more, the impulse int xi dtau since the span began. Its part that the step shows
-    in x and v comes with them, by regression on their random part; the rest is noise of its own.
+    The state has one more entry, the impulse int xi dtau since the span began. Part of the impulse follows
+    from the random part of each step in x and v by regression; the rest is independent noise.
     """
     linear, frequency = tracked.linear, tracked.model.reference_frequency
     size = linear.path.shape[1]
@@ -243,7 +245,7 @@ def _random_force(tracked: TrackedRecord, spans: Index) -> tuple[Array, Array, A
     states = with_impulse.smoothed_motion(tracked.ratio, tracked.deviation)
     covariance = with_impulse.statsmodels(tracked.ratio, smoothed=True).smooth().smoothed_state_cov
     firsts = np.flatnonzero(np.diff(spans[:-1], prepend=-1))
-    # The impulse of a span is that at the first sample of the next, before it starts anew.
+    # The impulse of a span is its value at the first sample of the next span, before it restarts from zero.
     ends = np.append(firsts[1:], len(spans) - 1)
     # xi acts in v = theta'/w and in tau: the rate grows by w times the impulse.
     scale = frequency / (tracked.time[ends] - tracked.time[firsts])
@@ -270,7 +272,7 @@ def _with_impulse(tracked: TrackedRecord, spans: Index) -> LinearModel:
 def _impulse_of_step(length: Array, diffusion: Array) -> tuple[Array, Array]:
     """Return the regression of each step's impulse on its noise in x and v, and the residual variance.
 
-    By the covariances of the free oscillator, over steps `length` of tau: (step, 2), (step,).
+    They follow from the covariances of the free oscillator, for steps `length` of tau: (step, 2), (step,).
     """
     cross = np.stack([1.0 - np.cos(length), np.sin(length)], axis=1)
     # A body that friction holds for the whole step contains no information on the force.

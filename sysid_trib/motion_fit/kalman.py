@@ -1,8 +1,8 @@
 """The Kalman filter about a given path: innovations, smoothed states, and the likeliest random force.
 
 Deviations z - path obey a linear equation with the derivatives of the exact steps. The gains do not depend on
-the data: they are statsmodels'. With them the filter is linear in what it is given: the record and all
-columns (start, sensor's zero, coefficients) go through it in one banded triangular solution (de Jong 1991).
+the data; they come from statsmodels. With known gains the filter is linear in its input: the record and all
+columns (start, sensor's zero, coefficients) are filtered by one banded triangular solution (de Jong 1991).
 """
 
 from dataclasses import dataclass, field, replace
@@ -26,24 +26,24 @@ class LinearModel:
     Attributes
     ----------
     steps : Steps
-        From each state of the path.
+        Steps from each state of the path.
     path : (sample, state) array of float
     record : (sample,) array of float, rad
         Measured value minus the sensor's reading on the path.
     observed : (sample, state) array of float
-        Derivative of what the sensor shows by the state.
+        Derivatives of the sensor's reading by the state.
     observed_parameters : (sample, column) array of float
-        And by the columns' parameters.
+        Derivatives of the sensor's reading by the columns' parameters.
     start : (state, column) array of float
         Derivative of the first state by the columns' parameters.
     by_column : (step, state, column) array of float
         Derivative of each end by the columns' parameters.
     sensor_filter : (tap,) array of float
-        Whitens the sensor's noise. Of coloured noise the last values, in units of its innovations, are
-        further states, behind the others.
+        Whitening filter of the sensor's noise. For coloured noise, its last values, in units of its
+        innovations, are further states after the others.
     first : (state, state) array of float, optional
-        Covariance of the first state, zero where left out. Like all of the filter's it is in units of the
-        variance of the sensor's noise, of its innovations where that is coloured.
+        Covariance of the first state; zero by default. Like all covariances of the filter it is in units of
+        the variance of the sensor's noise, or of its innovations if the noise is coloured.
     """
 
     steps: Steps
@@ -55,16 +55,17 @@ class LinearModel:
     by_column: Array
     sensor_filter: Array = field(default_factory=lambda: np.ones(1))
     first: Array | None = None
-    # Rows and the smoothed motion of one ratio have one filter.
+    # The rows and the smoothed motion for one ratio use the same filter.
     _last: dict[float, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def with_further_state(
         self, transition: Array, diffusion: Array, shown: float, first: Array | None = None
     ) -> "LinearModel":
-        """Return the model with one more state behind the others, which no parameter moves; its path is zero.
+        """Return the model with one more state, last, whose path is zero and which no parameter changes.
 
-        `transition` : (step,) from this state to its next. `diffusion` : (step, state + 1, state + 1) of all
-        states. `shown` : what the sensor shows of it. `first` : as of the class, of all states.
+        `transition` : (step,) factor from this state to its next value. `diffusion` :
+        (step, state + 1, state + 1) diffusion of all states. `shown` : derivative of the sensor's reading by
+        this state. `first` : covariance of the first values of all states, as in the class.
         """
         behind = (0, 1)
         whole = np.pad(self.steps.transition, ((0, 0), behind, behind))
@@ -81,7 +82,7 @@ class LinearModel:
         )
 
     def by_parameters(self, columns: Array) -> "LinearModel":
-        """Return model with columns for parameters of which its own are functions, (column, parameter)."""
+        """Return the model with columns for parameters that determine its own, (column, parameter)."""
         tables = self.observed_parameters, self.start, self.by_column
         shown, start, by_column = (table @ columns for table in tables)
         return replace(self, observed_parameters=shown, start=start, by_column=by_column)
@@ -104,18 +105,18 @@ class LinearModel:
         return _block_diagonal(self.steps.transition, self._noise_transition)
 
     def statsmodels(self, ratio: float, *, smoothed: bool = False) -> Any:
-        """Return statsmodels' filter of this model, or a smoother of the states' covariance.
+        """Return statsmodels' filter of this model, or its smoother of the states' covariance.
 
-        Neither is given the record, on which gains and covariances do not depend.
+        The record is not passed on, because gains and covariances do not depend on it.
         """
-        # Here, since importing statsmodels takes longer than an identification.
+        # Import only here: importing statsmodels takes longer than an identification.
         from statsmodels.tsa.statespace.kalman_filter import KalmanFilter
         from statsmodels.tsa.statespace.kalman_smoother import SMOOTHER_STATE_COV, KalmanSmoother
 
         samples, size = self.observed_states.shape
         order = len(self.sensor_filter) - 1
         sizes = {"k_endog": 1, "k_states": size, "k_posdef": size}
-        # Disturbances and the rest would take twice the time.
+        # Further outputs, such as disturbances, would double the time.
         smoother: Any = KalmanSmoother(**sizes, smoother_output=SMOOTHER_STATE_COV) if smoothed else None
         model: Any = smoother or KalmanFilter(**sizes)
         driven = np.eye(order)[:, :1] @ np.eye(order)[:1]
@@ -156,7 +157,7 @@ class LinearModel:
         ratio : float
             Ratio of the random force's growth of the variance of v to the variance of the sensor's noise.
         parameters : (column,) array of float, optional
-            Deviations at which the record is filtered; where left out, it and each column are for themselves.
+            Deviations at which the record is filtered. Without them, record and columns are separate signals.
 
         Returns
         -------
@@ -180,7 +181,7 @@ class LinearModel:
 
     @cached_property
     def _signals(self) -> tuple[Array, Array, Array]:
-        """Signals (sample, signal), what each step adds, first states: of the record, then of the columns."""
+        """Signals (sample, signal), increments of each step, first states: of the record, then of columns."""
         # Ends of the exact steps, relative to the path's next state.
         mismatch = self.steps.end - self.path[1:]
         return (
@@ -192,16 +193,16 @@ class LinearModel:
     def recursion(self, gain: Array, source: Array, *, backward: bool = False) -> Array:
         """Solve s[k + 1] = (transition - gain observed) s[k] + source[k + 1], s[0] = source[0].
 
-        With as many states as gain and source have: those of coloured noise are among the filter's.
+        Gain and source may have fewer states than the filter: those of coloured noise come last.
 
         Parameters
         ----------
         gain : (sample, state) array of float
-            Gain of the prediction; zero for the motion that no record corrects.
+            Gain of the prediction; zero for a motion that is not corrected by the record.
         source : (sample, state, column) array of float
         backward : bool
-            The transposed recursion from the last sample, r[k] = (transition - gain observed)' r[k + 1] +
-            source[k]: the smoother's.
+            Solve the smoother's recursion, transposed and from the last sample: r[k] = (transition - gain
+            observed)' r[k + 1] + source[k].
 
         Returns
         -------
@@ -221,21 +222,22 @@ class LinearModel:
         return np.asarray(solved).reshape(source.shape)
 
     def smoothed_motion(self, ratio: float, parameters: Array) -> Array:
-        """Return the path that is smoothed at given deviations of the parameters, (sample, state).
+        """Return the smoothed path at given deviations of the parameters, (sample, state).
 
-        By the fixed-interval smoother of de Jong (1989): the filter's recursion, and its transpose backwards.
+        This is the fixed-interval smoother of de Jong (1989): the filter's recursion, then its transpose
+        backwards.
         """
         predicted, surprise = self._surprised(ratio, parameters)
         surprise = self.recursion(self.gains(ratio)[0], surprise, backward=True)
         return self.path + self._corrected(ratio, predicted, surprise)[..., 0]
 
     def filtered_motion(self, ratio: float, parameters: Array | None = None) -> tuple[Array, Array]:
-        """Return deviations from the path by the samples up to each one, and their covariance.
+        """Return deviations from the path, filtered with the samples so far, and their covariance.
 
         Parameters
         ----------
         ratio, parameters
-            As of `innovations`.
+            As in `innovations`.
 
         Returns
         -------
@@ -248,7 +250,7 @@ class LinearModel:
         return self._corrected(ratio, *self._surprised(ratio, parameters)), covariance
 
     def _surprised(self, ratio: float, parameters: Array | None) -> tuple[Array, Array]:
-        """Return the predicted states and the corrections by each innovation, (sample, state, signal)."""
+        """Return predicted states and each innovation's correction, (sample, state, signal)."""
         predicted, innovations, variance = self.innovations(ratio, parameters)
         weighted = innovations / variance[:, None]
         return predicted, self.observed_states[:, :, None] * weighted[:, None]
@@ -261,9 +263,9 @@ class LinearModel:
 
 
 def likely_ratio(linear: LinearModel, start: float | None = None) -> VarianceRatio:
-    """Return the ratio per_tau / variance of most restricted likelihood, near the last one (`start`).
+    """Return the ratio per_tau / variance of largest restricted likelihood, near the last one (`start`).
 
-    A DecayError says that friction holds the body all the time.
+    Raise a DecayError if friction holds the body all the time.
     """
     impulses = linear.steps.diffusion[:, 1, 1]
     # A random force does not move a body that friction holds.
@@ -275,7 +277,7 @@ def likely_ratio(linear: LinearModel, start: float | None = None) -> VarianceRat
 
 
 def _block_diagonal(matrices: Array, further: Array) -> Array:
-    """Return matrices (..., state, state) with a block behind each."""
+    """Return matrices (..., state, state), each extended by a diagonal block."""
     size, order = matrices.shape[-1], len(further)
     if not order:
         return matrices
@@ -286,5 +288,5 @@ def _block_diagonal(matrices: Array, further: Array) -> Array:
 
 
 def _of_each_sample(matrices: Array) -> Array:
-    """Return matrices of each step as statsmodels has them, with one for the step after the last sample."""
+    """Return the matrices of the steps in statsmodels' form, with one for the step after the last sample."""
     return np.moveaxis(np.concatenate([matrices, matrices[-1:]]), 0, -1)

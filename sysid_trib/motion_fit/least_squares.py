@@ -1,4 +1,4 @@
-"""Least squares of motions on records: the fit over a growing window, its likelihood, the bound on errors."""
+"""Least squares of motions on records: fit over a growing window, likelihood, Cramér-Rao bound."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -20,41 +20,43 @@ from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.trajectory import trajectory
 
 NO_FITTED_MOTION = "No motion with these forces follows the record; offer other forces or a shorter window."
-# Relative step at which a fit with parameters held is done: its deviance is known to far less than 1.
+# Relative step at which a fit with held parameters ends: its deviance is then known to far less than 1.
 HELD_TOLERANCE = 1e-8
 
 
-# Parts of the record to which the fit is extended in turn, so that a phase slip cannot trap it.
+# Fractions of the record to which the fit is extended one after another, so that a phase slip cannot trap it.
 WINDOWS = (0.06, 0.12, 0.22, 0.4, 0.65)
-# A start needs no growing window if its motion is this near to the record (RMS, relative to the record).
+# A start needs no growing window if its residual is at most this fraction of the record (RMS).
 FOLLOWED = 0.1
-# A motion that is no nearer than this (RMS, of the record's) is no first guess to be held on to.
+# A first estimate is replaced if the residual of its motion exceeds this fraction of the record (RMS).
 FAR_GUESS = 0.7
 MAX_EVALUATIONS = 60
-# A window changes a parameter only if its column has this part of its size outside of all others: otherwise
-# rounding would decide where the next window begins.
+# A window changes a parameter only if the independent part of its column is at least this fraction of the
+# column. Otherwise rounding errors would determine the start of the next window.
 WINDOW_RIDGE = 1e-3
-# Steps, in units of the solution, below which a fit is done.
+# Relative step below which a fit ends.
 CONVERGED = 1e-12
-# The same for driven motions. The residual of switching friction is no smooth function of the parameters, so
-# the last digits are never reached; the deviance of 10^4 samples is known to a thousandth.
+# The same for driven motions. The residual of switching friction is not a smooth function of the parameters,
+# so the last digits never converge; the deviance of 10^4 samples is known to a thousandth.
 CONVERGED_DRIVEN = 1e-7
-# A driven motion follows the record if its residual (RMS) is at most this part of it: it forgets a slip of
-# phase.
+# A driven motion follows the record if its residual (RMS) is at most this fraction of the record. It recovers
+# from a phase slip.
 FOLLOWED_DRIVEN = 0.3
-# Parts of all runs between which a model that lacks something scatters; from so many runs on, these do.
+# Number of parts of each run as clusters for an incomplete model; from this number of runs on, runs are the
+# clusters.
 PARTS_OF_RUNS, FEWEST_CLUSTERS = 24, 6
-# A motion whose sensitivities, whitened, are beyond this has diverged; their squares are still numbers.
+# If a whitened sensitivity exceeds this, the motion has diverged; its square is still a finite number.
 LARGEST_SENSITIVITY = 1e100
-# Part of what decides a parameter that its cluster leaves to the others, at least.
+# Least fraction of the information on a parameter that counts as outside of a cluster.
 LEAST_LEFT = 1e-3
-# A combination of parameters is not known if it moves the residual by less than this part of the best known.
+# A combination of parameters is not determined if it moves the residual by less than this fraction of the
+# largest.
 SINGULAR_PART = 1e-7
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A minimum of the whitened residual, about which the likelihood is known where that has unit variance.
+    """A minimum of the whitened residual, and the likelihood about it if the residual has unit variance.
 
     Attributes
     ----------
@@ -64,7 +66,7 @@ class Fit:
     residual : (sample,) array of float
         Whitened residual, motion minus record.
     sensitivity : (sample, free) array of float
-        Its derivative by the free parameters.
+        Derivatives of the residual by the free parameters.
     """
 
     problem: FitProblem
@@ -80,7 +82,7 @@ class Fit:
     def in_its_noise(self) -> "Fit":
         """Return the fit in white noise with the residual variance of each run.
 
-        The parameters take their part of the noise from what is left.
+        The number of parameters reduces the degrees of freedom of these variances.
         """
         problem, records = self.problem, []
         part = len(self.parameters.free) / len(problem.records)
@@ -90,7 +92,7 @@ class Fit:
         return fitted(replace(problem, records=tuple(records)), self.values)
 
     def with_free(self, parameters: Parameters) -> "Fit":
-        """Return the fit at the same values with the sensitivities of parameters of which more are free."""
+        """Return the fit at the same values with the sensitivities of more free parameters."""
         if len(parameters.free) == len(self.parameters.free):
             return self
         problem = replace(self.problem, parameters=parameters)
@@ -99,16 +101,16 @@ class Fit:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of all parameters by the curvature here, (parameter, parameter); 0 of fixed ones."""
+        """Covariance of all parameters from the curvature here, (parameter, parameter); 0 for fixed ones."""
         jacobian = self.parameters.jacobian(self.values)
         return np.asarray(jacobian @ self._inverse @ jacobian.T)
 
     @cached_property
     def clustered_covariance(self) -> Array:
-        """Return the covariance of all parameters where the residual is what the model lacks, not noise.
+        """Return the covariance of all parameters if the residual is due to an incomplete model, not noise.
 
-        Of `FEWEST_CLUSTERS` runs or more it is that between runs, and at least that between parts of runs; of
-        fewer runs that between parts.
+        For `FEWEST_CLUSTERS` runs or more it is the covariance between runs, and at least that between parts
+        of runs. For fewer runs it is that between parts.
         """
         of_parts = self.covariance_between_parts
         if len(self.problem.records) < FEWEST_CLUSTERS:
@@ -121,21 +123,22 @@ class Fit:
 
     @cached_property
     def covariance_between_parts(self) -> Array:
-        """Return the covariance of all parameters where the residual is correlated within parts of runs."""
+        """Return the covariance of all parameters if the residual is correlated within parts of runs."""
         return self._covariance_between(self._ends(-(-PARTS_OF_RUNS // len(self.problem.records))))
 
     def _ends(self, parts: int) -> list[int]:
-        """Return the samples at which parts of runs end, the last left out; each run has so many parts."""
+        """Return the samples at which parts of runs end, without the last; each run has `parts` parts."""
         counts = [len(record.time) - record.uncounted for record in self.problem.records]
         lengths = [len(part) for count in counts for part in np.array_split(np.arange(count), parts)]
         return np.cumsum(lengths)[:-1].tolist()
 
     def _covariance_between(self, ends: Sequence[int]) -> Array:
-        """Return the covariance of all parameters by the scatter between clusters of samples.
+        """Return the covariance of all parameters from the scatter between clusters of samples.
 
-        The sandwich of Liang and Zeger (1986), each score divided by what its cluster leaves to the others
-        (CR3 of Bell and McCaffrey 2002): to first order the jackknife that leaves out one cluster at a time.
-        The scores alone give errors that are too small where a few clusters decide a parameter.
+        This is the sandwich of Liang and Zeger (1986). Each score is divided by the fraction of the
+        information that the other clusters contain (CR3 of Bell and McCaffrey 2002): to first order it is the
+        jackknife that leaves out one cluster at a time. The scores alone give too small errors if a few
+        clusters determine a parameter.
         """
         size = np.linalg.norm(self.sensitivity, axis=0)
         size = np.where(size > 0.0, size, 1.0)
@@ -159,7 +162,7 @@ class Fit:
         return np.asarray(np.linalg.pinv(scaled.T @ scaled) / np.outer(size, size))
 
     def deviance(self, values: Array) -> float:
-        """Return the deviance of values: by how much twice the log likelihood is below that of this fit."""
+        """Return the deviance of values: twice the log likelihood of this fit minus that of the values."""
         residual = self.problem.white(self.problem.residuals(values))
         return float(residual @ residual - self.residual @ self.residual)
 
@@ -168,7 +171,7 @@ class Fit:
         return float(fit.residual @ fit.residual - self.residual @ self.residual)
 
     def holding(self, held: Mapping[str, float], near: Array) -> "Fit":
-        """Return the best fit with parameters held at these values, from a nearby one."""
+        """Return the best fit with parameters held at these values, started from a nearby fit."""
         places = [self.parameters.index(name) for name in held]
         across = self.covariance[:, places] @ np.linalg.pinv(self.covariance[np.ix_(places, places)])
         start = near + across @ (np.array([*held.values()]) - near[places])
@@ -177,10 +180,10 @@ class Fit:
 
 
 def grown(problem: FitProblem, values: Array) -> Array:
-    """Extend the fit over the records window by window, unless a motion follows them sooner.
+    """Extend the fit over the records window by window, unless an earlier motion follows them.
 
-    A window may hold too little to tell forces apart: from a motion that is near the record the whole is
-    tried first.
+    A window may contain too little information to separate forces. So if a motion is near the record, the
+    whole record is tried first.
     """
     away = missed(problem, values)
     if away < FOLLOWED:
@@ -189,7 +192,7 @@ def grown(problem: FitProblem, values: Array) -> Array:
         tried = fitted(problem, values).values
         if missed(problem, tried) < FOLLOWED_DRIVEN:
             return tried
-    # A motion this near has not slipped out of phase.
+    # A motion this near has not lost the phase.
     elif away < 0.5:
         tried = fitted(problem, values).values
         if missed(problem, tried) < FOLLOWED:
@@ -199,22 +202,22 @@ def grown(problem: FitProblem, values: Array) -> Array:
     return values
 
 
-# Further starts about a fit of driven motions whose residual is more than noise; their distance in standard
-# errors; the relative step at which their fits end, and their largest number of evaluations.
+# For fits of driven motions whose residual is more than noise: number of further starts, their distance in
+# standard errors, the relative step at which their fits end, and their largest number of evaluations.
 FURTHER_STARTS, START_DISTANCE, ROUGHLY, FEW_EVALUATIONS = 2, 2.0, 1e-3, 12
-# A start is better if its fit reduces the sum of squares by this part.
+# A start is better if its fit reduces the sum of squares by this fraction.
 BETTER_START_BY = 1e-3
 
 
 def nearby_best(fit: Fit) -> Fit:
-    """Return the best of several fits that start near one.
+    """Return the best of several fits that start near a given one.
 
-    With friction that sticks, the sum of squares has many minima.
+    If friction sticks, the sum of squares has many minima.
 
     Parameters
     ----------
     fit : Fit
-        A minimum. The further starts are drawn from its errors between parts, always the same ones.
+        A minimum. Further starts are drawn from its covariance between parts, with a fixed seed.
     """
     free, random = fit.parameters.free, np.random.default_rng(20190417)
     best = fit
@@ -224,7 +227,7 @@ def nearby_best(fit: Fit) -> Fit:
         start = best.values[free] + START_DISTANCE * root @ direction
         of_start = best.parameters.expand(start)
         try:
-            # The motion of a start far away may diverge.
+            # The motion from a distant start may diverge.
             with np.errstate(all="ignore"):
                 tried = fitted(best.problem, of_start, tolerance=ROUGHLY, most_evaluations=FEW_EVALUATIONS)
         except DecayError:
@@ -240,10 +243,10 @@ def sum_of_squares(fit: Fit) -> float:
 
 
 def calmer(problem: FitProblem, values: Array) -> Array:
-    """Return the first guess, with free coefficients at zero if its motion is farther from the records.
+    """Return the first estimate, with free coefficients at zero if its motion is then nearer to records.
 
-    Many forces on few swings: the balance of forces may give coefficients whose motion runs away, from which
-    no fit comes back.
+    With many forces and few swings, the balance of forces may give coefficients whose motion diverges; a fit
+    would not recover from them.
     """
     away = missed(problem, values)
     if away < FAR_GUESS:
@@ -256,7 +259,7 @@ def calmer(problem: FitProblem, values: Array) -> Array:
 
 
 def missed(problem: FitProblem, values: Array) -> float:
-    """Return the RMS of the residual over that of the record, the largest of all runs."""
+    """Return the RMS of the residual over that of the record, for the worst run."""
     pairs = zip(problem.residuals(values), problem.records, strict=True)
     return max(root_mean_square(residual) / root_mean_square(record.angle) for residual, record in pairs)
 
@@ -276,12 +279,12 @@ def fitted(
     problem : FitProblem
         Records and parameters.
     values : (parameter,) array of float
-        First guess.
+        First estimate.
     tolerance : float, optional
-        Relative step or fall of the sum of squares at which the fit is done; that of free or driven motions
-        where left out.
+        Relative step, or relative decrease of the sum of squares, at which the fit ends; the default depends
+        on whether the motions are free or driven.
     ridge : float
-        Weight of the distance from the first guess, of the sizes of the sensitivities there (Tikhonov).
+        Weight of the distance from the first estimate, relative to the sensitivities there (Tikhonov).
     most_evaluations : int
         Largest number of evaluations of the residuals.
     """
@@ -291,7 +294,7 @@ def fitted(
     bounded = bool(np.any(np.isfinite(low)) or np.any(np.isfinite(high)))
     inside = np.clip(values[parameters.free], np.nextafter(low, np.inf), np.nextafter(high, -np.inf))
 
-    # The optimiser asks for sensitivities where it has just asked for residuals.
+    # The optimiser asks for sensitivities at the values of the last residuals: keep that motion.
     @lru_cache(maxsize=1)
     def residuals(*free: float) -> list[Array]:
         return problem.residuals(parameters.expand(np.array(free)))
@@ -299,7 +302,7 @@ def fitted(
     def sensitivity(free: Array) -> Array:
         here = parameters.expand(free)
         columns = problem.white_sensitivity(here, residuals(*free))
-        # The optimiser within bounds takes nothing else.
+        # The bounded optimiser fails with larger or non-finite values.
         if bounded and not np.all(np.abs(columns) < LARGEST_SENSITIVITY):
             raise DecayError(NO_FITTED_MOTION)
         return columns
@@ -324,13 +327,13 @@ def fitted(
         max_nfev=most_evaluations,
     )
     values = parameters.expand(np.asarray(minimum.x, dtype=float))
-    # The distance from the first guess is no residual of the record.
+    # Leave out the rows of the distance from the first estimate, which are not part of the record.
     samples = slice(len(minimum.fun) - len(rows))
     return Fit(problem, values, np.asarray(minimum.fun)[samples], np.asarray(minimum.jac)[samples])
 
 
 def stopped_by_bounds(fit: Fit) -> dict[str, float]:
-    """Return the parameters at a bound that would pass it, and this bound."""
+    """Return the parameters that a bound stops, with this bound."""
     parameters, covariance = fit.parameters, fit.covariance
     free = parameters.free
     step = np.zeros(len(parameters))
@@ -338,7 +341,7 @@ def stopped_by_bounds(fit: Fit) -> dict[str, float]:
     stopped = {}
     for name, (low, high) in parameters.constraints.bounds.items():
         value, i = fit.values[parameters.index(name)], parameters.index(name)
-        # A parameter that is nearer to a bound than this part of its standard error is stopped by it.
+        # A parameter nearer to a bound than this fraction of its standard error counts as stopped by it.
         near = 1e-3 * np.sqrt(fit.residual @ fit.residual / len(fit.residual) * covariance[i, i])
         if i in free and not low + near < value + step[i] < high - near:
             stopped[name] = low if value - low < high - value else high
@@ -346,7 +349,7 @@ def stopped_by_bounds(fit: Fit) -> dict[str, float]:
 
 
 def covariance_root(covariance: Array) -> Array:
-    """Return R with R R' the covariance, of parameters that differ by orders of magnitude."""
+    """Return R with R R' the covariance of parameters that differ by orders of magnitude."""
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     variances, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
@@ -368,7 +371,7 @@ def cramer_rao_bound(
     Parameters
     ----------
     model : Model
-        The truth. Its coefficients are estimated, also those that are zero; its shapes are known.
+        The true model. Its coefficients are estimated, also those that are zero; its shapes are known.
     time : (sample,) array_like of float, s
         Times of the samples.
     angle : float, rad
@@ -380,26 +383,26 @@ def cramer_rao_bound(
     free : bool
         Whether the reference frequency is estimated too.
     random_force : float, (rad/s^2)^2/Hz
-        One-sided density of a white acceleration that pushes the motion; it is known.
+        One-sided density of a white acceleration, which is known.
 
     Returns
     -------
     xarray.Dataset
         `standard_error(force)`, `covariance(force, other_force)` and the scalars
         `start_angle_standard_error` (rad), `start_rate_standard_error` and
-        `reference_frequency_standard_error` (rad/s; 0 where it is held).
+        `reference_frequency_standard_error` (rad/s; 0 if the frequency is held).
 
     Raises
     ------
     UsageError
-        Some parameters are not determined: a force that does not act on this motion, or a force of formula
-        `x` besides the frequency.
+        Some parameters are not determined: a force does not act on this motion, or a force has the formula
+        `x` and the frequency is estimated too.
 
     Notes
     -----
-    The inverse of Fisher's information, J' J / noise^2 with the sensitivities J of the motion. With a
-    random force J are the innovations of these sensitivities over their size, by the Kalman filter about the
-    motion that nothing pushes.
+    The bound is the inverse of Fisher's information, J' J / noise^2 with the sensitivities J of the motion.
+    With a random force, J contains the normalised innovations of these sensitivities, from the Kalman filter
+    about the free motion.
     """
     time, symbols = np.asarray(time, dtype=float), list(model.coefficients)
     start = np.array([angle, rate], dtype=float)

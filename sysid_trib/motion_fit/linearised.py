@@ -17,9 +17,9 @@ from sysid_trib.simulation.trajectory import trajectory
 
 
 def spline_path(model: Model, time: Array, angle: Array) -> Array:
-    """Return states along the least-squares spline through a record, (sample, state): the first path of all.
+    """Return states along the least-squares spline through a record, (sample, state), as the first path.
 
-    Pieces between gaps have a spline each.
+    Each piece between gaps has its own spline.
     """
     tau = model.reference_frequency * (time - time[0])
     x, v = _smooth_pieces(tau, angle)
@@ -35,21 +35,21 @@ def spline_path(model: Model, time: Array, angle: Array) -> Array:
 def _smooth_pieces(tau: Array, angle: Array) -> tuple[Array, Array]:
     """Return the smoothed x and v = dx/dtau of a record, piece by piece between its gaps, (sample,) each."""
     steps = np.diff(tau)
-    # A step of this multiple of the usual one is a gap, over which no spline is fitted.
+    # A step longer than this multiple of the median step is a gap, over which no spline is fitted.
     gaps = np.flatnonzero(steps > 2.5 * np.median(steps)) + 1
     x, v = angle.copy(), np.zeros_like(angle)
     for at in np.split(np.arange(len(tau)), gaps):
         try:
             x[at], v[at], _, _ = smooth(tau[at], angle[at])
         except (DecayError, ValueError):
-            # Too few samples for a spline: a parabola, from which the iteration can start.
+            # With too few samples for a spline, fit a parabola: the iteration can start from it.
             parabola = Polynomial.fit(tau[at], angle[at], min(2, len(at) - 1))
             x[at], v[at] = parabola(tau[at]), parabola.deriv()(tau[at])
     return x, v
 
 
 def linearised_along(model: Model, time: Array, motion: SimulatedMotion) -> LinearModel:
-    """Linearise a motion of a model about itself, with the columns of its start and of the sensor's zero."""
+    """Linearise a motion of a model about itself, with columns for its start and the sensor's zero."""
     path = np.stack(
         [motion.position, motion.rate / model.reference_frequency, *motion.hidden.values()], axis=1
     )
@@ -58,16 +58,18 @@ def linearised_along(model: Model, time: Array, motion: SimulatedMotion) -> Line
 
 
 def whitened(model: Model, time: Array, start: tuple[float, float], ratio: float, columns: Array) -> Array:
-    """Return differences of a motion, (sample, column), as scaled innovations, where a random force acts.
+    """Return differences of a motion, (sample, column), as normalised innovations if a random force acts.
 
     Parameters
     ----------
     model, time, start
-        The motion that is pushed: times in s, angle in rad and rate in rad/s.
+        Model, times (s), and start angle and rate (rad, rad/s) of the motion on which the random force acts.
     ratio : float
-        Of the random force to the noise of a sample, `RandomForce.per_tau` over its variance; 0 of none.
+        Ratio of the random force's `RandomForce.per_tau` to the variance of a sample's noise; 0 for no random
+        force.
     columns : (sample, column) array of float
-        They are what the sensor shows besides the motion; the Kalman filter about it has no data in it.
+        Differences of the sensor's reading from the motion, which the Kalman filter about the motion makes
+        white.
     """
     if not ratio:
         return columns
@@ -99,9 +101,9 @@ def linearised_about(
     per_run : (3,) array of float
         Angle (rad) and rate (rad/s) at the first sample, zero of the sensor (rad).
     by : tuple of str
-        Coefficients and shape parameters; behind them may be the reference frequency.
+        Coefficients and shape parameters; the reference frequency may follow as the last name.
     rate_error : float or (sample,) array of float, rad
-        Standard error of v on the path: where forces switch with v, steps are averaged over it.
+        Standard error of v on the path: where forces switch with v, steps are averaged over this error.
 
     Raises
     ------
@@ -115,7 +117,7 @@ def linearised_about(
     by_column = np.pad(steps.sensitivity, ((0, 0), (0, 0), (0, 3)))
     start = np.zeros((size, count + 3))
     start[0, count], start[1, count + 1] = 1.0, 1.0 / w
-    # The rate at the first sample is a parameter, v = rate / w is the state.
+    # The rate at the first sample is a parameter; the state is v = rate / w.
     start[1, :count] = [-started[0, 1] / w if name == FREQUENCY else 0.0 for name in by]
     shown, observed, by_sensor = sensor_on(model, time - time[0], started, by)
     observed_parameters = np.pad(by_sensor, ((0, 0), (0, 3)))
@@ -133,11 +135,12 @@ def sensor_on(model: Model, elapsed: Array, path: Array, by: tuple[str, ...]) ->
     return path[:, 0] + error, observed, by_names
 
 
-# Degrees in the amplitude of the resonant harmonic, and of the others (the mean force is of order zero).
+# Largest degrees in the amplitude: of the resonant harmonic, and of the others (the mean force is of order
+# zero).
 RESONANT_DEGREES = 3
 OTHER_DEGREES = 2
 HARMONICS = (2, 3)
-# Part of the diffusion of a free step: below it friction holds the body, and no force moves it.
+# Fraction of the diffusion of a free step below which friction holds the body, so that no force moves it.
 HELD = 1e-9
 
 
@@ -147,31 +150,32 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     Parameters
     ----------
     linear : LinearModel
-        About the path, x = a cos(phase), v = -a sin(phase).
+        Linear model about the path, x = a cos(phase), v = -a sin(phase).
     tau : (sample,) array of float
         Instants, reference frequency times time.
 
     Returns
     -------
     by_column : (step, 2, column) array of float
-        Increment of x and v by each acceleration at the end of a step; the first is the angle itself.
+        Increments of x and v at the end of a step due to each acceleration; the first acceleration is the
+        angle.
     on : (column,) array of str
-        What each depends on: `angle` in phase with the angle (a stiffness), `speed` in phase with the speed
-        (a friction), `time` at the same amplitude.
+        The variable on which each depends: `angle` for a part in phase with the angle (a stiffness), `speed`
+        for a part in phase with the speed (a friction), `time` for a change at the same amplitude.
 
     Notes
     -----
-    A force f(x, v) of a motion that decays is such a series, its Fourier series on the cycle: the describing
-    function is its resonant part. The force within a step is Simpson's mean, propagated by the free
-    oscillator.
+    A force f(x, v) on a decaying motion is such a series, namely its Fourier series on the cycle; its
+    resonant part is the describing function. The force within a step is Simpson's mean, propagated by the
+    free oscillator.
     """
     step = np.diff(tau)
-    # The motion from each sample without the impulse of the step: with it, columns would contain their
+    # Start from each sample and leave out the impulse of the step; otherwise the columns would contain the
     # target.
     first, last = _polar(linear.path[:-1]), _polar(linear.steps.end)
     last[0] = first[0] + (last[0] - first[0] + np.pi) % (2.0 * np.pi) - np.pi
-    # A slow trend stands for the amplitude: its random walk is what the random force has made.
-    # Of the amplitude over time.
+    # Use a slow trend of the amplitude over time, because the random walk of the amplitude is due to the
+    # random force.
     trend = Legendre.fit(tau[:-1], first[1], 5)
     span = trend(tau).min(), trend(tau).max()
 
@@ -185,7 +189,7 @@ def trial_forces(linear: LinearModel, tau: Array) -> tuple[Array, Array]:
     by_x = weight * (np.sin(step)[:, None] * start + 4.0 * np.sin(0.5 * step)[:, None] * middle)
     by_v = weight * (np.cos(step)[:, None] * start + 4.0 * np.cos(0.5 * step)[:, None] * middle + end)
     moves = linear.steps.diffusion[:, 1, 1] > HELD * step
-    # Steps longer than this (rad of tau) are gaps: no path is known within them.
+    # Steps longer than this (rad of tau) are gaps; no path is known within them.
     by_column = np.stack([by_x, by_v], axis=1) * (moves & (step < 1.6))[:, None, None]
     return by_column, np.array(on)
 
@@ -196,9 +200,9 @@ def _polar(states: Array) -> Array:
 
 
 def _series(polar: Array, size: Array, elapsed: Array) -> tuple[Array, list[str]]:
-    """Return the accelerations at some instants, (instant, column), and what each depends on.
+    """Return the accelerations at some instants, (instant, column), and the variable each depends on.
 
-    `polar` holds phase and amplitude; `size` and `elapsed` are amplitude and time from -1 to 1.
+    `polar` contains phase and amplitude; `size` and `elapsed` are amplitude and time scaled from -1 to 1.
     """
     phase, amplitude = polar
     degrees = legendre.legvander(size, RESONANT_DEGREES - 1).T
@@ -226,17 +230,17 @@ def random_walk_about(linear: LinearModel, per_tau: float, normal: np.random.Gen
     ----------
     linear : LinearModel
     per_tau : float, rad^2
-        Growth of the variance of v in a unit of tau (see `RandomForce.per_tau`).
+        Growth of the variance of v per unit of tau (see `RandomForce.per_tau`).
     normal : Generator
     draws : int
 
     Notes
     -----
     Deviations obey z[k+1] = F[k] z[k] + e[k] with the transitions F of the exact steps and the covariance
-    per_tau D[k] of e[k]: the linear model of the filter, computed once for all draws.
+    per_tau D[k] of e[k]. This linear model of the filter is computed once for all draws.
     """
     variance, axes = np.linalg.eigh(per_tau * linear.steps.diffusion)
-    # A part that friction holds has no variance; rounding can make it negative.
+    # While friction holds the body, the variance is zero; rounding can make it negative.
     root = axes * np.sqrt(np.maximum(variance, 0.0))[:, None, :]
     samples, size = linear.path.shape
     source = np.zeros((samples, size, draws))

@@ -12,11 +12,11 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency, smooth
 
-# Below this part of its largest value a rate may be that of a body at rest, whose friction is a reaction.
+# If the rate is below this fraction of its largest value, the body may be at rest, and friction a reaction.
 AT_REST_PART = 0.02
-# So many samples of a run represent all of them.
+# Largest number of samples that represent a run.
 SAMPLES_OF_A_RUN = 1000
-# Rounds in which coefficients in the formulas of other forces follow.
+# Rounds of the regression if formulas contain coefficients of other forces.
 REGRESSION_ROUNDS = 3
 
 
@@ -31,7 +31,7 @@ class MovingSamples:
     acceleration : (sample,) array of float, rad
         Second derivative of the angle by tau.
     frequency : float, rad/s
-        By which tau and v are counted.
+        Frequency that defines tau and v.
     """
 
     names: Mapping[str, Array]
@@ -40,7 +40,7 @@ class MovingSamples:
 
 
 class Regression(NamedTuple):
-    """Coefficients by symbol, held ones too, and the reference frequency (rad/s)."""
+    """Coefficients by symbol, including held ones, and the reference frequency (rad/s)."""
 
     coefficients: dict[str, float]
     frequency: float
@@ -70,7 +70,7 @@ def columns_of(points: MovingSamples, forces: Sequence[Force]) -> Array:
 
 
 def _along(force: Force, names: Mapping[str, Array]) -> Array:
-    """Return a force at samples; internal states are taken as zero."""
+    """Return a force at samples, with internal states at zero."""
     inputs = {channel.name: names[channel.name] for channel in force.channels}
     return force.value(names["x"], names["v"], names["t"], hidden=inputs)
 
@@ -82,8 +82,8 @@ def regressed(points: MovingSamples, library: ForceLibrary, held: Mapping[str, f
     ----------
     points : MovingSamples
     library : ForceLibrary
-        Terms of the sensor are left out. A force whose formula holds coefficients of others takes part from
-        the second round on, with those of the round before.
+        Terms of the sensor are left out. A force whose formula contains coefficients of other forces is added
+        in the second round, with the coefficients of the round before.
     held : mapping of str to float
         Coefficients that are known.
     """
@@ -98,7 +98,7 @@ def regressed(points: MovingSamples, library: ForceLibrary, held: Mapping[str, f
                 right = right - held[force.symbol] * _along(force, points.names)
         *values, of_acceleration = np.linalg.lstsq(columns_of(points, free), right, rcond=1e-6)[0].tolist()
         known |= zip((force.symbol for force in free), values, strict=True)
-        # Coefficients of the equation (w0/w)^2 x'' + x + ... = 0 in the tau of w0.
+        # Coefficients of (w0/w)^2 x'' + x + ... = 0, with tau = w0 t.
         if of_acceleration > 0.0:
             frequency = points.frequency / float(np.sqrt(of_acceleration))
     return Regression(known, frequency)

@@ -21,18 +21,18 @@ PER_RUN = ("start_angle", "start_rate", "offset")
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters in the order of their vector: coefficients, shapes, frequency, then three of each run.
+    """Parameters in the order of their vector: coefficients, shapes, frequency, then three for each run.
 
     Parameters
     ----------
     library : ForceLibrary
-        The forces with a coefficient each.
+        The forces, with one coefficient each.
     reference_frequency : float or None
-        w in rad/s, held; None where it is a parameter.
+        Reference frequency w (rad/s) if it is fixed; None if it is a parameter.
     fit_shapes : tuple of str
         Shape parameters that are fitted.
     shapes : mapping of str to float
-        Values of the shape parameters that are held, and first values of the others.
+        Values of the held shape parameters, and first values of the fitted ones.
     runs : int
         Number of runs.
     constraints : Constraints
@@ -52,7 +52,7 @@ class Parameters:
         Raises
         ------
         UsageError
-            A shape or constraint is not one of these forces.
+            A shape or constraint does not belong to these forces.
         """
         library, constraints, shapes = self.library, self.constraints, self.library.shape_values()
         constraints.check(library)
@@ -63,13 +63,14 @@ class Parameters:
         for name in constraints.bounds:
             if name in shapes and name not in fitted:
                 raise UsageError(
-                    f"Shape parameter {name} is held, a bound has no effect; name it in fit_shapes."
+                    f"Shape parameter {name} is fixed, so its bound has no effect; name it in fit_shapes."
                 )
         held = {**self.shapes, **{name: value for name, value in constraints.fixed.items() if name in shapes}}
         whole = replace(self, fit_shapes=fitted, shapes=held)
         if not (is_free_to_move(library, constraints.fixed) or library.has_common_zero):
             return whole
-        # Nothing separates the sensor's zero from where a free body begins, or from a zero of all runs.
+        # A free motion does not separate the sensor's zero from the start of a free body, or from a common
+        # zero.
         return whole.fix({name: 0.0 for name in whole.names if name.startswith(PER_RUN[-1])})
 
     @cached_property
@@ -87,11 +88,11 @@ class Parameters:
         return len(self.common) + len(PER_RUN) * self.runs
 
     def index(self, name: str) -> int:
-        """Return the place of a parameter in the vector."""
+        """Return the index of a parameter in the vector."""
         return self.names.index(name)
 
     def of_run(self, run: int) -> slice:
-        """Return the places of a run's own parameters."""
+        """Return the indices of the parameters of a run."""
         first = len(self.common) + len(PER_RUN) * run
         return slice(first, first + len(PER_RUN))
 
@@ -100,14 +101,14 @@ class Parameters:
         return values[len(self.common) :].reshape(-1, len(PER_RUN))
 
     def acting(self, run: int) -> list[int]:
-        """Return the places of the common parameters that act in a run, without those of other runs."""
+        """Return the indices of the common parameters that act in a run, without those of other runs."""
         symbols = {f.symbol for f in self.library if f.run not in (None, run + 1)}
         return [i for i, name in enumerate(self.common) if name.partition(".")[0] not in symbols]
 
     def model(self, values: Array, run: int = 0) -> Model:
-        """Return the model of these values, in a run."""
+        """Return the model with these values, in a run."""
         value = dict(zip(self.common, values.tolist(), strict=False))
-        # A step of the optimiser below zero: only the square of the frequency counts.
+        # The optimiser may step below zero: only the square of the frequency matters.
         frequency = abs(value[FREQUENCY]) if self.reference_frequency is None else self.reference_frequency
         library = self.library.in_run(run + 1)
         coefficients = {symbol: value[symbol] for symbol in library.symbols}
@@ -122,8 +123,7 @@ class Parameters:
         Parameters
         ----------
         values : mapping of str to float
-            Common parameters by name; a coefficient that is missing is 0, a shape that is missing is held or
-            nan.
+            Common parameters by name; a missing coefficient is 0, a missing shape is fixed or nan.
         per_run : (run, 3) array of float
             Angle (rad), rate (rad/s) and offset (rad) of each run.
         """
@@ -145,7 +145,7 @@ class Parameters:
 
     @cached_property
     def free(self) -> NDArray[np.intp]:
-        """Places of the parameters that are neither fixed nor tied."""
+        """Indices of the parameters that are neither fixed nor tied."""
         held = {*self.constraints.fixed, *self.constraints.ties}
         return np.array([i for i, name in enumerate(self.names) if name not in held])
 
@@ -181,6 +181,6 @@ class Parameters:
         return self.constraints.formulas(self.library)
 
     def _known(self, values: Array) -> dict[str, float]:
-        """Return values by name, of held shapes too."""
+        """Return the values by name, including held shapes."""
         held = self.library.shape_values(self.shapes)
         return held | dict(zip(self.common, values.tolist(), strict=False))

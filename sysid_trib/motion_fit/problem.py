@@ -25,13 +25,13 @@ from sysid_trib.simulation.trajectory import trajectory
 
 # A motion is implausible beyond this multiple of the record's swing.
 OUT_OF_PROPORTION = 10.0
-# Part of a parameter by which a penalty is differenced.
+# Relative step of a parameter for the difference quotient of a penalty.
 PENALTY_STEP = 1e-5
 
 
 @dataclass(frozen=True)
 class WhitenedRecord:
-    """One run, with what makes its noise white and of one level.
+    """One run, with the filter and weight that make its noise white and of unit variance.
 
     Parameters
     ----------
@@ -44,15 +44,17 @@ class WhitenedRecord:
     weight : float, 1/rad
         One over the standard deviation of the whitened noise.
     sensor : (str, float)
-        Measured values (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
+        Measured quantity (see `SimulatedMotion.shown`); `angle` and `weight` are in its unit.
     swing : float, rad, optional
-        Largest angle, where that was not measured.
+        Largest angle, if the angle was not measured.
     inputs : mapping of str to KnownInput
         Inputs that drive the motion.
     uncounted : int
-        First samples, until which the motion forgets with what states and memory it began.
+        Number of first samples that are not fitted, because the motion still depends on the initial states
+        and memory.
     start_is_shown : bool
-        Whether the angle at the start is what the sensor shows, with its terms, not that of the motion.
+        Whether the start angle is the sensor's reading, which includes the sensor terms, instead of the
+        motion's angle.
     """
 
     time: Array
@@ -67,7 +69,7 @@ class WhitenedRecord:
 
     @classmethod
     def of_decay(cls, decay: xr.Dataset, library: ForceLibrary, warm_up: float) -> "WhitenedRecord":
-        """Return the measurement of a run in its own quantity: a rate is not integrated."""
+        """Return the measurement of a run in the measured quantity: a rate is not integrated."""
         sensor, time, values = measured_part(decay)
         swing = None if sensor[0] == "angle" else float(np.max(np.abs(decay.angle.values)))
         inputs, uncounted = inputs_for(decay, library), int(np.searchsorted(time, time[0] + warm_up))
@@ -84,7 +86,7 @@ class WhitenedRecord:
         return float(np.max(np.abs(self.angle))) if self.swing is None else self.swing
 
     def first(self, part: float) -> "WhitenedRecord":
-        """Return the first part of the samples that count, and those before."""
+        """Return the first part of the fitted samples, with the samples before them."""
         count = self.uncounted + max(20, round(part * (len(self.time) - self.uncounted)))
         return replace(self, time=self.time[:count], angle=self.angle[:count])
 
@@ -104,29 +106,30 @@ class WhitenedRecord:
 
         Notes
         -----
-        A motion that is out of all proportion, or that cannot be computed, has a penalty in its place that
-        leads back. Where the frequency or the start is outside of the allowed region, it grows with the
-        distance from that region. Else the residual is that of the first part of the record that the motion
-        can be computed for. Where there is none, the penalty grows with the coefficients, without which every
-        motion can be computed.
+        A penalty replaces a motion that is implausibly large or cannot be computed, and leads the optimiser
+        back. If the frequency or the start is outside of the allowed region, the penalty grows with the
+        distance from that region. Otherwise the residual is that of the first part of the record for which
+        the motion can be computed. If there is no such part, the penalty grows with the coefficients, because
+        without forces every motion can be computed.
         """
         far = OUT_OF_PROPORTION * self.size
         if (excess := self._excess(model, per_run)) > 1.0:
             return _penalty(far, excess - 1.0, len(self.time))
         if (motion := self._motion(model, per_run)) is not None:
             return self._difference(motion, per_run)
-        # The shortest part of a record that is tried where a motion cannot be computed to the end.
+        # Shortest part of a record that is tried if a motion cannot be computed to the end.
         count, first = 20, None
         while count < len(self.time) and (motion := self._motion(model, per_run, count)) is not None:
             count, first = 2 * count, self._difference(motion, per_run)
         if first is None:
             return _penalty(far, float(np.linalg.norm(list(model.coefficients.values()))), len(self.time))
-        # Compressed: a diverging motion must not count more than one that cannot be computed.
+        # Compress large values: a diverging motion must not have a larger residual than one that cannot be
+        # computed.
         size = np.maximum(np.abs(first) / far, 1.0)
         return np.append(first / size * (1.0 + np.log(size)), np.full(len(self.time) - len(first), far))
 
     def sensitivity(self, model: Model, per_run: Array, by: Sequence[str]) -> Array | None:
-        """Return derivatives of the residual by parameters, (sample, parameter); None at a penalty."""
+        """Return derivatives of the residual by parameters, (sample, parameter); None if it is a penalty."""
         if self._excess(model, per_run) > 1.0:
             return None
         motion = self._motion(model, per_run, by=by)
@@ -134,13 +137,13 @@ class WhitenedRecord:
             return None
         columns = motion.shown_derivatives(*self.sensor)
         if self.start_is_shown and model.sensors:
-            # A term of the sensor moves the start, which shows the same.
+            # A sensor term changes the start angle that gives the same reading.
             columns = columns + np.outer(columns[:, by.index(BY_ANGLE)], motion.start_by_sensor)
         return columns
 
     def _excess(self, model: Model, per_run: Array) -> float:
-        """Return the ratio of frequency or start to the largest plausible value, whichever is worse."""
-        # A diverging optimiser would ask for hours of faster swings.
+        """Return frequency or start over its largest plausible value, whichever ratio is larger."""
+        # A diverging optimiser would ask for very fast swings, which take hours to compute.
         highest = np.pi * (len(self.time) - 1) / (self.time[-1] - self.time[0])
         far, (angle, rate, _) = OUT_OF_PROPORTION * self.size, per_run.tolist()
         return float(max(model.reference_frequency / highest, abs(angle) / far, abs(rate) / (far * highest)))
@@ -149,7 +152,7 @@ class WhitenedRecord:
         self, model: Model, per_run: Array, count: int | None = None, by: Sequence[str] = ()
     ) -> SimulatedMotion | None:
         acting, (angle, rate) = replace(model, inputs=self.inputs), self.start_of(model, per_run)
-        # A motion without states takes so many steps only if it diverges.
+        # A motion without internal states takes more steps only if it diverges.
         plain = all(force.memoryless for force in model.library)
         steps = FEW_STEPS_A_PERIOD if plain else STEPS_A_PERIOD
         try:
@@ -174,12 +177,12 @@ class WhitenedRecord:
         return np.asarray(motion.shown(*self.sensor) + per_run[2] - self.angle[: len(motion.angle)])
 
     def white(self, values: Array) -> Array:
-        """Return values that count, with noise of one level and no colour."""
+        """Return the fitted samples of values, whitened and with unit variance of the noise."""
         return self.weight * whitened(values, self.filter_)[self.uncounted :]
 
 
 def _penalty(far: float, distance: float, count: int) -> Array:
-    """Return a residual larger than `far` whose squares are smallest at distance zero."""
+    """Return a residual larger than `far` whose sum of squares is smallest at distance zero."""
     residual = np.full(count, np.sqrt(2.0) * far)
     residual[::2] = far * distance
     return residual
@@ -192,13 +195,13 @@ class FitProblem:
     Parameters
     ----------
     parameters : Parameters
-        Parameters in the vector of values.
+        Names and order of the parameters in the vector of values.
     records : tuple of WhitenedRecord
         Measured values of the runs.
     runs : sequence of xarray.Dataset
         The decays themselves.
     offered : ForceLibrary
-        All forces to choose from.
+        All offered forces.
     """
 
     parameters: Parameters
@@ -212,7 +215,7 @@ class FitProblem:
         return all(record.inputs for record in self.records)
 
     def first(self, part: float) -> "FitProblem":
-        """Return the problem of the first part of each record."""
+        """Return the problem with the first part of each record."""
         return replace(self, records=tuple(record.first(part) for record in self.records))
 
     def with_filters(self, filters: Sequence[Array]) -> "FitProblem":
@@ -221,13 +224,13 @@ class FitProblem:
         return replace(self, records=tuple(replace(record, filter_=filter_) for record, filter_ in pairs))
 
     def weighted(self, values: Array, *, coloured: bool) -> "FitProblem":
-        """Return each run with the weight of its residual, and with the colour of it where asked for."""
+        """Return the problem with the weight of each run's residual and, if wanted, its colour."""
         records = []
         for record, residual in zip(self.records, self.residuals(values), strict=True):
             filter_ = autoregression(residual) if coloured else np.ones(1)
             white = whitened(residual, filter_)[record.uncounted :]
             records.append(replace(record, filter_=filter_, weight=1.0 / root_mean_square(white)))
-        # Relative to their RMS noise, so that a whitened residual is an angle.
+        # Weights are relative to the RMS noise, so that a whitened residual is an angle.
         common = root_mean_square([1.0 / record.weight for record in records])
         return replace(self, records=tuple(replace(r, weight=common * r.weight) for r in records))
 
@@ -247,15 +250,15 @@ class FitProblem:
         Parameters
         ----------
         values : (parameter,) array of float
-            Where it is taken.
+            Values at which the derivative is taken.
         residuals : sequence of (sample,) array of float, rad
-            The residuals there, of each run.
+            Residuals of each run at these values.
         """
         tables = [self._sensitivity(values, run, here) for run, here in enumerate(residuals)]
         return np.asarray(self.white(tables) @ self.parameters.jacobian(values))
 
     def _sensitivity(self, values: Array, run: int, here: Array) -> Array:
-        """Return derivatives of a run's residual (`here`) by parameters, ties ignored; 0 of fixed ones."""
+        """Return derivatives of a run's residual (`here`) by parameters without ties; 0 for fixed ones."""
         parameters, record = self.parameters, self.records[run]
         table = np.zeros((len(here), len(values)))
         *starts, offset = range(len(values))[parameters.of_run(run)]
@@ -293,11 +296,11 @@ class FitProblem:
         noises : sequence of float, rad
             The sensor's noise in each run.
         extra : mapping of str to (values, units, long_name)
-            Further variables, a number each or one for each run.
+            Further variables, each with one number or one value per run.
         """
         parameters = self.parameters
         model, per_run = parameters.model(values), parameters.per_run(values)
-        # Coefficients, then the frequency; its row is zero if it was held.
+        # Coefficients, then the frequency; the row of a held frequency is zero.
         count = len(parameters.library)
         places = [at for at, name in enumerate(parameters.common) if at < count or name == FREQUENCY]
         of_both = np.zeros((count + 1, count + 1))

@@ -1,15 +1,16 @@
-"""Maximum likelihood of the innovations: a motion with a random force, as an identification.
+"""Identification of a motion with a random force, by maximum likelihood of the innovations.
 
-The record is linearised about a path (first a spline, then the filtered motion); the Kalman filter makes the
-record and all columns white; generalised least squares gives the step of the parameters, and the filter the
-next path. At rest that is the extended Kalman filter, of whose innovations the likelihood is the maximum
-(Ljung 1979; Kristensen, Madsen and Jorgensen 2004).
+The record is linearised about a path (first a spline, then the filtered motion). The Kalman filter whitens
+the record and all columns. Generalised least squares gives the step of the parameters, and the filter gives
+the next path. After convergence this is the extended Kalman filter, and the likelihood of its innovations is
+at its maximum (Ljung 1979; Kristensen, Madsen and Jorgensen 2004).
 
-About the smoothed motion the columns would know the innovations to come, and their product would have a mean
-that is not zero: of a random walk of twenty noise levels a bias of 1.3 standard errors in the elastic forces.
+The smoothed motion cannot replace the filtered motion: the columns would contain future innovations, and
+their product with the innovations would have a nonzero mean. For a random walk of twenty noise levels this
+gives a bias of 1.3 standard errors in the elastic forces.
 
-Where friction holds the body or nearly so, the linear model jumps with the path, and a whole step may lead
-back and forth between branches. Then path and parameters go only a part of the step (relaxation).
+If friction holds the body or nearly so, the linear model changes abruptly with the path, and whole steps may
+alternate between branches. Then path and parameters take only a fraction of the step (relaxation).
 """
 
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ from sysid_trib.likelihood.random_force import (
 from sysid_trib.likelihood.sensor_noise import MOST_LAGS, NoiseModel, autocorrelation
 from sysid_trib.likelihood.variance_ratio import VarianceRatio, WhiteRows, held_ratio
 from sysid_trib.motion_fit.kalman import LinearModel, likely_ratio
-from sysid_trib.motion_fit.least_squares import Fit
+from sysid_trib.motion_fit.least_squares import Fit, stopped_by_bounds
 from sysid_trib.motion_fit.linearised import linearised_about, spline_path
 from sysid_trib.motion_fit.parameters import Parameters
 from sysid_trib.motion_fit.problem import FitProblem
@@ -42,7 +43,8 @@ from sysid_trib.results.random_force import RandomForce
 from sysid_trib.results.variables import described
 
 PATIENCE = 10
-# Change of the relaxation if a step turns back, and if it continues, by the cosine of their angle.
+# Factors of the relaxation if a step turns back, and if it continues; the cosine of their angle that decides
+# this.
 SHORTER, LONGER, TURNED = 0.5, 1.5, 0.3
 LEAST_PART = 0.05
 
@@ -55,11 +57,11 @@ class Iterate:
     ----------
     parameters : Parameters
     values : (parameter,) array of float
-        Where the runs are linear.
+        Values about which the runs are linear.
     linear : sequence of LinearModel
-        The runs about their filtered paths, with columns for the free parameters.
+        Linear models of the runs about their filtered paths, with columns for the free parameters.
     ratios : sequence of VarianceRatio
-        Ratios of each run: per_tau of the random force over the variance of the sensor's noise.
+        Ratio of each run: per_tau of the random force over the variance of the sensor's noise.
     """
 
     parameters: Parameters
@@ -68,9 +70,9 @@ class Iterate:
     ratios: Sequence[VarianceRatio] = ()
 
     def with_ratios(self, density: float | None, before: "Iterate | None") -> "Iterate":
-        """Return the iterate with the ratio of each run, of a density ((rad/s^2)^2/Hz) or of its likelihood.
+        """Return the iterate with the ratio of each run, from a density ((rad/s^2)^2/Hz) or the likelihood.
 
-        Near those of the last iterate, if there is one.
+        Ratios are searched near those of the last iterate, if there is one.
         """
         frequency, ratios = self.parameters.model(self.values).reference_frequency, []
         for run, linear in enumerate(self.linear):
@@ -96,7 +98,7 @@ class Iterate:
     def solution(self) -> tuple[Array, Array]:
         """Step of the free parameters within their limits, and their covariance without limits.
 
-        Parameters that would pass a limit go to it, and the others are solved again.
+        Parameters that would pass a limit are set to it, and the others are solved again.
         """
         rows, free = self.rows, self.parameters.free
         step, inverse = rows.solution()
@@ -112,14 +114,14 @@ class Iterate:
 
     @property
     def remaining(self) -> float:
-        """The step in standard errors, of the parameter where it is largest."""
+        """Largest step of any parameter, in standard errors."""
         step, covariance = self.solution
         return float(np.max(np.abs(step) / np.sqrt(np.diag(covariance))))
 
     def filtered_motion(self, run: int) -> tuple[Array, Array]:
-        """Return path by the samples up to each one (sample, state), and v's standard error (sample,), rad.
+        """Return the filtered path (sample, state), and v's standard error (sample,), rad.
 
-        At the parameters of most likelihood.
+        Both are at the most likely parameters.
         """
         linear, ratio = self.linear[run], self.ratios[run]
         change, covariance = linear.filtered_motion(ratio.ratio, self.solution[0])
@@ -145,10 +147,10 @@ class Iterate:
         return average_over_ratios(linear.rows, self.ratios[run], len(linear.record), solved)
 
     def with_gains_over_colours(self) -> "Iterate":
-        """Return iterate with the gain of each random force over the sensor's noise alone in its own colour.
+        """Return the iterate with the gain of each random force over sensor noise alone of any colour.
 
-        Both colours are of most likelihood, of the order that the sensor's noise has. With the random force
-        the ratio is held where it is: the gain is no larger than with both free.
+        Both colours are the most likely ones of the order that the sensor's noise has. With the random force,
+        the ratio is held, so the gain is no larger than with ratio and colour free.
         """
         ratios = list(self.ratios)
         for run, (linear, ratio) in enumerate(zip(self.linear, self.ratios, strict=True)):
@@ -169,7 +171,7 @@ class Iterate:
 
 
 def _deviance(linear: LinearModel, ratio: float, colour: Array) -> float:
-    """Return the deviance of a run's innovations at a ratio, in noise of the sensor of a colour."""
+    """Return the deviance of a run's innovations for a ratio and a colour of the sensor's noise."""
     return replace(linear, sensor_filter=colour).rows(ratio).restricted_deviance()[0]
 
 
@@ -178,28 +180,27 @@ def fit_random_motion(
 ) -> tuple[Fit, Array, Iterate]:
     """Fit a motion with a random force: normalised innovations of all runs, predicted minus measured.
 
-    With the fit stand the covariance of all parameters, and what the last step was taken from.
+    Return the fit, the covariance of all parameters, and the iterate of the last step.
 
     Parameters
     ----------
     problem : FitProblem
-        Fixed parameters are held, ties hold, limits are not passed; the records' filters whiten the sensor's
-        noise.
+        Fixed parameters, ties and limits are respected; the filters of the records whiten the sensor's noise.
     values : (parameter,) array of float
-        First guess.
+        First estimate.
     random_force : "estimated" or float, (rad/s^2)^2/Hz
-        One-sided density; estimated in each run by default.
+        One-sided density; by default it is estimated in each run.
 
     Raises
     ------
     DecayError
-        The iteration does not settle, or the motion cannot be computed.
+        The iteration does not converge, or the motion cannot be computed.
     """
     models = (problem.parameters.model(values, run) for run in range(len(problem.records)))
     pairs = zip(models, problem.records, strict=True)
-    # Each path with the standard error of v on it.
+    # Each path, with the standard error of v along it.
     paths = [(spline_path(model, run.time, run.angle), np.zeros(len(run.time))) for model, run in pairs]
-    # None where it is to be estimated.
+    # None: the density is estimated.
     density = None if isinstance(random_force, str) else float(random_force)
     now: Iterate | None = None
     best: Iterate | None = None
@@ -210,8 +211,8 @@ def fit_random_motion(
         except SimulationError as error:
             raise DecayError(f"No motion with these forces follows the record ({error})") from None
         best = now if best is None or now.remaining < best.remaining else best
-        # A step this small, in standard errors, changes nothing.
-        # What may be left after so many iterations, where they hop between branches; it is then among the
+        # A step smaller than the first number (in standard errors) has no effect. The second number is for
+        # later iterations, which may alternate between branches; the remaining step is then included in the
         # errors.
         if best.remaining <= (0.02 if number < PATIENCE else 0.2):
             return _fit(problem, best, density)
@@ -225,7 +226,7 @@ def fit_random_motion(
 
 
 def _fit(problem: FitProblem, best: Iterate, density: float | None) -> tuple[Fit, Array, Iterate]:
-    """Return the fit after the last step, with this step and an uncertain density in its errors."""
+    """Return the fit after the last step; its errors include this step and an uncertain density."""
     step, covariance = best.solution
     covariance = covariance + np.outer(step, step)
     for run in range(len(best.linear)) if density is None else ():
@@ -240,7 +241,7 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
     """Return the relative step length: shorter after a turn back, longer in the same direction."""
     if before is None:
         return part
-    # In the metric of the errors.
+    # Compare the steps in the metric of the errors.
     first, second = (now.rows.design @ at.solution[0] for at in (before, now))
     size = float(np.linalg.norm(first) * np.linalg.norm(second))
     cosine = float(first @ second) / size if size > 0.0 else 0.0
@@ -249,7 +250,7 @@ def _relaxed(part: float, before: Iterate | None, now: Iterate) -> float:
 
 
 def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Array]]) -> Iterate:
-    """Return the runs about their paths."""
+    """Return the runs, linear about their paths."""
     parameters, linear = problem.parameters, []
     jacobian = parameters.jacobian(values)
     of_runs = zip(problem.records, paths, parameters.per_run(values), strict=True)
@@ -264,8 +265,56 @@ def _linear(problem: FitProblem, values: Array, paths: Sequence[tuple[Array, Arr
     return Iterate(parameters, values, linear)
 
 
-def stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iterate) -> xr.Dataset:
-    """Return a fit with a random force as every method returns it."""
+def identified_with_random_force(method: Any, problem: FitProblem, values: Array) -> xr.Dataset:
+    """Return the fit of the innovations as an identification.
+
+    Parameters
+    ----------
+    method : dataclass with `shapes` and `random_force`
+        The method: the option of its random force, and the provenance.
+    problem : FitProblem
+        Runs, with the filters of the sensor's noise, and parameters.
+    values : (parameter,) array of float
+        First guess.
+
+    Raises
+    ------
+    DecayError
+        No fit settles.
+    """
+    return _stochastic_identification(method, *_within_bounds(problem, values, method.random_force))
+
+
+def _within_bounds(
+    problem: FitProblem, values: Array, random_force: RandomForceOption
+) -> tuple[Fit, Array, Iterate]:
+    """Return the fit of the innovations; a parameter that a bound stops is held there."""
+    fit, covariance, at = _likelier_of(problem, values, random_force)
+    while stopped := stopped_by_bounds(fit):
+        problem = replace(problem, parameters=problem.parameters.fix(stopped))
+        values = problem.parameters.expand(fit.values[problem.parameters.free])
+        # Keep the errors of the first fit, in which the parameters at bounds are free.
+        fit, _, at = _likelier_of(problem, values, random_force)
+    return fit, covariance, at
+
+
+def _likelier_of(
+    problem: FitProblem, values: Array, random_force: RandomForceOption
+) -> tuple[Fit, Array, Iterate]:
+    """Return the more likely of the fits in coloured and in white noise."""
+    fit = fit_random_motion(problem, values, random_force)
+    white = [np.ones(1)] * len(problem.records)
+    if all(len(record.filter_) == 1 for record in problem.records):
+        return fit
+    try:
+        in_white = fit_random_motion(problem.with_filters(white), values, random_force)
+    except DecayError:
+        return fit
+    return min(fit, in_white, key=lambda tried: tried[2].penalised_deviance())
+
+
+def _stochastic_identification(method: Any, fit: Fit, covariance: Array, at: Iterate) -> xr.Dataset:
+    """Return a fit with a random force in the form that every method returns."""
     frequency = fit.parameters.model(fit.values).reference_frequency
     filters, ratios = [run.sensor_filter for run in at.linear], at.ratios
     sensors = [NoiseModel(float(np.sqrt(r.variance)), f) for r, f in zip(ratios, filters, strict=True)]

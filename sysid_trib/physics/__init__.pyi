@@ -1,4 +1,3 @@
-from sysid_trib.cycles.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.physics.contact import (
     contact_stiffness as contact_stiffness,
     inertia_with_mass as inertia_with_mass,
@@ -17,6 +16,7 @@ from sysid_trib.physics.si_units import (
     per_input as per_input,
     physical_units as physical_units,
 )
+from sysid_trib.questions.averaged_motion import predict_envelope as predict_envelope
 from sysid_trib.questions.law_difference import law_difference as law_difference
 from sysid_trib.results.references import with_contactless_frequency as with_contactless_frequency
 from sysid_trib.smooth_laws.calibration import with_scale_error as with_scale_error

@@ -1,4 +1,4 @@
-"""The contact: its stiffness, the inertia that it turns, and the fingerprint of slip in a six-force model."""
+"""Contact: its stiffness, the inertia, and the fingerprint of slip in a six-force model."""
 
 import numpy as np
 import scipy
@@ -20,18 +20,18 @@ def contact_stiffness(
     omega0_standard_error: float = 0.0,
     inertia_standard_error: float = 0.0,
 ) -> xr.Dataset:
-    """Return stiffness that the contact adds, K_c = I (w_inf^2 - w0^2) (Le Bot et al. 2019, Sec. 3.3).
+    """Return the stiffness added by the contact, K_c = I (w_inf^2 - w0^2) (Le Bot et al. 2019, Sec. 3.3).
 
     Parameters
     ----------
     frequency : Dataset or float, rad/s
-        An identification, whose asymptotic frequency is taken with its error; or w_inf.
+        An identification (its asymptotic frequency and the error of it are used), or w_inf.
     omega0 : float, rad/s
         Frequency without the contact.
     inertia : float, kg m^2
         Moment of inertia.
     frequency_standard_error : float, rad/s
-        Standard error of a w_inf given as a number.
+        Standard error of w_inf, if w_inf is a number.
     omega0_standard_error : float, rad/s
         Standard error of `omega0`.
     inertia_standard_error : float, kg m^2
@@ -45,7 +45,7 @@ def contact_stiffness(
     Raises
     ------
     UsageError
-        A quantity that is not positive, or an error given beside an identification that has its own.
+        A quantity is not positive, or an error is given together with an identification that has its own.
     """
     if isinstance(frequency, xr.Dataset):
         if frequency_standard_error or "asymptotic_frequency" not in frequency:
@@ -91,7 +91,7 @@ def sphere_stiffness(
     Raises
     ------
     UsageError
-        A quantity that is not positive.
+        A quantity is not positive.
     """
     return of_measured(
         lambda z: 16.0 * z[0] * z[1] ** 3 / 3.0,
@@ -110,12 +110,12 @@ def inertia_with_mass(
     mass_standard_error: float = 0.0,
     radius_standard_error: float = 0.0,
 ) -> xr.Dataset:
-    """Return moment of inertia I0 + m l^2 of a pendulum with a mass fixed to it (Le Bot et al. 2019, Sec. 3).
+    """Return the moment of inertia I0 + m l^2 of a pendulum with an added mass (Le Bot et al. 2019, Sec. 3).
 
     Parameters
     ----------
     inertia : float, kg m^2
-        Without the mass.
+        Moment of inertia without the mass.
     mass : float, kg
         The mass.
     radius : float, m
@@ -135,7 +135,7 @@ def inertia_with_mass(
     Raises
     ------
     UsageError
-        A quantity that is not positive.
+        A quantity is not positive.
     """
     return of_measured(
         lambda z: z[0] + z[1] * z[2] ** 2,
@@ -146,16 +146,17 @@ def inertia_with_mass(
     )
 
 
-# nu/delta of a contact that slips from its rim inwards.
+# Ratio nu/delta of a contact in which slip progresses from the rim inwards.
 SLIP_RATIO = -0.75 * np.pi
-# Part of it by which the six forces may miss it: on simulated slip (kappa 0.005 to 0.2, zeta 0.002 and 0.01)
-# they give -2.0 to -2.3, because the loops of a decay do not close and epsilon takes its share of nu.
+# Relative error allowed for six forces. On simulated slip (kappa 0.005 to 0.2, zeta 0.002 and 0.01) they give
+# -2.0 to -2.3, because the loops of a decay are not closed and epsilon describes a part of nu.
 ALLOWED = 0.1
-# A ratio is informative if its quadratic friction is this number of errors from zero, and if it is known this
-# well.
+# A ratio is informative if its quadratic friction differs from zero by this number of errors, and if the
+# error of the ratio is at most this fraction of `SLIP_RATIO`.
 SIGNIFICANT_FRICTION = 3.0
 SHARP = 1.0 / 3.0
-# Conservative forces of a contact, to leading orders: another one changes the stiffness with amplitude too.
+# Conservative forces of a contact, to leading orders. Any other one also changes the stiffness with
+# amplitude.
 CONTACT_STIFFNESS = ("x", "x*abs(x)", "x**3")
 
 
@@ -169,11 +170,11 @@ def speaks_of_slip(result: xr.Dataset) -> bool:
 
     Notes
     -----
-    Partial slip is a loop of Masing's kind about a backbone k x - kappa x^2 (see `slip_fingerprint`): it has
-    a contact with a stiffness k > 0, takes energy (delta > 0) and softens (nu < 0). So the ratio speaks of
-    slip only where the contact's stiffness was measured, beside the frequency without contact; where nu and
-    delta are both significant; and where nothing else changes the stiffness with amplitude, as gravity or a
-    magnet.
+    Partial slip is a loop of Masing's kind about a backbone k x - kappa x^2 (see `slip_fingerprint`): the
+    contact has a stiffness k > 0, dissipates energy (delta > 0) and softens (nu < 0). So the ratio indicates
+    slip only under three conditions: the contact's stiffness was measured separately from the frequency
+    without contact; nu and delta are both significant; and nothing else, such as gravity or a magnet, changes
+    the stiffness with amplitude.
     """
     library = library_of(result)
     roles = [library.role(formula) for formula in ("x", "x*abs(x)", "v*abs(v)")]
@@ -186,7 +187,7 @@ def speaks_of_slip(result: xr.Dataset) -> bool:
 
 
 def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
-    """Compare the ratio nu/delta with that of partial slip, -3 pi/4.
+    """Compare the ratio nu/delta with the ratio of partial slip, -3 pi/4.
 
     Parameters
     ----------
@@ -196,22 +197,23 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     Dataset
-        `ratio` and its standard error, `slip_ratio` = -3 pi/4, `allowance` (a tenth of it, by which six
-        forces miss the ratio of a slipping contact), `z` and `p_value` of the difference with both,
-        `significance` of delta (its size over its error). attrs: `verdict`, which is `compatible`, `not
-        compatible` or `undecided` (the errors allow anything), and `numerator`, `denominator`, their symbols.
+        `ratio` and its standard error, `slip_ratio` = -3 pi/4, `allowance` (a tenth of it, the error of six
+        forces for a slipping contact), `z` and `p_value` of the difference, with both errors, and
+        `significance` of delta (its magnitude over its error). attrs: `verdict`, which is `compatible`,
+        `not compatible` or `undecided` (the errors allow both), and `numerator`, `denominator`, their
+        symbols.
 
     Raises
     ------
     UsageError
-        Not an identification, or one of the two forces is missing.
+        The dataset is not an identification, or one of the two forces is missing.
 
     Notes
     -----
     A hysteresis of Masing's kind with the backbone k x - kappa x^2 (Mindlin's partial slip to leading order)
-    looks like delta = kappa/2 and nu = -3 pi kappa/8. z tests nu + (3 pi/4) delta = 0, which is sound also
-    where delta is not significant and the ratio has no symmetric error (Fieller). A nu of another cause, as a
-    magnet's, hides the fingerprint.
+    appears as delta = kappa/2 and nu = -3 pi kappa/8. z tests nu + (3 pi/4) delta = 0. This test is valid
+    even if delta is not significant and the ratio has no symmetric error (Fieller). A nu with another cause,
+    such as a magnet, hides the fingerprint.
     """
     estimate = model_estimate(result)
     roles = [estimate.library.role(formula) for formula in ("x*abs(x)", "v*abs(v)")]
@@ -230,8 +232,8 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
         significance = delta / np.sqrt(covariance[1, 1])
     p_value = 2.0 * scipy.stats.norm.sf(abs(z))
     known = abs(significance) >= SIGNIFICANT_FRICTION and error <= SHARP * abs(SLIP_RATIO)
-    # Slip takes energy: a quadratic friction that feeds it in is another thing.
-    # Below this p-value the ratio is another one.
+    # Slip dissipates energy: a quadratic friction that feeds energy in has another cause.
+    # Below this p-value the ratio differs from that of slip.
     other = p_value < 0.01 or significance <= -SIGNIFICANT_FRICTION
     verdict = "not compatible" if other else "compatible" if known else "undecided"
     of_delta = f"size of {symbols[1]} over its standard error"

@@ -18,38 +18,39 @@ from sysid_trib.physics.si_units import check_angle_unit
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, signal_units, with_error
 
-# Points of a cycle on which the peak of a force is sought; every maximum of a power of x or v is one of them.
+# Points of a cycle at which the peak of a force is searched; every maximum of a power of x or v is one of
+# them.
 POINTS = 1440
 POINTS_WITH_HISTORY = 360
 
 
 def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) -> xr.Dataset:
-    """Compute the weights of the forces of an identification in envelope and frequency.
+    """Compute the weights of the forces of an identification in the envelope and in the frequency.
 
     Parameters
     ----------
     result : Dataset
         An identification.
     amplitude : float or (amplitude,) array of float, rad
-        A number or one row of them.
+        One number or a one-dimensional array.
     time : float or (amplitude,) array of float, s
-        `t` of the formulas, at all amplitudes or at each.
+        `t` of the formulas: one value for all amplitudes, or one for each.
 
     Returns
     -------
     Dataset
-        Over `force` (and `amplitude`): `peak_force` = |c| max |h| (rad; the paper's lambda, 2 zeta a,
-        delta a^2), `decay` = -c <h sin phi> (rad of amplitude lost per rad of phase), `frequency_shift` =
-        c <h cos phi>/a (1); `decay_share` and `frequency_share`, each over the sum of their sizes, negative
-        where a force feeds energy in or lowers the frequency, nan if none acts. Each with its standard
-        error. All at the result's reference frequency, also an alpha that was stated at another.
+        Over `force` (and `amplitude`): `peak_force` = |c| max |h| (rad; the paper's lambda, 2 zeta a, delta
+        a^2), `decay` = -c <h sin phi> (rad of amplitude lost per rad of phase), `frequency_shift` = c <h cos
+        phi>/a (1); `decay_share` and `frequency_share`, each over the sum of the magnitudes, negative if a
+        force feeds energy in or lowers the frequency, nan if no force acts. Each has its standard error. All
+        values refer to the reference frequency of the result, also an alpha that was stated at another one.
 
     Raises
     ------
     UsageError
-        Not an identification, or not positive angles.
+        The dataset is not an identification, or the angles are not positive.
     LibraryError
-        A force that is not finite on such a cycle.
+        A force is not finite on such a cycle.
     """
     estimate, a = estimates.model_estimate(result), estimates.amplitude_row(amplitude)
     forces, shapes, at = estimate.forces, estimate.shapes, np.broadcast_to(np.asarray(time, float), a.shape)
@@ -57,7 +58,7 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) 
     peaks = np.array([peak(force, a, shapes, at) for force in forces])
     c = estimate.coefficients[:, None]
     errors = np.sqrt(np.diag(estimate.coefficient_covariance))[:, None]
-    # A zero without a sign.
+    # Avoid negative zeros.
     decay, shift = 0.0 - unit[:, 0], unit[:, 1] / a + 0.0
     data = {
         "peak_force": (np.abs(c) * peaks, errors * peaks),
@@ -77,32 +78,32 @@ def dissipated_energy(
     inertia_standard_error: float = 0.0,
     time: ArrayLike = 0.0,
 ) -> xr.Dataset:
-    """Return the energy that each force takes from a cycle, to first order in the forces.
+    """Return the energy dissipated by each force in a cycle, to first order in the forces.
 
     Parameters
     ----------
     result : Dataset
         An identification.
     amplitude : float or (amplitude,) array of float, rad
-        A number or one row of them.
+        One number or a one-dimensional array.
     inertia : float, kg m^2, optional
         Moment of inertia; without it energies are in units of I w^2.
     inertia_standard_error : float, kg m^2
-        Its standard error.
+        Standard error of `inertia`.
     time : float or (amplitude,) array of float, s
-        `t` of the formulas, at all amplitudes or at each.
+        `t` of the formulas: one value for all amplitudes, or one for each.
 
     Returns
     -------
     Dataset
         Over `force` (and `amplitude`): `energy` = -2 pi a c <h sin phi> (rad^2, in units of I w^2; J with an
-        inertia; negative where a force feeds energy in) and `energy_share`, each over the sum of their
-        sizes; `total_energy` and `lost_fraction`, the total over a^2/2. Each with its standard error.
+        inertia; negative if a force feeds energy in) and `energy_share`, each over the sum of the magnitudes;
+        `total_energy` and `lost_fraction`, the total over a^2/2. Each has its standard error.
 
     Raises
     ------
     UsageError
-        Not an identification, not positive angles, or no positive inertia.
+        The dataset is not an identification, or the angles or the inertia are not positive.
     """
     estimate, a = estimates.model_estimate(result), estimates.amplitude_row(amplitude)
     if inertia is not None:
@@ -113,7 +114,7 @@ def dissipated_energy(
     unit = -2.0 * np.pi * a * sine
 
     def energies(z: Array) -> Array:
-        """Return the energy of each force, of all, and of all as a part of a^2/2."""
+        """Return the energy of each force, the total, and the total as a fraction of a^2/2."""
         of_forces, factor = z[: len(unit), None] * unit, 1.0 if inertia is None else z[-1] * z[-2] ** 2
         total = of_forces.sum(axis=0)
         return np.vstack([factor * of_forces, factor * total, total / (0.5 * a**2)])
@@ -131,14 +132,14 @@ def dissipated_energy(
 
 
 def shares(estimate: estimates.ModelEstimate, unit: Array) -> tuple[Array, Array]:
-    """Return each term over the sum of their sizes, and its standard error, (force, amplitude) each.
+    """Return each term over the sum of the magnitudes, and its standard error, (force, amplitude) each.
 
     Parameters
     ----------
     estimate : ModelEstimate
-        With the coefficients of the terms.
+        Estimate with the coefficients of the terms.
     unit : (force, amplitude) array of float
-        The terms of coefficients 1.
+        Terms for unit coefficients.
     """
 
     def of_values(z: Array) -> Array:
@@ -150,9 +151,9 @@ def shares(estimate: estimates.ModelEstimate, unit: Array) -> tuple[Array, Array
 
 
 def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 0.0) -> Array:
-    """Return largest |h| on the cycles of these amplitudes (rad); internal states are on their settled cycle.
+    """Return the largest |h| on cycles of these amplitudes, rad; internal states follow their steady cycle.
 
-    For a force with memory it is half the distance between peaks.
+    For a force with memory, this is half the distance between the peaks.
     """
     at = np.broadcast_to(np.asarray(time, float), a.shape)
     if not force.memoryless:
@@ -163,7 +164,7 @@ def peak(force: Force, a: Array, shapes: Mapping[str, float], time: ArrayLike = 
 
 
 def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Array) -> Array:
-    """Return the peaks on steady cycles; for memory, half the distance between peaks."""
+    """Return the peaks on steady cycles; for a force with memory, half the distance between the peaks."""
     peaks = np.zeros(a.size)
     for rows, begun, _ in one_cycle.cycles_at(force, a, time, shapes):
         for row, of_cycle in zip(rows, begun, strict=True):
@@ -174,19 +175,19 @@ def _steady_peaks(force: Force, a: Array, shapes: Mapping[str, float], time: Arr
     return peaks
 
 
-# Amplitudes (rad) among which a crossover is sought where a force is no power law: 12 a decade.
+# Amplitudes (rad) at which a crossover is searched if a force is not a power law: 12 per decade.
 LOWEST, HIGHEST, GRID = 1e-4, np.pi, 55
 RULES = ("peak force", "averaged")
-# Forces of these characters act on the envelope, and on the frequency.
+# Characters of the forces that act on the envelope, and on the frequency.
 ACTS_ON = {"envelope": ("dissipative", "mixed"), "frequency": ("conservative", "mixed")}
-# Step of ln a, for the slope of two weights that cross.
+# Step of ln a for the slopes of two weights at their crossover.
 RELATIVE_STEP = 1e-4
 Weight = Callable[[Array], Array]
 
 
 @in_units_of_the_motion
 def crossovers(result: xr.Dataset) -> xr.Dataset:
-    """Find the amplitudes of equal weight of two forces, by peak force and by average effect.
+    """Find the amplitudes at which two forces have equal weights, by peak force and by average effect.
 
     Parameters
     ----------
@@ -196,24 +197,24 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule`
-        (`peak force`, `averaged`): `amplitude` (rad, or the signal's unit; nan if there is none; of forces
-        that are no power laws the smallest from 1e-4 to pi, of displacements in a unit of their own motion)
-        with `amplitude_standard_error`, `crossings`, how many there are, and over `pair` `opposed`, whether
-        the two act against each other at the averaged crossover: a pair of which one feeds and one damps then
-        sustains an oscillation there. Signs do not count for the amplitude. History-dependent forces are in
-        both groups.
+        Over `pair` (coordinates `first`, `second`, and `acts_on`: envelope or frequency) and `rule` (`peak
+        force`, `averaged`): `amplitude` with `amplitude_standard_error`, and `crossings`, the number of
+        crossovers. The amplitude is in rad or in the signal's unit, nan if there is none. For forces that are
+        not power laws it is the smallest from 1e-4 to pi; for displacements these limits are in a unit of the
+        motion itself. Over `pair`: `opposed` is true if the two act against each other at the averaged
+        crossover; if one of them feeds energy in and the other damps, the pair sustains an oscillation there.
+        Signs are ignored for the amplitude. History-dependent forces are in both groups.
 
     Raises
     ------
     UsageError
-        Not an identification.
+        The dataset is not an identification.
 
     Notes
     -----
-    Le Bot et al. 2019, Sec. 4, compares peak forces in the envelope, 2 zeta/delta and lambda/(2 zeta), and
-    averages in the frequency, 32 nu/(9 pi epsilon). By averages the first are 3 pi zeta/(4 delta) and
-    2 lambda/(pi zeta), by peak force the last is nu/epsilon.
+    Le Bot et al. 2019, Sec. 4, compare peak forces in the envelope, 2 zeta/delta and lambda/(2 zeta), and
+    averages in the frequency, 32 nu/(9 pi epsilon). With averages, the former are 3 pi zeta/(4 delta) and 2
+    lambda/(pi zeta); with peak forces, the latter is nu/epsilon.
     """
     estimate = estimates.model_estimate(result)
     tabulated = cache(partial(_weight, estimate))
@@ -237,7 +238,7 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
 
 
 def _weight(estimate: estimates.ModelEstimate, i: int, acts_on: str) -> tuple[Weight, Array]:
-    """Return the weight of a unit force by amplitude, and on the grid; its peak if it has no average."""
+    """Return the weight of a unit force by amplitude, and on the grid; its peak if there is no average."""
     force, shapes = estimate.forces[i], estimate.shapes
 
     def weight(a: Array) -> Array:
@@ -246,7 +247,7 @@ def _weight(estimate: estimates.ModelEstimate, i: int, acts_on: str) -> tuple[We
                 return peak(force, a, shapes)
             return signatures.averages(force, a, shapes)[0 if acts_on == "envelope" else 1]
         except LibraryError:
-            # A limit of a formula: larger amplitudes are none of this force.
+            # The formula has a limit: this force is not defined at larger amplitudes.
             parts = [weight(a[at : at + 1]) for at in range(a.size)] if a.size > 1 else [np.array([np.nan])]
             return np.concatenate(parts)
 
@@ -256,7 +257,7 @@ def _weight(estimate: estimates.ModelEstimate, i: int, acts_on: str) -> tuple[We
 def _crossing(
     estimate: estimates.ModelEstimate, pair: tuple[int, ...], tables: list[tuple[Weight, Array]]
 ) -> tuple[float, float, int, bool]:
-    """Return the smallest amplitude of equal weights, its error, their number, and whether forces oppose."""
+    """Return the smallest amplitude of equal weights, its error, their number, and `opposed`."""
     c, covariance = estimate.coefficients[list(pair)], estimate.coefficient_covariance[np.ix_(pair, pair)]
 
     def difference(weights: list[Array]) -> Array:

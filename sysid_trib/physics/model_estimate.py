@@ -1,4 +1,4 @@
-"""An identified model at one reference, its covariance propagated to first order, and when it stops."""
+"""An identified model at one reference frequency, first-order error propagation, and the arrest time."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -8,9 +8,9 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Mask, jacobian
-from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Force, ForceLibrary
+from sysid_trib.questions.averaged_motion import predict_envelope
 from sysid_trib.results import models, variables
 from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.simulation.model import Model, rescaling_factors
@@ -25,9 +25,9 @@ def propagate(
     Parameters
     ----------
     function : callable
-        Takes the values, gives an array of any shape.
+        Function of the values; its result is an array of any shape.
     values : (value,) array of float
-        Where it is evaluated.
+        Values at which the function is evaluated.
     covariance : (value, value) array of float
         Covariance of the values.
 
@@ -50,16 +50,16 @@ def of_measured(
     Parameters
     ----------
     function : callable
-        Takes their values as one array.
+        Function of their values, given as one array.
     result : tuple of (str, str, str)
-        Name, meaning and unit of what the function gives.
+        Name, meaning and unit of the result.
     *measured : tuple of (str, float, float)
         Name, value and standard error of each quantity.
 
     Raises
     ------
     UsageError
-        A quantity that is not positive, or a negative error.
+        A quantity is not positive, or an error is negative.
     """
     for quantity in measured:
         check_quantity(*quantity)
@@ -70,7 +70,7 @@ def of_measured(
 
 
 def amplitude_row(amplitude: ArrayLike) -> Array:
-    """Return amplitudes as a row; raise a UsageError unless they are positive angles, a number or one row."""
+    """Return amplitudes as a one-dimensional array; raise a UsageError unless they are positive angles."""
     a = np.asarray(amplitude, dtype=float)
     if a.ndim > 1 or a.size == 0 or not np.all(np.isfinite(a) & (a > 0)):
         raise UsageError("Amplitudes must be positive angles in rad: a number or one row of numbers.")
@@ -78,12 +78,12 @@ def amplitude_row(amplitude: ArrayLike) -> Array:
 
 
 def check_quantity(name: str, value: float, error: float = 0.0) -> None:
-    """Refuse a quantity that is not a finite positive number, or a standard error that is negative.
+    """Raise an error for a quantity that is not finite and positive, or for a negative standard error.
 
     Raises
     ------
     UsageError
-        Either of them.
+        The quantity or its error is invalid.
     """
     if not (np.isfinite(value) and value > 0):
         raise UsageError(f"The {name} must be a positive number, not {value}.")
@@ -105,13 +105,13 @@ class ModelEstimate:
     values : (force + 1,) array of float
         Coefficients, then w (rad/s).
     covariance : (force + 1, force + 1) array of float
-        Their covariance.
+        Covariance of `values`.
     in_model : (force,) array of bool
-        False for a force that w holds already, as an alpha added by the contactless frequency.
+        False for a force that is already contained in w, such as an alpha added by the contactless frequency.
     shapes : mapping of str to float
         Shape parameters, taken as exact.
     provenance : mapping of str to str
-        Attributes that what follows from the identification carries on: the text of its library.
+        Attributes that are copied to results computed from the identification: the text of its library.
     """
 
     library: ForceLibrary
@@ -123,12 +123,12 @@ class ModelEstimate:
 
     @property
     def forces(self) -> tuple[Force, ...]:
-        """The forces, in the order of the values."""
+        """Forces, in the order of the values."""
         return self.library.forces
 
     @property
     def symbols(self) -> list[str]:
-        """Their symbols."""
+        """Symbols of the forces."""
         return list(self.library.symbols)
 
     @property
@@ -147,26 +147,26 @@ class ModelEstimate:
         return self.covariance[:-1, :-1]
 
     def model(self, values: Array) -> Model:
-        """Return the model with these values in the place of its own, of the forces that are in it."""
+        """Return the model of the forces that are in it, with these values instead of its own."""
         chosen = self.in_model & (self.coefficients != 0.0)
         pairs = zip(self.symbols, values[:-1].tolist(), chosen, strict=True)
         return Model(self.library, {s: c for s, c, yes in pairs if yes}, float(values[-1]), self.shapes)
 
     def with_inertia(self, inertia: float, standard_error: float) -> tuple[Array, Array]:
-        """Return values and covariance with a separately measured inertia (kg m^2) as the last."""
+        """Return values and covariance with a separately measured inertia (kg m^2) as the last value."""
         covariance = np.pad(self.covariance, (0, 1))
         covariance[-1, -1] = standard_error**2
         return np.append(self.values, inertia), covariance
 
     def over_amplitude(self, data: variables.Variables, given: ArrayLike) -> xr.Dataset:
-        """Return variables over force and amplitude; without that dimension where one number was given.
+        """Return variables over force and amplitude, or over force only if one number was given.
 
         Parameters
         ----------
         data : dict
-            The variables, over `force` and `amplitude`.
+            Variables over `force` and `amplitude`.
         given : array_like, rad
-            The amplitudes as the user gave them.
+            Amplitudes as given by the user.
         """
         amplitude = variables.variable("amplitude", np.atleast_1d(given).astype(float), "amplitude", "rad")
         table = xr.Dataset(data, {"force": self.symbols, "amplitude": amplitude}, self.provenance)
@@ -174,9 +174,9 @@ class ModelEstimate:
 
 
 def model_estimate(result: xr.Dataset) -> ModelEstimate:
-    """Read an identification, all coefficients converted to its reference frequency.
+    """Read an identification, with all coefficients converted to its reference frequency.
 
-    Sensor terms are left out.
+    Sensor terms are omitted.
 
     Parameters
     ----------
@@ -186,7 +186,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
     Raises
     ------
     UsageError
-        Not an identification.
+        The dataset is not an identification.
     """
     variables.refuse_whole_result(result)
     missing = [name for name in NEEDED if name not in getattr(result, "variables", ())]
@@ -195,7 +195,7 @@ def model_estimate(result: xr.Dataset) -> ModelEstimate:
             "This needs an identification, as identify returns it; "
             f"{', '.join(missing) or 'library'} is missing."
         )
-    # A sensor term takes no energy and has no weight.
+    # A sensor term dissipates no energy and has no weight.
     library = models.library_of(result)
     library = library.select(f.symbol for f in library if f.kind == "force")
     result = result.sel(force=list(library.symbols), other_force=list(library.symbols))
@@ -221,7 +221,7 @@ def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
     whole = np.pad(covariance_with_frequency(result), (0, 1))
     if "omega0" in result and not in_model.all():
         omega0, its_error = result.omega0.item(), result.omega0_standard_error.item()
-        # alpha = (w_inf/w0)^2 - 1 moves with w0.
+        # alpha = (w_inf/w0)^2 - 1 depends on w0.
         slope = np.where(in_model, 0.0, -2.0 * (1.0 + c) / omega0)
         whole[:count, -1] = whole[-1, :count] = slope * its_error**2
         whole[-1, -1] = its_error**2
@@ -229,7 +229,7 @@ def _stated_covariance(result: xr.Dataset, in_model: Mask) -> Array:
 
 
 def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
-    """Compute when the motion stops, from rest at an amplitude.
+    """Compute when the motion stops, if it starts from rest at an amplitude.
 
     Parameters
     ----------
@@ -241,19 +241,19 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
     Returns
     -------
     Dataset
-        `arrest_time`, by the averaged equations (s, nan if the motion fades or goes on) and its standard
-        error, and `stop_time` of the exact motion (s, in steps of about half a period; nan if it does not
-        stop, or only after 20,000 periods).
+        `arrest_time` from the averaged equations (s, nan if the motion only tends to zero or is sustained)
+        and its standard error, and `stop_time` of the exact motion (s, in steps of about half a period; nan
+        if it does not stop, or only after 20,000 periods).
 
     Raises
     ------
     UsageError
-        Not an identification, or not a positive angle.
+        The dataset is not an identification, or the angle is not positive.
 
     Notes
     -----
-    With dry and viscous friction ln(1 + pi zeta a/(2 lambda))/(zeta w), of which the paper's remaining time
-    pi/(4 zeta w) after a = lambda/(2 zeta) is a rough bound (Le Bot et al. 2019, Sec. 4).
+    With dry and viscous friction it is ln(1 + pi zeta a/(2 lambda))/(zeta w). The paper's remaining time
+    pi/(4 zeta w) after a = lambda/(2 zeta) is a rough bound of it (Le Bot et al. 2019, Sec. 4).
     """
     estimate = model_estimate(result)
     if np.ndim(amplitude):
@@ -278,10 +278,10 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
 
 def _exact_stop(estimate: ModelEstimate, start: float, averaged: float) -> float:
     period = 2.0 * np.pi / estimate.frequency
-    # Periods of the longest motion that is simulated to its end.
+    # Longest motion, in periods, that is simulated to its end.
     if not averaged < 20_000 * period:
         return np.nan
-    # Averaging errs by no more than a few periods and a part of the whole.
+    # The error of averaging is at most a few periods plus a fraction of the whole time.
     time = np.array([0.0, 1.2 * averaged + 5.0 * period])
     try:
         return float(trajectory(estimate.model(estimate.values), time, start, 0.0).stop_time)

@@ -18,7 +18,7 @@ from sysid_trib.results.variables import described, signal_units
 from sysid_trib.smooth_laws.bands import band
 from sysid_trib.smooth_laws.calibration import slope
 
-# Units of an angle's laws, and those of a displacement's.
+# Units of the laws of an angle, and of a displacement.
 OF_DISPLACEMENT = {"N m": "N", "(N m)^2": "N^2", "rad/s": "m/s", "rad": "m"}
 
 
@@ -35,10 +35,10 @@ def laws_in_si(
     Parameters
     ----------
     result : Dataset or DataTree
-        Result of `laws`, or one of its identifications: of an angle, with an inertia, or of a displacement,
-        with a mass.
+        Result of `laws`, or one of its identifications: for an angle with an inertia, for a displacement with
+        a mass.
     inertia : (float, float), kg m^2
-        Moment of inertia and its standard error; likewise for the others.
+        Moment of inertia and its standard error; the other pairs have the same form.
     mass : (float, float), kg
         Mass, for a displacement in a unit of length.
     load : (float, float), N
@@ -50,22 +50,23 @@ def laws_in_si(
     -------
     Dataset
         `friction(speed)`, N m over rad/s, or N over m/s; `restoring(displacement)`, N m over rad, or N over
-        m; with a load `friction_coefficient(speed)` (1) and the coordinate `sliding_speed(speed)` (m/s). Each
-        with `_standard_error`, `_low`, `_high` (a simultaneous 95 % band over the visited range) and
-        `_covariance`; `speed_visited`, `displacement_visited`, and what was given with its errors. attrs:
-        `of_method`.
+        m; with a load also `friction_coefficient(speed)` (1) and the coordinate `sliding_speed(speed)` (m/s).
+        Each has `_standard_error`, `_low`, `_high` (a simultaneous 95 % band over the visited range) and
+        `_covariance`. Also `speed_visited`, `displacement_visited`, and the given quantities with their
+        errors. attrs: `of_method`.
 
     Raises
     ------
     UsageError
-        A result without laws, a quantity that is not positive, one that is missing, or a signal in a unit
-        that the inertia or the mass does not suit.
+        A result without laws, a quantity that is missing or not positive, or a unit of the signal that does
+        not fit the inertia or the mass.
 
     Notes
     -----
-    The laws of a result are forces over the inertia. Errors of inertia or mass, load and radius are the same
-    at all speeds. The error of the radius also changes the speed at which the contact slides: mu(u) =
-    T(u/r)/(N r) changes by -(mu + u mu')/r. The calibration's error is in the result (`with_scale_error`).
+    The laws of a result are forces divided by the inertia. Errors of inertia or mass, load and radius are
+    common to all speeds. The error of the radius also changes the sliding speed of the contact: mu(u) =
+    T(u/r)/(N r) changes by -(mu + u mu')/r. The error of the calibration is in the result
+    (`with_scale_error`).
     """
     given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
     known = {name: pair for name, pair in given.items() if pair is not None}
@@ -110,7 +111,7 @@ def laws_in_si(
 
 
 def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
-    """Return a law as a table, a row a speed or displacement, for CSV (`to_csv`) or LaTeX (`to_latex`).
+    """Return a law as a table, one row per speed or displacement, for CSV (`to_csv`) or LaTeX (`to_latex`).
 
     Parameters
     ----------
@@ -121,13 +122,13 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        Columns with their units: the speed (of a coefficient of friction the sliding speed) or displacement,
-        the law, its standard error, the ends of its band, and whether the record visits the place.
+        Columns with their units: speed (for a coefficient of friction the sliding speed) or displacement, the
+        law, its standard error, the ends of its band, and whether the record visits this point.
 
     Raises
     ------
     UsageError
-        The data hold no such law.
+        The data do not contain this law.
     """
     if f"{law}_low" not in data:
         raise UsageError(
@@ -145,12 +146,12 @@ def _curve(name: str, values: Array, covariance: Array, visited: Mask) -> dict[s
 
 
 def _with_laws(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
-    """Return the preferred identification, which must hold laws.
+    """Return the preferred identification, which must contain laws.
 
     Raises
     ------
     UsageError
-        It holds none.
+        It contains no laws.
     """
     laws = best(result)
     if "friction_covariance" not in laws:

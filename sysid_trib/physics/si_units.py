@@ -1,4 +1,4 @@
-"""Coefficients in SI units: torques and forces of the contact, friction, and forces as a drive feels them."""
+"""Coefficients in SI units: torques and forces of the contact, friction, and forces per unit of input."""
 
 from collections.abc import Set
 
@@ -27,36 +27,36 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     result : Dataset
         An identification.
     inertia : float, kg m^2
-        Moment of inertia (of a translation with theta = x: mass, kg).
+        Moment of inertia (for a translation with theta = x: mass, kg).
     inertia_standard_error : float, kg m^2
-        Its standard error.
+        Standard error of `inertia`.
 
     Returns
     -------
     Dataset
-        Over `force`: `coefficient` and `standard_error` in the unit of the coordinate `unit`, each the
-        factor of the coordinate `multiplies`; `covariance(force, other_force)`. Scalars `linear_stiffness`,
-        all that is proportional to the angle, and `inertia`, with errors.
+        Over `force`: `coefficient` and `standard_error` in the unit of the coordinate `unit`; each is the
+        factor of the expression in the coordinate `multiplies`; `covariance(force, other_force)`. Scalars:
+        `linear_stiffness`, the sum of all terms proportional to the angle, and `inertia`, with errors.
 
     Raises
     ------
     UsageError
-        Not an identification of an angle, or no positive inertia.
+        The dataset is not an identification of an angle, or the inertia is not positive.
 
     Notes
     -----
     A force of degree q in v is the torque I w^(2-q) c h(theta, theta'), theta' in rad/s; a numerical factor
-    of a power law goes to the coefficient: 2 zeta I w. One without such a degree is
-    I w^2 c h(theta, theta'/w). Errors hold those of w and of the inertia.
+    of a power law is included in the coefficient: 2 zeta I w. A force without such a degree is I w^2 c
+    h(theta, theta'/w). The errors include those of w and of the inertia.
     """
     return in_si_units(result, inertia=(inertia, inertia_standard_error))
 
 
 def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None) -> xr.Dataset:
-    """Return the coefficients for an inertia, or for a mass and a unit of length, each with its error.
+    """Return the coefficients for an inertia, or for a mass and a unit of length, with errors.
 
-    c becomes m w^(2-q) c, q the degree in the rate, times the unit of length to the power that c has in it; a
-    numerical factor of a power law goes to it.
+    c becomes m w^(2-q) c, where q is the degree in the rate, times the unit of length to the power of length
+    in c; a numerical factor of a power law is included in the coefficient.
     """
     count, (size, error) = len(estimate.forces), body
     speeds = np.array([force.speed_degree or 0.0 for force in estimate.forces])
@@ -69,7 +69,7 @@ def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None
         units = [_unit_of_force(*pair) for pair in zip(degrees, speeds, strict=True)]
     powers, c, w = 2.0 - speeds, estimate.coefficients, estimate.frequency
     scale = factors * size * w**powers
-    # Derivatives by (coefficients, w, inertia).
+    # Derivatives with respect to (coefficients, w, inertia).
     jacobian = np.zeros((count, count + 2))
     jacobian[:, :count] = np.diag(scale)
     jacobian[:, count] = powers * c * scale / w
@@ -84,7 +84,7 @@ def _in_si(estimate: estimates.ModelEstimate, body: Measured, length: str | None
 
 
 def _stiffness(estimate: estimates.ModelEstimate, values: Array) -> float:
-    """Return the I w^2, and what a force of formula `x` adds to it where w does not hold it."""
+    """Return the whole linear stiffness: I w^2, plus the force of formula `x` if w does not contain it."""
     elastic = estimate.in_model & [force.matches("x") for force in estimate.forces]
     return float(values[-1] * values[-2] ** 2 * (1.0 + values[:-2][elastic].sum()))
 
@@ -95,7 +95,7 @@ def _is_monomial(force: Force) -> bool:
 
 
 def power_law_factor(force: Force) -> float:
-    """Return the number in a power law, 2 of `2*v`; 1 of other forces."""
+    """Return the number in a power law, 2 of `2*v`; 1 for other forces."""
     if not _is_monomial(force):
         return 1.0
     corners = np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)])
@@ -103,14 +103,14 @@ def power_law_factor(force: Force) -> float:
 
 
 def _product(*factors: tuple[str, float], mark: str = "^") -> str:
-    """Return a product of powers in words, without those of exponent zero."""
+    """Return a product of powers as text, without factors of exponent zero."""
     return " ".join(name if p == 1.0 else f"{name}{mark}{p:g}" for name, p in factors if p)
 
 
 def _unit(force: Force) -> str:
     speed = force.speed_degree or 0.0
     whole = (force.degree or 0.0) if _is_monomial(force) else 0.0
-    # A coefficient of a force that drifts has its own unit of time.
+    # The coefficient of a force that drifts has its own unit of time.
     drift = 0.0 if force.units == "1" else -float(force.units[1:])
     return _product(("N m", 1.0), ("s", speed - drift), ("rad", -whole), mark="")
 
@@ -124,23 +124,24 @@ def _term(force: Force) -> str:
 
 
 def per_input(result: xr.Dataset) -> xr.Dataset | None:
-    """Return mass, stiffness and forces over the gain of an input; None where no force is an input by itself.
+    """Return mass, stiffness and forces per gain of an input; None if no force is an input alone.
 
     Parameters
     ----------
     result : Dataset
-        An identification with a force of formula `-u`, u any input.
+        An identification with a force of formula `-u`, where u is any input.
 
     Returns
     -------
     Dataset or None
-        Over `quantity`: `value` and `standard_error`. With g the gain and u in N these are SI: the mass
-        1/(w^2 g), N/(m/s^2); the stiffness 1/g, N/m (none of a body that is free to move); of a force that is
-        a power q of the rate its size at a rate of 1, c h(0, 1)/(g w^q), N/(m/s)^q. Others are left out.
+        Over `quantity`: `value` and `standard_error`. With the gain g and u in N these are in SI units: the
+        mass 1/(w^2 g), N/(m/s^2); the stiffness 1/g, N/m (omitted for a body that is free to move); for a
+        force proportional to a power q of the rate, its magnitude at unit rate, c h(0, 1)/(g w^q), N/(m/s)^q.
+        Other forces are omitted.
 
     Notes
     -----
-    From theta'' + w^2 (theta + c h - g u) = 0, divided by w^2 g; errors to first order.
+    From theta'' + w^2 (theta + c h - g u) = 0, divided by w^2 g; the errors are of first order.
     """
     estimate = estimates.model_estimate(result)
     drive = next((at for at, force in enumerate(estimate.forces) if _is_gain(force)), None)
@@ -155,7 +156,7 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
         return [part / z[drive] for part in (z[-1] ** -2.0, *[1.0] * bound, *forces)]
 
     covariance = estimate.covariance.copy()
-    # The frequency by itself.
+    # The correlations of the frequency with the coefficients are neglected.
     covariance[-1, :-1] = covariance[:-1, -1] = 0.0
     values, errors = estimates.propagate(quantities, estimate.values, covariance)
     data = {"value": variable("quantity", values, "in the unit of the input")}
@@ -171,7 +172,7 @@ def _is_gain(force: Force) -> bool:
 
 
 def _at_unit_rate(force: Force) -> float | None:
-    """Return the h(0, 1) of a force of the rate alone that is a power of it; None of others."""
+    """Return h(0, 1) for a force that is a power of the rate alone; None for other forces."""
     names = {name for formula in force.formulas for name in formula.names}
     if force.kind != "force" or not names <= {"v"} or force.speed_degree is None:
         return None
@@ -179,12 +180,13 @@ def _at_unit_rate(force: Force) -> float | None:
 
 
 def check_measured(names: Set[str]) -> None:
-    """Refuse quantities, by their names in `in_si_units`, that are too few or too many for SI units.
+    """Raise an error unless the given quantities, by their names in `in_si_units`, suffice for SI units.
 
     Raises
     ------
     UsageError
-        Not one of inertia and mass, or a radius without inertia and load, or these without it.
+        Inertia and mass are both given or both missing, or the radius lacks inertia or load, or the load
+        lacks them.
     """
     if ("inertia" in names) == ("mass" in names) or ("radius" in names) != ({"inertia", "load"} <= names):
         raise UsageError(
@@ -202,40 +204,40 @@ def in_si_units(
     load: Measured | None = None,
     radius: Measured | None = None,
 ) -> xr.Dataset:
-    """Return torques or forces of the contact and the coefficient of friction in SI units, with errors.
+    """Return torques or forces of the contact and the friction coefficient in SI units, with errors.
 
     Parameters
     ----------
     result : Dataset
         An identification: of an angle, with an inertia, or of a displacement, with a mass.
     inertia : (float, float), kg m^2
-        Moment of inertia and its standard error; likewise for the others.
+        Moment of inertia and its standard error; the other pairs have the same form.
     mass : (float, float), kg
         Mass, for a displacement in a unit of length.
     load : (float, float), N
         Normal load of the contact.
     radius : (float, float), m
-        Friction radius, for an angle: 2/3 of the radius of the contact if it turns about its centre under
+        Friction radius, for an angle: for a contact that turns about its centre, 2/3 of its radius under
         uniform pressure, and 3 pi/16 of it under Hertz's pressure.
 
     Returns
     -------
     Dataset
-        As `physical_units`; of a displacement `coefficient`, `standard_error` and `covariance` in the unit of
-        the coordinate `unit` (N, kg s^-1, kg m^-1, ...), nan for forces of no degree in the signal, and
-        `mass`. With a load `friction_coefficient(force)` and its error, of forces that do not depend on the
-        size of the motion, else nan.
+        As in `physical_units`; for a displacement `coefficient`, `standard_error` and `covariance` in the
+        unit of the coordinate `unit` (N, kg s^-1, kg m^-1, ...), nan for forces without a degree in the
+        signal, and `mass`. With a load also `friction_coefficient(force)` and its error, for forces that do
+        not depend on the magnitude of the motion, otherwise nan.
 
     Raises
     ------
     UsageError
-        No identification of what is asked for, a quantity that is not positive, or one that is missing.
+        The required identification is missing, or a quantity is missing or not positive.
 
     Notes
     -----
     A force of degree p in the signal and q in v is m w^(2-q) c |x|^(p-q) |x'|^q: a numerical factor of a
-    power law goes to the coefficient, 2 zeta m w. The coefficient of friction is the force over the load, or
-    the torque over load and radius. Errors hold those of w and of all that is given.
+    power law is included in the coefficient, 2 zeta m w. The coefficient of friction is the force over the
+    load, or the torque over load and radius. The errors include those of w and of all given quantities.
     """
     given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
     check_measured({name for name, value in given.items() if value is not None})
@@ -256,7 +258,7 @@ def in_si_units(
         return values
     arm = {"load": load} | ({} if radius is None else {"radius": radius})
     over, error = np.array(list(arm.values())).T
-    # Forces that do not depend on the size of the motion.
+    # Forces that do not depend on the magnitude of the motion.
     dry = _degrees(estimate) == 0.0
     friction = np.where(dry, values.coefficient.values / over.prod(), np.nan)
     errors = np.hypot(values.standard_error.values / over.prod(), friction * np.linalg.norm(error / over))
@@ -264,18 +266,18 @@ def in_si_units(
 
 
 def _degrees(estimate: estimates.ModelEstimate) -> Array:
-    """Return the degree of each force in the signal; nan of one that has none."""
+    """Return the degree of each force in the signal; nan for a force without one."""
     degrees = [signal_powers(force) for force in estimate.forces]
     return np.array([np.nan if degree is None else 1.0 - degree[""] for degree in degrees])
 
 
 def check_length_unit(unit: str) -> None:
-    """Refuse a signal that is no length.
+    """Raise an error for a signal that is not a length.
 
     Raises
     ------
     UsageError
-        With what to give instead.
+        The message states what to give instead.
     """
     if unit not in METRES:
         raise UsageError(
@@ -285,12 +287,12 @@ def check_length_unit(unit: str) -> None:
 
 
 def check_angle_unit(unit: str) -> None:
-    """Refuse a signal that is no angle.
+    """Raise an error for a signal that is not an angle.
 
     Raises
     ------
     UsageError
-        With what to give instead.
+        The message states what to give instead.
     """
     # The measured quantity may be the rate of an angle, in rad/s.
     if unit.partition("/")[0] != ANGLE_UNIT:
@@ -301,7 +303,7 @@ def check_angle_unit(unit: str) -> None:
 
 
 def _unit_of_force(power: float, speed: float) -> str:
-    """Return the unit of a coefficient: kg m^(1-p) s^(q-2); N where that is one."""
+    """Return the unit of a coefficient: kg m^(1-p) s^(q-2), or N if it equals N."""
     if power == 0.0 and speed == 0.0:
         return "N"
     return _product(("kg", 1.0), ("m", 1.0 - power), ("s", speed - 2.0))

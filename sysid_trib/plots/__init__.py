@@ -1,4 +1,4 @@
-"""Figures from results only: one function a figure or panel; a panel takes an optional `ax`."""
+"""Figures of results: one function per figure or panel; a panel takes an optional `ax`."""
 
 from sysid_trib._lazy import public_names
 

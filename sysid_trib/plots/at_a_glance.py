@@ -1,4 +1,4 @@
-"""A result at a glance: the record, what is left of it, the forces, and the force that is missing."""
+"""A result at a glance: the record, the residuals, the forces, and the missing force."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -21,26 +21,22 @@ from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.judged import follows, kept_results, last_of, preferred_of
 from sysid_trib.results.kinds import is_of_driven, kind_of
-from sysid_trib.results.variables import record_groups, signal_label, signal_units, small_units
+from sysid_trib.results.variables import HALF_INTERVAL, record_groups, signal_label, signal_units, small_units
 from sysid_trib.validation.missing_force import residual_force
 
-# Height of a row of panels, and of one of residuals, over the page and in a column, inch.
+# Height of a row of panels and of a row of residuals, each for a full page and for a column, inch.
 ROW_HEIGHT, RESIDUAL_HEIGHT = (1.75, 1.45), (1.2, 1.0)
-# Coefficients for which there is room in it, and of each more.
-ROOM_FOR, COEFFICIENT_HEIGHT = 3, 0.25
-# Panels of the residuals of one model or two, in the figure's mosaic.
+# Panels of the residuals of one or two models, in the figure's mosaic.
 RESIDUAL_PANELS = "BK"
-# Range in which a coefficient is drawn, in units of its value; its numbers are at the right, where the axis
+# Range in which a coefficient is drawn, in units of its value; its numbers are on the right, where the axis
 # continues.
 COEFFICIENT_RANGE, END_OF_NUMBERS = (-0.5, 2.0), 5.0
-# Standard errors of a 95 % interval, and amplitudes between which shares are drawn.
-INTERVAL, DRAWN_AMPLITUDES = 1.96, 60
 MISSING_TITLE = f"missing force; dots: beyond {DOT_BEYOND:g} errors"
 TOO_FEW = "too few samples a period"
-FITTED = "its start and the sensor's zero fitted"
+FITTED = "with fitted start and sensor's zero"
 WEIGHED = (
-    "Share of each force of the decay and of the frequency shift against amplitude (to first order). Each "
-    "coefficient over its value with its 95 % interval: one that reaches zero may be zero."
+    "Share of each force in the decay and in the frequency shift against amplitude (to first order). Each "
+    "coefficient over its value with its 95 % interval: if it contains zero, the coefficient may be zero."
 )
 EFFECTIVE_TITLE = "The model does not explain the record."
 
@@ -58,26 +54,27 @@ EFFECTIVE_TITLE = "The model does not explain the record."
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """A result at a glance: the record and its models, their residuals, and the forces.
 
-    Where there is a backbone, frequency and damping ratio against amplitude, of the record without any model,
-    with 95 % bands (dots are single periods), and of the models. The record and the motion of each model, its
-    start and the sensor's zero fitted, and below it the residual of each; the band is twice the noise to
-    either side. Share of each force of the decay and of the frequency shift against amplitude (to first
-    order). Each coefficient over its value with its 95 % interval: one that reaches zero may be zero. Last,
-    the force that the model lacks, by the record's own motion (spline), in cells of angle and rate: what
-    stands out there no force of the model explains.
+    Frequency and damping ratio against amplitude, if there is a backbone: of the record without any model,
+    with 95 % bands (dots are single periods), and of the models. The record and the motion of each model,
+    with fitted start and sensor's zero, and below them the residual of each model; the band is plus and minus
+    twice the noise. Share of each force in the decay and in the frequency shift against amplitude (to first
+    order). Each coefficient divided by its value, with its 95 % interval: if the interval contains zero, the
+    coefficient may be zero. Finally, the force that the model lacks, computed from the record (spline), in
+    cells of angle and rate: no force of the model explains significant values there.
 
     Parameters
     ----------
     tree : xr.DataTree
-        Result of `cross_check`, `compare` or `discover`, of which `story` shows residuals and what is
-        missing; of driven records the inputs, the motion of the answer and residuals are shown.
+        Result of `cross_check`, `compare` or `discover`; for `discover`, `story` shows the residuals and the
+        missing force. For driven records, the inputs, the motion of the preferred model and the residuals are
+        shown.
     run : int
-        Which of several runs, from 0.
+        Index of the run, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     if is_of_driven(tree):
-        # Its motion has no half periods.
+        # The motion of a driven record has no half periods.
         figure = driven_overview(tree, run, width=width)
         style.footnote(figure, held_out_sentence(tree))
         return figure
@@ -91,7 +88,8 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     residuals = RESIDUAL_PANELS[: len(models)]
     usual, of_residual = (heights[not wide] for heights in (ROW_HEIGHT, RESIDUAL_HEIGHT))
     most = max((result.sizes["force"] for result in results.values()), default=0)
-    of_coefficients = usual + COEFFICIENT_HEIGHT * max(0, most - ROOM_FOR)
+    # A row has room for three coefficients.
+    of_coefficients = usual + 0.25 * max(0, most - 3)
     rows = {"IJ": usual} if curves else {}
     rows |= {"AA": usual, **{name * 2: of_residual for name in residuals}, "CD": usual}
     rows |= {"EF" if wide and not of_discovery else "EE": of_coefficients}
@@ -137,13 +135,13 @@ def _results(tree: xr.DataTree) -> Mapping[str, xr.Dataset]:
 
 
 def _weighed(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset | None:
-    """Return weights of the forces over a decay's amplitudes, each at its time; None if there are none."""
+    """Return weights of the forces at a decay's amplitudes, with their times; None if there are none."""
     with suppress(SysidTribError):
         halves = envelope(record[["angle"]]).sortby("amplitude")
         amplitude = halves.amplitude.values
         # `t` of a formula is the time since the first sample.
         elapsed = (halves.instant_time - float(record.time[0])).values
-        drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), DRAWN_AMPLITUDES)
+        drawn = np.linspace(float(amplitude[0]), float(amplitude[-1]), 60)
         return weights(result, drawn, time=np.interp(drawn, amplitude, elapsed))
     return None
 
@@ -160,20 +158,20 @@ def _shares(ax: Axes, weighed: xr.Dataset | None, quantity: str, *labels: str) -
         return
     draw_weights(ax, weighed, quantity, factor=100.0, zeros=False)
     low, high = ax.get_ylim()
-    # Errors of shares may exceed all that a share can be.
+    # Errors of shares may exceed the possible range of a share.
     ax.set(xlabel=labels[0], ylabel=labels[1], ylim=(max(low, -110.0), min(high, 110.0)))
 
 
 def _coefficients(
     ax: Axes, results: Mapping[str, xr.Dataset], lines: Mapping[str, style.Style], units: str
 ) -> None:
-    """Draw each coefficient over its value by the main identification, with 95 % intervals and numbers."""
+    """Draw the coefficients over the values of the main identification, with 95 % intervals and numbers."""
     if not results:
         _no_data(ax, "all methods failed")
         return
     main = list(results.values())[-1]
     symbols = main.force.values.tolist()
-    # One alone looks as the second does.
+    # A single result is drawn like the second of two.
     usual = style.MODEL_LINES[2 - len(results) :]
     note: dict[str, Any] = {"ha": "right", "va": "center", "fontsize": FONT_SIZE - 1}
     for at, ((name, result), look) in enumerate(zip(results.items(), usual, strict=False)):
@@ -183,7 +181,7 @@ def _coefficients(
             scale = main.coefficient.sel(force=symbol).item()
             if symbol in result.force and scale != 0.0:
                 of_force = result.sel(force=symbol)
-                error = INTERVAL * abs(of_force.standard_error.item() / scale)
+                error = HALF_INTERVAL * abs(of_force.standard_error.item() / scale)
                 _interval(ax, of_force.coefficient.item() / scale, error, row + shift, color)
     for row, symbol in enumerate(symbols):
         of_force = main.sel(force=symbol)
@@ -200,7 +198,7 @@ def _coefficients(
 
 
 def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> None:
-    """Draw a value with its interval; an arrow where the interval leaves the range that is drawn."""
+    """Draw a value with its interval, or an arrow if the interval leaves the drawn range."""
     low, high = COEFFICIENT_RANGE
     ends = np.array([value - error, value + error])
     style.interval(ax, row, value, np.abs(ends.clip(low, high) - value)[:, None], (low, high), color=color)
@@ -210,7 +208,7 @@ def _interval(ax: Axes, value: float, error: float, row: float, color: Any) -> N
 
 
 def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at: str) -> None:
-    """Draw the mean missing force over angle and rate, with dots where it exceeds three standard errors."""
+    """Draw the mean missing force over angle and rate, with dots if it exceeds three standard errors."""
     units = signal_units(record)
     factor, unit = small_units(units)
     try:
@@ -219,7 +217,7 @@ def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at:
         _no_data(ax, TOO_FEW)
         return
     force, error = (factor * missing[name] for name in ("force", "force_standard_error"))
-    # Cells that are only noise stay pale.
+    # Cells with noise only stay pale.
     largest, noise = (np.nanpercentile(np.abs(part.values), COLOUR_PERCENT) for part in (force, error))
     mesh = draw_cells(ax, force, error, float(max(largest, DOT_BEYOND * noise)) or 1.0)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02, location=bar_at)

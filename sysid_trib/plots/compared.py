@@ -1,4 +1,4 @@
-"""Methods side by side, one panel a force; and many runs against their conditions."""
+"""Methods side by side, one panel per force; and many runs against their conditions."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -17,7 +17,7 @@ from sysid_trib.plots.style import INK, ORANGE
 from sysid_trib.results.judged import column_power, comparison_of
 from sysid_trib.results.models import library_of
 
-# Marks of the families that methods state (see `MethodScope`).
+# Marks of the families stated by methods (see `MethodScope`).
 OTHER_FAMILY = "other"
 FAMILY_MARKS: dict[str, dict[str, Any]] = {
     "trajectory": {"color": style.GREEN, "marker": "D"},
@@ -33,14 +33,14 @@ OF_THE_RMS: dict[str, dict[str, Any]] = {
     "RMS: fitted": {"color": style.GREY, "marker": "o", "markerfacecolor": "white"},
     "RMS: held out": {"color": style.GREY, "marker": "o"},
 }
-# A method farther from the best than this many times the usual distance is an arrow at the edge.
+# A method whose distance from the best exceeds this multiple of the usual distance is an arrow at the edge.
 ARROW_BEYOND = 5.0
 
 
 def shown_methods(tree: xr.DataTree) -> xr.Dataset:
-    """Return the group `comparison` of a result of `compare`, of the methods that have any result."""
+    """Return the group `comparison` of a result of `compare`, for the methods that have any result."""
     table = comparison_of(tree)
-    # A method that failed must not set a scale.
+    # A method that failed must not set the scale.
     table = table.isel(model=np.flatnonzero((table.failure == "") | (table.model == table.attrs["best"])))
     results = [table[name].notnull() for name in ("coefficient", ASYMPTOTIC, *PREDICTION)]
     there = [column.any("force") if "force" in column.dims else column for column in results]
@@ -48,7 +48,7 @@ def shown_methods(tree: xr.DataTree) -> xr.Dataset:
 
 
 def _marks(table: xr.Dataset) -> tuple[list[style.Style], dict[str, style.Style]]:
-    """Return the mark of each method, open for all but the first of its family; and marks by family."""
+    """Return the mark of each method, open except for the first of its family; and marks by family."""
     marks: list[style.Style] = []
     before: set[str] = set()
     for stated in table.family.values.tolist():
@@ -60,7 +60,7 @@ def _marks(table: xr.Dataset) -> tuple[list[style.Style], dict[str, style.Style]
 
 
 def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
-    """Return the ends of an axis on which most methods have room; an outlier must not squeeze the others."""
+    """Return the limits of an axis that contain most methods; an outlier must not squeeze the others."""
     known = np.isfinite(value[best])
     centre = float(value[best] if known else np.nanmedian(value))
     distance = np.abs(value - centre) + error
@@ -72,18 +72,14 @@ def _limits(value: Array, error: Array, best: int) -> tuple[float, float]:
     return low - spare, high + spare
 
 
-# Height of a panel (inch): without methods, and of a method.
-PANEL_HEIGHT, METHOD_HEIGHT = 0.7, 0.14
-
-
 @shows("compare", block="Coefficients by method")
 def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """Each quantity by method with its standard error; the band is that of the method that predicts best.
+    """Each quantity by method with its standard error; the band is that of the method of best prediction.
 
-    An arrow stands for a value beyond the edge. Open marks: variants of the method above. Green: trajectory,
-    blue: direct, orange: averaging, dark: decrements and others. A method that does not apply has no row.
-    Last, the RMS of record minus simulated model over the noise, of the part identified from (open) and of
-    what was held out (full); 1 is the noise alone.
+    An arrow is a value outside of the axis. Open marks are variants of the method above. Green: trajectory,
+    blue: direct, orange: averaging, dark: decrements and others. A method that does not apply has no row. The
+    last panel shows the RMS of record minus simulated model over the noise, for the part used for
+    identification (open) and the held-out part (full); 1 is the noise alone.
 
     Parameters
     ----------
@@ -97,7 +93,7 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     names = [*table.force.values.tolist(), ASYMPTOTIC]
     wide = width >= TWO_COLUMNS
     across = min((3, 4), key=lambda columns: -(len(names) + 1) % columns) if wide else 3
-    height = PANEL_HEIGHT + METHOD_HEIGHT * len(marks)
+    height = 0.7 + 0.14 * len(marks)
     figure, panels = style.grid(len(names) + 1, across if wide else 2 * across, width, height, sharing="y")
     for name, panel in zip(names, panels, strict=False):
         holding = (node.ds for node in tree.children.values() if name in node.ds.get("force", ()))
@@ -108,7 +104,7 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     _prediction(panels[-1], table, marks)
     style.letter(panels, fontsize=8)
     for at, panel in enumerate(panels):
-        # Names are written once a row; the rows share them.
+        # Names are written once in a row of panels, because these have the same names.
         panel.tick_params(labelleft=at % across == 0)
     style.legend_above(figure, style.legend_marks(legend | OF_THE_RMS), 6 if wide else 2, 7)
     return figure
@@ -135,7 +131,7 @@ def _coefficients(ax: Axes, table: xr.Dataset, name: str, marks: Sequence[style.
     ax.ticklabel_format(axis="x", useOffset=False)
     ax.locator_params(axis="x", nbins=3)
     _with_methods(ax, table)
-    # Labels of a coefficient that is well known are long: larger ones run into each other.
+    # Labels of a precisely known coefficient are long; in a larger font they would overlap.
     ax.tick_params(axis="x", labelsize=6)
 
 
@@ -153,18 +149,18 @@ def _prediction(ax: Axes, table: xr.Dataset, marks: Sequence[style.Style]) -> No
 
 
 def _with_methods(ax: Axes, table: xr.Dataset) -> None:
-    """Draw methods as rows, the first on top."""
+    """Draw methods as rows, the first at the top."""
     style.name_rows(ax, table.model.values.tolist())
     ax.tick_params(labelsize=7, which="both")
     ax.xaxis.label.set_fontsize(8)
     style.row_lines(ax)
 
 
-# Beyond this number of runs bars hide the marks.
+# Above this number of runs, error bars hide the marks.
 MANY_RUNS = 300
-# Runs are drawn in another colour beyond so many standard deviations.
+# Runs beyond this number of standard deviations have another colour.
 FAR = 4.0
-# Largest number of named ones.
+# Largest number of these runs that are labelled with their names.
 MOST_NAMES_DRAWN = 8
 
 
@@ -180,7 +176,7 @@ def against_condition(
     name : str
         Name of the condition.
     condition : (run,) array_like
-        Its value in each run, numbers or texts.
+        Value of the condition in each run, numbers or texts.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
@@ -203,7 +199,7 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
         ax.errorbar(at[chosen], value, fmt="o", markersize=3 if few else 1.5, color=color, **bars)
     named, middle = of_quantity.isel(run=far), np.mean(ax.get_xlim())
     for x, value, run in zip(at[far], named.value.values, named.run.values, strict=True):
-        # Place it at its mark, towards the middle, where there is room.
+        # Place the name next to its mark, towards the middle, where there is space.
         if np.count_nonzero(far) <= MOST_NAMES_DRAWN:
             side, end = (5, "left") if x < middle else (-5, "right")
             ax.annotate(str(run), (x, value), (side, 0), ha=end, fontsize=6, **style.LABEL_OFFSET)
@@ -214,11 +210,11 @@ def _of_quantity(ax: Axes, compared: xr.Dataset, quantity: str, name: str, condi
 
 
 def places(condition: np.ndarray) -> tuple[np.ndarray, Sequence[str]]:
-    """Return the places of runs on the axis of a condition, and the labels of texts."""
+    """Return the positions of runs on the axis of a condition, and the labels of texts."""
     if condition.dtype.kind in "fiu":
         return condition.astype(float), ()
     labels, numbers = np.unique(condition.astype(str), return_inverse=True)
-    # Runs of a group side by side about its label, so that none hides another.
+    # Runs of a group are side by side around its label, so that no run hides another.
     groups = pd.Series(numbers).groupby(numbers)
     at = numbers + (groups.cumcount() + 0.5) / (2.0 * groups.transform("size")) - 0.25
     return at.to_numpy(), labels.tolist()

@@ -1,4 +1,4 @@
-"""The laws of two samples and their difference, with the places where it counts."""
+"""The laws of two samples and their difference, with the ranges in which it is significant."""
 
 import numpy as np
 import xarray as xr
@@ -13,14 +13,13 @@ from sysid_trib.plots.style import GREY, INK
 from sysid_trib.printing.law_difference import LAWS_TITLE
 from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF_LAW
 
-LAWS_HEIGHT = 2.4
-
 
 @shows("difference", block=LAWS_TITLE, groups=(LAW_DIFFERENCE,))
 def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Difference of the laws of two samples, first minus second, with a band that holds everywhere.
+    """Difference of the laws of two samples, first minus second, with a simultaneous band.
 
-    The band is of 95 % at all places together. Dark: where it excludes zero. Forces are over the inertia.
+    The band contains the whole difference with a probability of 95 %. Dark: where the band excludes zero.
+    Forces are divided by the inertia.
 
     Parameters
     ----------
@@ -29,7 +28,7 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure, panels = style.grid(2, 2, width, LAWS_HEIGHT)
+    figure, panels = style.grid(2, 2, width, row_height=2.4)
     for ax, law in zip(panels, VARIABLE_OF_LAW, strict=True):
         _draw(ax, data, law)
     style.letter(panels, [LAW_WORDS[law] for law in VARIABLE_OF_LAW])
@@ -41,7 +40,7 @@ def _draw(ax: Axes, data: xr.Dataset, law: str) -> None:
     places, difference = data[variable].values, data[f"{law}_difference"].values
     low, high = (data[f"{law}_difference_{end}"].values for end in ("low", "high"))
     differs = data[f"{law}_differs"].values
-    # A line across zero would join the two sides of a jump.
+    # A line across zero would connect the two sides of a jump.
     for side in (places < 0.0, places > 0.0):
         if side.any():
             ax.fill_between(places[side], low[side], high[side], color=GREY, alpha=0.25, linewidth=0)

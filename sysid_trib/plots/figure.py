@@ -1,4 +1,4 @@
-"""Figures: each declares its results for `--plot`, pages and tests, and makes room for its texts."""
+"""Figures: each declares its results for `--plot`, pages and tests, and fits its texts."""
 
 import inspect
 import re
@@ -27,12 +27,12 @@ from sysid_trib.results.variables import group_names, record_groups
 Draw = TypeVar("Draw", bound=Callable[..., Figure])
 # Kinds of results of records, by `kind_of`.
 RESULTS = ("cross_check", "laws", "driven", "compare", "difference", "discover")
-# These, and commands that show no result.
+# Kinds that a figure can show.
 RESULT_KINDS = (
     *RESULTS,
     *("look", "backbone", "plan", "response"),
 )
-# The origin of results of these kinds, in words.
+# Texts for results of these kinds, in messages.
 NAMED_KINDS = {
     "cross_check": "identify by two methods",
     "driven": "identify by two methods",
@@ -54,7 +54,7 @@ def _type(given: object) -> str:
 
 @dataclass(frozen=True)
 class Declared:
-    """A figure, and what it shows (see `shows`)."""
+    """A figure, and the results that it shows (see `shows`)."""
 
     draw: Callable[..., Figure]
     kinds: tuple[str, ...]
@@ -64,19 +64,19 @@ class Declared:
     of_record: Callable[[Any], Any] | None = None
 
     def figure(self, given: Any, *args: Any, **options: Any) -> Figure:
-        """Draw what is given, where it has what the figure shows.
+        """Draw the given object, if it contains the data of the figure.
 
         Parameters
         ----------
         given : Dataset, DataTree or record
-            A result, the part of one that is shown, or a record where the figure is of a record.
+            A result, the shown part of a result, or a record if the figure can show records.
         *args, **options
             Further arguments of the function that draws.
 
         Raises
         ------
         UsageError
-            It lacks what is shown.
+            The object lacks the data of the figure.
         """
         known = isinstance(given, xr.Dataset | xr.DataTree) and "angle" not in given
         if not known and self.of_record is not None:
@@ -93,13 +93,13 @@ class Declared:
                 raise UsageError(self._refusal(tree))
             whole = "run" in inspect.signature(self.draw).parameters
             return self.draw(given, *args, **options) if whole else drawings[0](*args, **options)
-        # A dataset that is no result may be the group that is shown.
+        # A dataset that is not a whole result may be the shown group.
         part = not kind and (self.groups or not set(self.kinds) <= set(RESULTS))
         if kind not in self.kinds and not part:
             raise UsageError(self._refusal(tree))
         try:
             return self.draw(tree if kind and not self.groups else given, *args, **options)
-        # A dataset that is no result lacks some variable.
+        # A dataset that is not a result lacks some variable.
         except (KeyError, AttributeError) as error:
             if kind:
                 raise
@@ -109,28 +109,28 @@ class Declared:
 
     @property
     def name(self) -> str:
-        """Return the name of the function that draws it."""
+        """Return the name of the function that draws the figure."""
         return self.draw.__name__
 
     def _shown(self) -> str:
-        """Say what the figure shows."""
+        """Describe the data of the figure."""
         kinds = [NAMED_KINDS.get(kind, kind) for kind in self.kinds]
         parts = f" with the group {self.groups[0]}" if self.groups and set(self.kinds) <= set(RESULTS) else ""
         record = " and of a record" if self.of_record is not None else ""
         return f"results of {', '.join(dict.fromkeys(kinds))}{parts}{record}"
 
     def _refusal(self, tree: xr.DataTree) -> str:
-        """Say that a result lacks what is shown, and which figures there are of it."""
+        """State that a result lacks the data of the figure, and which figures it has."""
         kind = kind_of(tree)
         if not kind:
-            return f"plots.{self.name} shows {self._shown()}; this is none."
+            return f"plots.{self.name} shows {self._shown()}; this object is not such a result."
         others = [figure.name for figure in figures_of(kind) if any(True for _ in figure.drawings(tree))]
         instead = f"; its figures are {', '.join(others)}" if others else ""
         return f"plots.{self.name} shows {self._shown()}; this is {OF_KIND[kind]}{instead}."
 
     @property
     def of_each_run(self) -> bool:
-        """True if each run of a result has one."""
+        """True if the figure is drawn for each run of a result."""
         return "run" in inspect.signature(self.draw).parameters
 
     def caption(self, tree: xr.DataTree) -> str:
@@ -140,7 +140,7 @@ class Declared:
         return self.captions.get(kind, " ".join(said.split()))
 
     def drawings(self, tree: xr.DataTree) -> Iterator[tuple[str, int, Callable[..., Figure]]]:
-        """Yield the name of the file, the run and the drawing function, if the result has what is shown."""
+        """Yield file name, run and drawing function, if the result contains the data of the figure."""
         name = self.draw.__name__
         if self.groups:
             of_these = re.compile(rf"(?:{'|'.join(self.groups)})((?:_\d+)?)")
@@ -167,26 +167,27 @@ def shows(
 ) -> Callable[[Draw], Draw]:
     """Declare that a function draws a figure of results.
 
-    It takes the result, and `run` if each run has one of its own; or the datasets of `groups`, of each run if
-    they are numbered by runs, where the result has any of them.
+    The function is called with the result, and with `run` if each run has its own figure; or with the
+    datasets of `groups` that are in the result, for each run if they are numbered by runs.
 
     Parameters
     ----------
     *kinds : str
-        Kinds of result, of `RESULT_KINDS`.
+        Kinds of result, from `RESULT_KINDS`.
     block : str
-        Title of the section of a page that has it; without one `--plot` alone draws it.
+        Title of the page section that contains the figure; if empty, only `--plot` draws it.
     groups : tuple of str
         Groups of the result that are drawn.
     captions : mapping of str to str
-        Captions of kinds of result of which the docstring says too much.
+        Captions for kinds of result to which only a part of the docstring applies.
     of_record : callable, optional
-        Computes from a record what is drawn, where the figure is of a record too.
+        Function that computes the drawn data from a record, if the figure can also show a record.
 
     Returns
     -------
     callable
-        Declares a function, and returns it with a check that its first argument has what is shown.
+        Decorator that registers a function and returns it with a check that its first argument has these
+        data.
     """
     if others := {*kinds, *captions} - set(RESULT_KINDS):
         raise ValueError(f"No result is of the kind {', '.join(sorted(others))}; there are {RESULT_KINDS}.")
@@ -208,24 +209,21 @@ def figures_of(kind: str) -> list[Declared]:
     """Return the figures of a kind of result."""
     from sysid_trib import plots
 
-    # A figure is known once its module is imported.
+    # A figure is registered when its module is imported.
     names = [name for name in dir(plots) if getattr(plots, name)]
     return [_DECLARED[name] for name in names if name in _DECLARED and kind in _DECLARED[name].kinds]
 
 
-# Font sizes of figures of many panels, and of the smallest sign, points: exponents too.
+# Font size of figures with many panels, and of the smallest characters such as exponents, points.
 FONT_SIZE = 7.5
 SMALLEST_SIGN = 6.0
-# Width of a figure over the whole page, and the least at which two panels are side by side, inch.
+# Width of a figure over the full page, width of a column of a journal (88 mm), and the smallest width for two
+# panels side by side, inch.
 FULL_WIDTH = 7.2
+ONE_COLUMN = 3.46
 TWO_COLUMNS = 5.0
-# Height of a figure that has a caption below it on a page, inch.
+# Height of a figure with a caption below it on a page, inch.
 TALLEST = 9.0
-# Times that a figure is laid out anew, and points between a title and a legend.
-LAYOUTS = 3
-BETWEEN_TEXTS = 6.0
-# Points between the numbers of ticks.
-BETWEEN_TICKS = 3.0
 LEGEND: dict[str, Any] = {
     "frameon": False,
     "fontsize": FONT_SIZE,
@@ -239,22 +237,22 @@ LEGEND: dict[str, Any] = {
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Return an empty figure, its size in inches, that keeps labels apart."""
+    """Return an empty figure of this size in inches that keeps its labels apart."""
     return LiteralFigure(figsize=(width, min(height, TALLEST)), layout="constrained")
 
 
 class LiteralFigure(Figure):
-    """A figure that makes room for texts, and draws a text that only looks like mathematics as it is.
+    """A figure that makes space for texts, and draws texts that only look like mathematics unchanged.
 
-    What fits depends on fonts, units and names, so that it is measured when the figure is drawn: labels
-    longer than their panel are broken, a legend above a panel has the columns that fit beside its title. A
-    text with exponents is larger where they would be smaller than any text.
+    The space depends on fonts, units and names, so texts are measured when the figure is drawn: labels longer
+    than their panel are broken into lines, and a legend above a panel has as many columns as fit next to the
+    title. A text with exponents is enlarged if the exponents would be smaller than any other text.
     """
 
     def draw(self, renderer: RendererBase) -> None:
         """Draw the figure."""
         for ax in self.axes:
-            # Labels of ticks are written when they are asked for.
+            # Labels of ticks are only computed on request.
             _ = ax.get_xticklabels(), ax.get_yticklabels()
         for text in self.findobj(Text):
             part = _smallest_part(text.get_text())
@@ -271,16 +269,16 @@ class LiteralFigure(Figure):
             self._drawn = self._texts()
         super().draw(renderer)
 
-    # Size and texts when they were given room.
+    # Size and texts at the last layout.
     _drawn: tuple[object, ...] = ()
 
     def _texts(self) -> tuple[object, ...]:
         return *self.get_size_inches(), *(text.get_text() for text in self.findobj(Text))
 
     def _give_room(self, engine: LayoutEngine, renderer: RendererBase) -> None:
-        """Break labels and legends, first in panels of short labels: a long one would squeeze them all."""
+        """Break labels and legends into lines, first with placeholders: a long one would squeeze all."""
         labels = [label for ax in self.axes for label in _labels(ax)]
-        # Mathematics is one word.
+        # A mathematical expression counts as one word.
         texts = [re.findall(r"(?:\$[^$]*\$|[^\s$]|\$)+", text.get_text()) for _, text, _ in labels]
         legends = [legend for ax in self.axes if (legend := ax.get_legend()) is not None]
         for _, text, _ in labels:
@@ -290,7 +288,8 @@ class LiteralFigure(Figure):
         engine.execute(self)
         for legend in legends:
             legend.set_in_layout(True)
-        for _ in range(LAYOUTS):
+        # Texts that fit anew change the layout, a little less each time.
+        for _ in range(3):
             before = self._texts()
             for (ax, text, side), words in zip(labels, texts, strict=True):
                 _fill(text, words, getattr(ax.get_window_extent(renderer), side), renderer)
@@ -302,11 +301,11 @@ class LiteralFigure(Figure):
 
 
 def _thin_ticks(axis: Axis, renderer: RendererBase) -> None:
-    """Hide numbers of ticks that would run into others, those of the minor ones first; names stay."""
+    """Hide tick numbers that would overlap others, those of minor ticks first; names are kept."""
     if isinstance(axis.get_major_locator(), FixedLocator):
         return
     low, high = sorted(axis.get_view_interval())
-    kept, between = list[Bbox](), float(renderer.points_to_pixels(BETWEEN_TICKS))  # type: ignore[arg-type]
+    kept, between = list[Bbox](), float(renderer.points_to_pixels(3.0))  # type: ignore[arg-type]
     for tick in (*axis.get_major_ticks(), *axis.get_minor_ticks()):
         if tick.label1.get_visible() and tick.label1.get_text() and low <= tick.get_loc() <= high:
             box = tick.label1.get_window_extent(renderer)
@@ -319,13 +318,13 @@ def _titles(ax: Axes) -> list[Text]:
 
 
 def _labels(ax: Axes) -> list[tuple[Axes, Text, str]]:
-    """Return the labels and titles of a panel, with the side that has room for each."""
+    """Return the labels and titles of a panel, and the side whose length limits each."""
     across = [ax.xaxis.label, *_titles(ax)]
     return [(ax, ax.yaxis.label, "height"), *((ax, text, "width") for text in across)]
 
 
 def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> None:
-    """Write words in as few lines as have room, a unit on lines of its own."""
+    """Write words in as few lines as fit, with a unit on separate lines."""
 
     def fits(line: str) -> bool:
         text.set_text(line)
@@ -344,7 +343,7 @@ def _fill(text: Text, words: list[str], room: float, renderer: RendererBase) -> 
 
 
 def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
-    """Give the legend above a panel the columns that fit beside the title, or put the title above it."""
+    """Reduce the columns of a legend above a panel until it fits beside the title, or move the title up."""
     legend = ax.get_legend()
     box = ax.get_window_extent(renderer)
     scale = float(renderer.points_to_pixels(1.0))  # type: ignore[arg-type]
@@ -352,7 +351,8 @@ def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
         return
     titles = [title for title in _titles(ax) if title.get_text()]
     room = box.width - max((title.get_window_extent(renderer).width for title in titles), default=0.0)
-    room -= BETWEEN_TEXTS * scale
+    # Six points between the title and the legend.
+    room -= 6.0 * scale
     labels = [text.get_text() for text in legend.get_texts()]
     spacing = ("columnspacing", "handlelength", "handletextpad")
     look: dict[str, Any] = LEGEND | {name: getattr(legend, name) for name in spacing}
@@ -371,7 +371,7 @@ def _fit_legend(ax: Axes, renderer: RendererBase) -> None:
 
 @lru_cache(maxsize=1000)
 def _smallest_part(text: str) -> float:
-    """Return the relative size of an exponent in a text; 0 if matplotlib cannot write its mathematics."""
+    """Return the relative size of an exponent in a text; 0 if matplotlib cannot draw its mathematics."""
     size: float = FontProperties().get_size_in_points()
     try:
         lines = [MathTextParser("path").parse(line) for line in text.split("\n") if "$" in text]

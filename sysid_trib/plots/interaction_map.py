@@ -1,26 +1,22 @@
-"""Map of the force that depends on displacement and speed together, beyond both laws."""
+"""Map of the force that depends on displacement and speed together, in addition to both laws."""
 
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.figure import TWO_COLUMNS, new_figure, shows
+from sysid_trib.plots.figure import ONE_COLUMN, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BAR_WIDTH, INK
 
-# Width of a column of a journal (88 mm), and the height, inch.
-MAP_WIDTH, MAP_HEIGHT = 3.46, 2.7
-# Steps of the map to either side of zero.
-MAP_STEPS = 6
-# Standard errors beyond which the map differs from zero.
+# Number of standard errors beyond which the map differs from zero.
 DIFFERS = 2.0
 FACE_NOT_VISITED = "0.9"
 
 
 @shows("laws", block="Position and speed together", groups=("interaction",))
-def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
-    """Force over the inertia that products of displacement and speed add to both laws.
+def interaction(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
+    """Force, divided by the inertia, that products of displacement and speed add to both laws.
 
-    Hatched: less than two standard errors from zero. Grey: the record does not swing there.
+    Hatched: less than two standard errors from zero. Grey: not visited by the motion of the record.
 
     Parameters
     ----------
@@ -29,18 +25,19 @@ def interaction(data: xr.Dataset, *, width: float = MAP_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure = new_figure(min(width, TWO_COLUMNS), MAP_HEIGHT)
+    figure = new_figure(min(width, TWO_COLUMNS), height=2.7)
     ax = figure.subplots()
     x, speed = data.displacement.values, data.speed.values
     force = np.where(data.visited.values, data.force.values, np.nan).T
     largest = float(np.nanmax(np.abs(force)))
-    levels = np.linspace(-largest, largest, 2 * MAP_STEPS + 1)
+    # Six steps to either side of zero.
+    levels = np.linspace(-largest, largest, 13)
     ax.set_facecolor(FACE_NOT_VISITED)
     shades = ax.contourf(x, speed, force, levels=levels, cmap="RdBu_r")
     ax.contour(x, speed, force, levels=[0.0], colors=INK, linewidths=BAR_WIDTH)
     unclear = np.abs(force) < DIFFERS * data.standard_error.values.T
     if unclear.any():
-        # One level over the unknown places: it is drawn as hatches only.
+        # The uncertain cells are filled with one level, drawn as hatches only.
         ax.contourf(x, speed, unclear.astype(float), levels=[0.5, 1.5], colors="none", hatches=["////"])
     bar = figure.colorbar(shades, ax=ax, ticks=[-largest, 0.0, largest], format="%.2g")
     bar.set_label(f"force / inertia ({data.force.attrs['units'].replace('^2', '²')})")

@@ -9,25 +9,23 @@ from matplotlib.figure import Figure
 
 from sysid_trib.arrays import Mask
 from sysid_trib.plots import style
-from sysid_trib.plots.figure import LEGEND, shows
+from sysid_trib.plots.figure import LEGEND, ONE_COLUMN, shows
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
 from sysid_trib.results import judged, law_curves
 from sysid_trib.results.law_curves import Curve
 from sysid_trib.results.variables import signal_units
 
-# Width of a column of a journal (88 mm), and height of a panel, inch.
-ONE_COLUMN, LAW_HEIGHT = 3.46, 2.3
-# The first method lies below the second, wider: both show where they agree.
+# Height of a panel, inch.
+LAW_HEIGHT = 2.3
+# The first method is drawn below the second, and wider, so that both are visible where they agree.
 LAW_LOOKS: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linewidth": 2.2, "alpha": 0.75, "zorder": 3},
     {"color": BLUE, "linewidth": 1.0, "zorder": 4},
 )
-# Margin above and below, and that of an extrapolation, relative to the visited range.
-LAW_MARGIN, CONTINUED = 0.06, 0.45
 # Opacity of bands in the visited range and beyond.
 BAND_OPACITY, FAINT_OPACITY = 0.25, 0.12
 NOT_VISITED: dict[str, Any] = {"color": "0.93", "linewidth": 0, "zorder": 0}
-# Largest number of formulas that are drawn: further ones lie on top of them.
+# Largest number of drawn formulas: further ones would coincide with them.
 FORMULAS_DRAWN = 3
 FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 1.5)), "zorder": 5}
 
@@ -36,10 +34,10 @@ FORMULA: dict[str, Any] = {"color": INK, "linewidth": 0.5, "linestyle": (0, (1, 
 def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     """Friction against speed, and the restoring force minus its known part against displacement.
 
-    Both are over the inertia. Known are the straight line w^2 x and forces that are held. Lines are the laws
-    by each method; with a probability of 95 % a band holds the whole law in the visited range. Grey: not
-    visited by the record; the dashed lines there are continuations. Thin dotted lines: the simplest formulas
-    that stay within the band of the preferred method.
+    Both are divided by the inertia. The known part is the straight line w^2 x and forces with fixed
+    coefficients. The lines are the laws by each method; a band contains the whole law in the visited range
+    with a probability of 95 %. Grey: not visited by the record; the dashed lines there are extrapolations.
+    Thin dotted lines: the simplest formulas that stay within the band of the preferred method.
 
     Parameters
     ----------
@@ -80,9 +78,9 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
 
 @shows("laws", block="Friction of each run", groups=("own_laws",))
 def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
-    """Laws of each run that has its own, with the simultaneous 95 % band of each in its visited range.
+    """Laws of each run that has its own laws, with their simultaneous 95 % bands in the visited ranges.
 
-    Laws are over the inertia.
+    Laws are divided by the inertia.
 
     Parameters
     ----------
@@ -116,7 +114,7 @@ def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
 
 
 def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> None:
-    """Draw the curves of each method with their bands, those in `odd` mirrored, and the record's ends."""
+    """Draw the curves of each method with their bands, mirrored for `odd` laws, and the record's limits."""
     ends: list[float] = []
     looks = LAW_LOOKS[-len(curves) :] if curves else ()
     for (name, curve), look in zip(curves.items(), looks, strict=True):
@@ -124,7 +122,7 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
         label += " (odd part)" * (name in odd)
         for side in _sides(curve):
             seen = side.visited
-            # A continuation begins at the last visited place.
+            # A continuation starts at the last visited point.
             continued = ~seen | _at_edge(seen)
             for at, alpha in ((seen, BAND_OPACITY), (continued, FAINT_OPACITY)):
                 band = {"color": look["color"], "alpha": alpha, "linewidth": 0, "zorder": 2}
@@ -149,8 +147,8 @@ def _draw(ax: Axes, curves: dict[str, Curve], answer: str, odd: set[str]) -> Non
         ax.axvspan(-last, -largest, **NOT_VISITED)
         ax.axvline(0.0, color=GREY, linewidth=BAR_WIDTH, zorder=1)
     low, high = min(*ends, 0.0), max(*ends, 0.0)
-    # A continuation may go anywhere: it is cut.
-    room, most = LAW_MARGIN * (high - low), CONTINUED * (high - low)
+    # A continuation may be arbitrarily large and is cut.
+    room, most = 0.06 * (high - low), 0.45 * (high - low)
     low = min(low, max(float(main.values.min()), low - most)) - room
     high = max(high, min(float(main.values.max()), high + most)) + room
     ax.set(xlim=(-last if both else 0.0, last), ylim=(low, high))
@@ -165,13 +163,13 @@ def _draw_formulas(ax: Axes, formulas: xr.Dataset, law: str, result: xr.Dataset)
 
 
 def _at_edge(seen: Mask) -> Mask:
-    """Return the visited places beside one that is not."""
+    """Return the visited points next to a point that is not visited."""
     padded = np.concatenate([[True], seen, [True]])
     return np.asarray(seen & ~(padded[:-2] & padded[2:]))
 
 
 def _sides(curve: Curve) -> list[Curve]:
-    """Return the parts of a law at each sign: friction may jump in between."""
+    """Return the parts of a law for each sign: friction may be discontinuous between them."""
     signs = [curve.places < 0.0, curve.places > 0.0]
     return [
         Curve(

@@ -1,4 +1,4 @@
-"""A record as it is: decays, spectrum, inputs; frequency and damping ratio against amplitude."""
+"""A record before identification: decays, spectrum, inputs; frequency and damping against amplitude."""
 
 from itertools import cycle
 from typing import Any
@@ -19,10 +19,8 @@ from sysid_trib.results.judged import kept_results, preferred_of
 from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
 
 CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
-# Room about the bands, in parts of their extent: single periods may scatter far beyond them.
+# Margin around the bands, as a fraction of their range: single periods may scatter far outside.
 MARGIN = 0.15
-# A band of this multiple of the median is that of an end.
-END_WIDTH = 4.0
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
 
 
@@ -33,10 +31,10 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
     Parameters
     ----------
     data : Dataset or DataTree
-        Result of `backbone`, or a record; or a result of `identify`, whose model curves are drawn over those
-        of its record.
+        Result of `backbone`, or a record; or a result of `identify`: then the curves of its models are drawn
+        over those of the record.
     run : int
-        Which of several runs of a result, from 0.
+        Index of the run in a result, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
@@ -51,7 +49,7 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
 
 
 def curves_of(tree: xr.DataTree, run: int) -> tuple[xr.Dataset, xr.Dataset | None]:
-    """Return the backbone of a run in a result of `cross_check`, and its models' curves if any model is kept.
+    """Return the backbone of a run in a result of `cross_check`, and its models' curves if there are any.
 
     Raises
     ------
@@ -96,8 +94,9 @@ def draw_curve(
     for model, series in zip(labels, cycle(MODEL_LINES)):
         lines = models[name].sel(model=model)  # type: ignore[index]
         ax.plot(lines.amplitude, lines, **style.line(series), zorder=series["zorder"], label=model)
-    # All of the curve, and the band where it is narrow: an end of few periods would hide all else.
-    narrow = high - low <= END_WIDTH * np.median(high - low)
+    # The whole curve, but only the narrow part of the band: a band at an end of few periods would hide the
+    # rest.
+    narrow = high - low <= 4.0 * np.median(high - low)
     bottom = min(float(low[narrow].min()), float(data[name].min()))
     top = max(float(high[narrow].max()), float(data[name].max()))
     ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
@@ -105,14 +104,13 @@ def draw_curve(
     style.logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))
 
 
-HEIGHT = 2.1
-# Points of a long record that are drawn.
+# Largest number of drawn points of a long record.
 MOST_POINTS_DRAWN = 20_000
 
 
 @shows("look", of_record=look_at)
 def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """The record with its decays marked, amplitude over time, and the spectral density of each decay.
+    """The record with its decays marked, the amplitude over time, and the spectral density of each decay.
 
     Parameters
     ----------
@@ -121,7 +119,7 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure, panels = style.grid(3, 1, width, HEIGHT)
+    figure, panels = style.grid(3, 1, width, row_height=2.1)
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]
     records = [node.to_dataset() for name, node in tree.children.items() if name.startswith("record")]
     unit = str(records[0].angle.attrs["units"])
@@ -141,10 +139,6 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-# Height of one panel, inch: its label has room.
-INPUT_HEIGHT = 1.6
-
-
 def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """Draw inputs, record and motion of the preferred model, and the residuals of the models, over time.
 
@@ -153,7 +147,7 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     tree : DataTree
         Result of `identify` or `discover` of a driven record.
     run : int
-        Which of several runs, from 0.
+        Index of the run, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
@@ -161,7 +155,8 @@ def driven_overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDT
     # For a discovery, take the last model.
     answer = preferred_of(tree) or record.model.values[-1]
     inputs, time, unit = inputs_of(record), record.time.values, signal_units(tree)
-    figure = new_figure(width, INPUT_HEIGHT * (len(inputs) + 2))
+    # Each panel has room for its label.
+    figure = new_figure(width, height=1.6 * (len(inputs) + 2))
     panels = figure.subplots(len(inputs) + 2, 1, sharex=True, squeeze=False)[:, 0].tolist()
     for panel, (name, given) in zip(panels, inputs.items(), strict=False):
         curve(panel, time[0] + given.elapsed, given.values, {"color": "0.3", "linewidth": 0.6})

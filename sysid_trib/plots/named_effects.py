@@ -21,29 +21,29 @@ from sysid_trib.results.effects import credible_set, or_others, replacing_pairs,
 from sysid_trib.results.judged import record_noise, residual_of
 from sysid_trib.results.variables import signal_label, signal_symbol, signal_units, small_units
 
-# A cell of fewer samples has no mean; the colours end at this percentile of the cells; a dot marks cells of
-# more standard errors.
+# A cell of fewer samples has no mean; the colours end at this percentile of the cells; a dot marks cells that
+# exceed this number of standard errors.
 FEWEST_IN_CELL = 5
 COLOUR_PERCENT = 98.0
 DOT_BEYOND = 3.0
-# Competing effects that a row names.
+# Competing effects named in a row.
 TIED_IN_A_ROW = 2
-# Heights of the panels, inch: record, residual before, residual after; models without rows; maps over a
-# page and in a column; of a row of a model, and of a line of its text.
+# Heights in inches: the panels (record, residual before, residual after); models without rows; maps for a
+# full page and for a column; a row of a model, and a line of its text.
 PANEL_HEIGHTS, LAST_HEIGHT, MAP_HEIGHTS = (1.6, 1.0, 1.4), 0.45, (2.3, 1.8)
 MODEL_ROW, LINE = 0.28, 0.26
-# Letters of a text in an inch.
+# Characters of a text per inch.
 CHARACTERS = 16
 
 
 @shows("discover", block="Residual of the start model")
 def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """The record and the motion of each model, its start and the sensor's zero fitted.
+    """The record and the motion of each model, with fitted start and sensor's zero.
 
-    Below, the residuals of the models before and after, each to its own scale; the band is twice the noise to
-    either side. Mean force f that the model lacks over angle and rate, in θ″ + w²θ = -w²f, before and after,
-    of all runs; blank where samples are few. Dots mark cells beyond three standard errors of the noise. Last,
-    the RMS of the residual over the noise, of the start model and after each effect.
+    Below, the residuals of the start and final model, each on its own scale; the band is plus and minus twice
+    the noise. Mean force f that each of them lacks over angle and rate, in θ″ + w²θ = -w²f, for all runs;
+    blank where samples are few. Dots mark cells beyond three standard errors of the noise. The last panel
+    shows the RMS of the residual over the noise, for the start model and after each effect.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
     """
     wide = width >= TWO_COLUMNS
     texts = ["", *_texts_of_effects(tree, width)]
-    # Each row has room for the text above its line.
+    # Each row has space for the text above its line.
     below = np.cumsum([MODEL_ROW + LINE * len(text.splitlines()) for text in texts])
     heights = [*PANEL_HEIGHTS, LAST_HEIGHT + below[-1]]
     heights.insert(3, MAP_HEIGHTS[not wide])
@@ -85,7 +85,7 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
 
 
 def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
-    """Return each named effect; in a column, its competing effects have lines of their own."""
+    """Return each named effect; in a column, its competing effects are on separate lines."""
     parts = [_in_parts(step, signal_units(tree)) for step in steps_taken(tree)]
     room = int(CHARACTERS * (width - 1.3))
     if width < TWO_COLUMNS:
@@ -96,7 +96,7 @@ def _texts_of_effects(tree: xr.DataTree, width: float) -> list[str]:
 def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -> None:
     """Draw the RMS residual of the start model and after each named effect, over the noise."""
     steps, units = steps_taken(tree), signal_units(tree)
-    # As in the table of the steps, which were all fitted to the same part of the record.
+    # As in the table of the steps: all its models were fitted to the same part of the record.
     first = steps[0].residual_before.item() if steps else residual_of(tree, "before")
     residuals = [first, *(step.residual_after.item() for step in steps)]
     ratios = [residual / record_noise(tree) for residual in residuals]
@@ -106,9 +106,9 @@ def _explained(ax: Axes, tree: xr.DataTree, texts: Sequence[str], rows: Array) -
         ax.plot([1.0, ratio], [row, row], color=look["color"], linewidth=0.8)
         ax.plot([ratio], [row], **{"linestyle": ""} | look)
         ax.annotate(f"{ratio:.3g}", (ratio, row), (8, 0), **note)
-        # Above its line: next to a mark a long name may not have room.
+        # Above its line, because a long name may not fit next to a mark.
         words = ax.annotate(text, (1.0, row), (8, 5), **(note | {"va": "bottom"}))
-        # A long one would squeeze all panels.
+        # A long text would squeeze all panels.
         words.set_in_layout(False)
     ax.axvline(1.0, **style.THRESHOLD)
     ax.set_yticks(rows, ["start model", *(f"+ {step.symbol.item()}" for step in steps)])
@@ -134,7 +134,7 @@ def _in_parts(step: xr.Dataset, units: str) -> tuple[str, str, str]:
 def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
     """Draw the mean force over angle and rate that start and final model lack, relative to I w^2.
 
-    In the same colours, which end by the start model's, and blank where samples are few.
+    Both have the same colours, limited by those of the start model, and are blank where samples are few.
     """
     units = signal_units(tree)
     x, (factor, unit) = signal_symbol(units), small_units(units)
@@ -157,7 +157,7 @@ def _maps(tree: xr.DataTree, panels: list[Axes], wide: bool) -> None:
 
 
 def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float) -> QuadMesh:
-    """Draw a force over angle and rate as colours that end at `limit`, with dots above the noise."""
+    """Draw a force over angle and rate in colours up to `limit`, with dots above the noise."""
     x, v, values = force.x.values, force.v.values, force.values
     look: dict[str, Any] = {"cmap": "RdBu_r", "norm": TwoSlopeNorm(0.0, -limit, limit), "rasterized": True}
     mesh = ax.pcolormesh(x, v, values.T, shading="nearest", **look)
@@ -170,21 +170,21 @@ def draw_cells(ax: Axes, force: xr.DataArray, error: xr.DataArray, limit: float)
 MOST_CANDIDATES = 15
 # Scores beyond this multiple of the threshold are drawn on a logarithmic axis.
 LOGARITHMIC_BEYOND = 5.0
-# If all scores exceed this multiple of the threshold, it is not shown; this part of their range is shown
-# below them.
+# If all scores exceed this multiple of the threshold, it is not shown; the axis then extends below them by
+# this fraction of their range.
 ALL_BEYOND, ROOM_BELOW = 1.5, 0.2
-# Height of a panel, inch: without candidates, and of a candidate.
+# Panel height without candidates, and height of each candidate, inch.
 RANKING_HEIGHT, CANDIDATE_HEIGHT = 0.75, 0.135
-# There is always room for these: the legend at the side takes some.
+# There is always space for this number: the legend at the side needs some.
 FEWEST_CANDIDATES = 6
 
 
 @shows("discover", block="Models and candidates")
 def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
-    """Candidates by score, before each step at which an effect was chosen and, unless all were, at the end.
+    """Candidates by score, before each step that named an effect and, unless all are named, at the end.
 
-    Orange diamond: the effect that is named; blue squares: effects that compete with it; open: others. The
-    dashed line is the threshold, corrected for the number of candidates.
+    Orange diamond: the named effect; blue squares: effects that compete with it; open: others. The dashed
+    line is the threshold, corrected for the number of candidates.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    # The selection step at which each effect was chosen: 0 before the first.
+    # Selection step at which each effect was chosen: 0 before the first.
     chosen = [step.selection_step.item() for step in steps_taken(tree)]
     steps = sorted(set(chosen))
     if not steps or _scores(tree, -1, MOST_CANDIDATES).sizes["candidate"]:
@@ -216,7 +216,7 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
-    """Return the candidates of the highest scores at a selection step; those named or competing always.
+    """Return the candidates of the highest scores at a selection step, and all named or competing ones.
 
     Parameters
     ----------
@@ -225,13 +225,13 @@ def _scores(tree: xr.DataTree, selection_step: int, most: int) -> xr.Dataset:
     selection_step : int
         0 before the first step, 1 before the second, ..., -1 at the end.
     most : int
-        Candidates beside those named and competing.
+        Number of candidates in addition to the named and competing ones.
 
     Returns
     -------
     xr.Dataset
-        Columns of `ranking` at the step for the candidates shown, the highest score first, with
-        `kind(candidate)`, a key of `CANDIDATE_MARKS`; `threshold`, the |z| beyond which a candidate is named.
+        Columns of `ranking` at the step for the drawn candidates, the highest score first, with
+        `kind(candidate)`, a key of `CANDIDATE_MARKS`; `threshold`, the |z| above which a candidate is named.
     """
     scores = tree["ranking"].to_dataset().isel(selection_step=selection_step)
     here = [step for step in steps_taken(tree) if step.selection_step == selection_step]
@@ -251,18 +251,18 @@ def _ranking(ax: Axes, data: xr.Dataset) -> None:
     high, low = max([threshold, *sizes]), 0.0
     logarithmic = high > LOGARITHMIC_BEYOND * threshold
     if sizes.size and sizes.min() > ALL_BEYOND * threshold:
-        # An axis from zero, or a logarithm, would hide the differences of the candidates.
+        # A linear axis from zero, or a logarithmic one, would hide the differences of the candidates.
         logarithmic, low = False, float(sizes.min() - ROOM_BELOW * max(np.ptp(sizes), 0.05 * high))
     elif logarithmic:
-        # Scores in their hundreds and a threshold of four need a logarithm, else it hides the differences.
+        # Scores of several hundred and a threshold of four need a logarithmic axis to show the differences.
         low = min([0.5 * threshold, *(0.7 * sizes)])
     for row, (size, kind) in enumerate(zip(sizes.tolist(), data.kind.values.tolist(), strict=True)):
         look = style.CANDIDATE_MARKS[kind]
         if low == 0.0 or logarithmic:
-            # A bar would be as long as it must not be where the axis starts elsewhere.
+            # The length of a bar would be misleading if the axis does not start at zero.
             ax.plot([low, size], [row, row], "-", color=look["color"], linewidth=0.8)
         ax.plot([size], [row], linestyle="", **look)
-        # Three digits, and no power of ten as long as there is room without.
+        # Three digits, and no power of ten if there is space without it.
         digits = f"{float(f'{size:.3g}'):g}"
         text = ax.annotate(digits, (size, row), (5, 0), fontsize=6, **style.LABEL_OFFSET)
         text.set_bbox(style.WHITE)

@@ -21,9 +21,9 @@ from sysid_trib.results.judged import LAST_THIRD, failures, is_refitted, judged_
 from sysid_trib.results.kinds import kind_of
 from sysid_trib.results.variables import record_groups, signal_label, signal_symbol, signal_units, small_units
 
-# Points of a curve: as many as a wide screen has, for each the least and the largest of its stretch.
+# Points of a curve: about the pixels of a wide screen, with the minimum and the maximum of each section.
 MOST_POINTS = 3000
-# Effects that a legend names.
+# Number of effects named in a legend.
 MOST_NAMES = 2
 RECORD_POINTS: Style = {"label": "record", "marker": ".", "linestyle": "", "color": "0.6", "markersize": 2.5}
 
@@ -34,10 +34,10 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
     Parameters
     ----------
     tree : xr.DataTree
-        Result of a command; of `compare` the figure has it on grey.
+        Result of a command; for `compare`, the figure shows the held-out part on grey.
     of_search : bool
-        Whether the figure is of the search itself, which never sees what is held out; models may be fitted to
-        the whole records in the end.
+        True for a figure of the search itself, which never uses the held-out part; the final models may be
+        fitted to the whole records.
     """
     if kind_of(tree) != "discover":
         return "The part of the record on grey was held out." if kind_of(tree) == "compare" else ""
@@ -51,7 +51,8 @@ def held_out_sentence(tree: xr.DataTree, *, of_search: bool = False) -> str:
 def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[str, str]]:
     """Return the lines of a run's models that have a motion, and their common name in legends, by name.
 
-    These are the models of a cross-check, the first and last of a discovery, or the best one of a comparison.
+    These are the models of a cross-check, the start and final model of a discovery, or the best of a
+    comparison.
     """
     data = tree[record_groups(tree)[run]].to_dataset()
     kind = kind_of(tree)
@@ -61,7 +62,7 @@ def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[st
         compared = kind == "compare"
         names = [tree["comparison"].attrs["best"]] if compared else judged_of(tree).model.values.tolist()
         labels = dict(zip(names, names, strict=True))
-    # A model that broke down must not set a scale.
+    # A model that diverged must not set the scale.
     failed = failures(tree) if kind in ("cross_check", "driven") else {}
     looks = MODEL_LINES[1:] if kind == "compare" else MODEL_LINES
     lines: dict[str, Style] = {}
@@ -73,7 +74,7 @@ def drawn_models(tree: xr.DataTree, run: int) -> tuple[dict[str, Style], dict[st
 
 
 def _effects(tree: xr.DataTree) -> str:
-    """Return the first effects of the final model, each with what it cannot be separated from."""
+    """Return the first effects of the final model, each with the effects that it cannot be separated from."""
     names = [tied_name(step, 1) for step in steps_taken(tree)]
     names = [f"({name})" if " or " in name and len(names) > 1 else name for name in names]
     if len(names) > MOST_NAMES:
@@ -82,7 +83,7 @@ def _effects(tree: xr.DataTree) -> str:
 
 
 def drawn_samples(values: Array) -> NDArray[np.intp]:
-    """Return the least and the largest sample of each stretch, which draw a curve with all its peaks."""
+    """Return the minimum and the maximum of each section, which draw a curve with all its peaks."""
     if values.size <= MOST_POINTS:
         return np.arange(values.size)
     edges = np.linspace(0, values.size, MOST_POINTS // 2 + 1).astype(int)
@@ -97,9 +98,9 @@ def curve(ax: Axes, time: Array, values: Array, look: Style) -> None:
 
 
 def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Sequence[str]) -> None:
-    """Draw the record and, each in its own panel below, the residuals of models, on one axis of time.
+    """Draw the record and, in a separate panel below for each model, its residual, on a common time axis.
 
-    In one panel a residual would hide another where models agree.
+    In a common panel, one residual would hide another where models agree.
     """
     data, (lines, labels) = tree[record_groups(tree)[run]].to_dataset(), drawn_models(tree, run)
     time = data.time.values
@@ -112,7 +113,7 @@ def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Se
     if "holdout_start" in data:
         panels[0].axvspan(data.holdout_start.item(), time[-1], color="0.93", zorder=0)
     panels[0].set_ylabel(signal_label(units))
-    # Above the panel: inside there is no room that the oscillation leaves free.
+    # Above the panel: the oscillation leaves no free space inside.
     panels[0].legend(ncols=3, **LEGEND)
     factor, unit = small_units(units)
     width = 2.0 * factor * float(data.noise)
@@ -122,7 +123,7 @@ def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Se
             curve(panel, time, factor * (angle - motions_of[model]), look)
         band = panel.axhspan(-width, width, color="0.85", zorder=0)
         panel.legend([band], ["± 2 noise levels"], **LEGEND)
-        # Named by the axis where there are several.
+        # The axis shows the names if there are several.
         name = model if len(labels) > 1 else "model"
         panel.set_ylabel(f"record \N{MINUS SIGN} {name} ({unit})")
         panel.sharex(panels[0])
@@ -130,10 +131,6 @@ def draw_in_time(panels: Sequence[Axes], tree: xr.DataTree, run: int, models: Se
     for panel in panels[:-1]:
         panel.tick_params(labelbottom=False)
     panels[-1].set_xlabel("time (s)")
-
-
-# Points of a half-sine.
-ARC_POINTS = 40
 
 
 def frequency_shift(
@@ -144,10 +141,10 @@ def frequency_shift(
     Parameters
     ----------
     measured : mapping of str to xr.Dataset
-        By label, `amplitude(instant)` in rad and `frequency(instant)` in rad/s of `envelope`.
+        By label: `amplitude(instant)` in rad and `frequency(instant)` in rad/s from `envelope`.
     predicted : mapping of str to xr.Dataset
-        By label, `amplitude(time)` and `frequency(time)` of `predict_envelope`. A model with the label of
-        a measurement has its colour.
+        By label: `amplitude(time)` and `frequency(time)` from `predict_envelope`. A model with the same label
+        as a measurement has the same colour.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
@@ -186,12 +183,12 @@ def motions(
     record : record
         `angle(time)` in rad, or `(t, angle)`.
     models : mapping of str to xr.Dataset
-        By label, `angle(time)` of `simulate`, or `amplitude(time)` of `predict_envelope`.
+        By label: `angle(time)` from `simulate`, or `amplitude(time)` from `predict_envelope`.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     half_periods : xr.Dataset, optional
-        `envelope` of the whole decay: half-sines are drawn on the record, a few half periods of it
-        (`decay.sel(time=slice(0, 1.5))`), and what three of them give at t_i.
+        `envelope` of the whole decay. Half-sines are drawn on the record, which should be a few half periods
+        of it (`decay.sel(time=slice(0, 1.5))`), with the values that three of them give at t_i.
     """
     ax = style.axes(ax)
     measured = records.one_record(record, "motions")
@@ -223,9 +220,9 @@ def weights(
     Parameters
     ----------
     weighed : xr.Dataset
-        `weights` over a row of amplitudes; choose forces with `.sel(force=[...])`.
+        `weights` at an array of amplitudes; choose forces with `.sel(force=[...])`.
     quantity : str
-        Which of its variables.
+        Name of the variable that is drawn.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
     """
@@ -246,7 +243,7 @@ def weights(
 def draw_weights(
     ax: Axes, weighed: xr.Dataset, quantity: str, *, factor: float = 1.0, zeros: bool = True
 ) -> None:
-    """Draw a variable of weights times a factor for each force, with a band; `zeros`: also where absent."""
+    """Draw a variable of weights times a factor for each force, with a band; `zeros`: also absent forces."""
     a = weighed.amplitude.values
     for symbol, series in zip(weighed.force.values.tolist(), cycle(style.SERIES)):
         names = quantity, f"{quantity}_standard_error"
@@ -261,16 +258,16 @@ def draw_weights(
 
 
 def _half_sines(ax: Axes, decay: xr.Dataset, half_periods: xr.Dataset) -> None:
-    """Draw half-sines on a decay, and the extrema and times that three of them give at t_i."""
+    """Draw half-sines on a decay, and the extrema and times computed from three of them at t_i."""
     t = half_periods.extremum_time.values
     b = (half_periods.sign * half_periods.extremum).values
-    # The first and last half period have no neighbours; they take the frequency of the next.
+    # The first and last half period lack a neighbour and use the frequency of the next one.
     w = np.pad(half_periods.frequency.values, 1, mode="edge")
     low, high = _ends(decay)
     whole = np.flatnonzero((t - 0.5 * np.pi / w > low) & (t + 0.5 * np.pi / w < high))
-    phase = np.linspace(-0.5 * np.pi, 0.5 * np.pi, ARC_POINTS)
+    phase = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 40)
     arcs = t[whole, None] + phase / w[whole, None], b[whole, None] * np.cos(phase)
-    # Arcs do not join: each is a separate fit.
+    # The arcs are not connected: each is a separate fit.
     broken = [np.pad(arc, ((0, 0), (0, 1)), constant_values=np.nan).ravel() for arc in arcs]
     ax.plot(*broken, label="half-sines", **style.line(style.SERIES[1]))
     points = style.mark(style.SERIES[0] | {"marker": "o"})

@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import scipy
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,14 +12,9 @@ from sysid_trib.plots import style
 from sysid_trib.plots.figure import FULL_WIDTH, LEGEND, new_figure, shows
 from sysid_trib.plots.over_time import curve
 from sysid_trib.plots.style import BAR_WIDTH, BLUE, GREY, INK, ORANGE
-from sysid_trib.results.variables import CONFIDENCE, signal_units, small_units
+from sysid_trib.results.variables import CONFIDENCE, HALF_INTERVAL, signal_units, small_units
 
-# Half width of a 95 % interval of a Gaussian, in standard deviations.
-BAND_WIDTH = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
 BAND_NAME, BAND_COLOR = f"{100.0 * CONFIDENCE:g} % band", "0.85"
-RESPONSE_HEIGHT = 2.8
-# Inch: innovations, autocorrelation, random force, predictions.
-INNOVATION_HEIGHTS = (2.3, 1.8, 2.1, 2.3)
 SWEEP_LINES: dict[str, dict[str, Any]] = {
     "down": {"color": BLUE, "linestyle": "-"},
     "up": {"color": ORANGE, "linestyle": "--"},
@@ -33,8 +27,8 @@ SIMULATED: dict[str, Any] = style.OPEN_MARKS | {"color": INK, "marker": "o", "li
 def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: float = FULL_WIDTH) -> Figure:
     """Errors of one-step predictions, and their autocorrelation with the band of white noise.
 
-    Below, the smoothed random force over time, and the record minus its predictions from some instants on,
-    with 95 % bands.
+    Below, the smoothed random force over time, and the record minus its predictions, which start at several
+    instants, with 95 % bands.
 
     Parameters
     ----------
@@ -45,7 +39,8 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    heights = INNOVATION_HEIGHTS[: 3 + (bands is not None)]
+    # Innovations, autocorrelation, random force, predictions.
+    heights = (2.3, 1.8, 2.1, 2.3)[: 3 + (bands is not None)]
     figure = new_figure(width, sum(heights))
     panels = figure.subplots(len(heights), 1, height_ratios=heights)
     _in_time(panels[0], data)
@@ -59,7 +54,7 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
 
 def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
-    error = factor * BAND_WIDTH * data.predicted_standard_error
+    error = factor * HALF_INTERVAL * data.predicted_standard_error
     missed = factor * (data.measured - data.predicted)
     for at in range(data.sizes["origin"]):
         time, width = data.time_ahead.values[at], error.values[at]
@@ -74,8 +69,8 @@ def _prediction_bands(ax: Axes, data: xr.Dataset) -> None:
 
 def _random_force(ax: Axes, data: xr.Dataset) -> None:
     """Draw the smoothed random force over time, with its band."""
-    force, error = data.random_force.values, BAND_WIDTH * data.random_force_standard_error.values
-    # First samples of the spans of equal force, which draw them all, and the last sample.
+    force, error = data.random_force.values, HALF_INTERVAL * data.random_force_standard_error.values
+    # First samples of the intervals of constant force, which define the whole curve, and the last sample.
     first = np.append(np.flatnonzero(np.diff(force, prepend=np.nan) != 0.0), len(force) - 1)
     time, force, error = data.time.values[first], force[first], error[first]
     look: dict[str, Any] = {"step": "post", "color": BAND_COLOR, "linewidth": 0}
@@ -89,10 +84,10 @@ def _random_force(ax: Axes, data: xr.Dataset) -> None:
 def _in_time(ax: Axes, data: xr.Dataset) -> None:
     factor, unit = small_units(signal_units(data))
     time, innovation = data.time.values, factor * data.innovation.values
-    width = factor * BAND_WIDTH * data.innovation_standard_deviation.values
+    width = factor * HALF_INTERVAL * data.innovation_standard_deviation.values
     band = ax.fill_between(time, -width, width, color=BAND_COLOR, linewidth=0)
     curve(ax, time, innovation, {"color": BLUE, "marker": ".", "markersize": 1.5, "linestyle": ""})
-    # The first samples fix the start: their band is wider than all that follows.
+    # The first samples determine the start: their band is wider than all later ones.
     largest = 1.1 * max(np.abs(innovation).max(), float(np.median(width)))
     ax.set(xlabel="time (s)", ylabel=f"innovation ({unit})")
     ax.set(xlim=(time[0], time[-1]), ylim=(-largest, largest))
@@ -100,7 +95,7 @@ def _in_time(ax: Axes, data: xr.Dataset) -> None:
 
 
 def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
-    width = BAND_WIDTH / np.sqrt(data.sizes["time"])
+    width = HALF_INTERVAL / np.sqrt(data.sizes["time"])
     band = ax.axhspan(-width, width, color=BAND_COLOR, zorder=0)
     look: dict[str, Any] = {"linefmt": BLUE, "markerfmt": "o", "basefmt": " "}
     marks = ax.stem(data.lag.values, data.autocorrelation.values, **look)
@@ -115,7 +110,7 @@ def _autocorrelation(ax: Axes, data: xr.Dataset) -> None:
 
 @shows("response")
 def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Amplitude with its 95 % band, and phase, against frequency; marks are motions that were simulated.
+    """Amplitude with its 95 % band, and phase, against frequency; marks are simulated motions.
 
     Parameters
     ----------
@@ -124,7 +119,7 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    figure, panels = style.grid(2, 2, width, RESPONSE_HEIGHT)
+    figure, panels = style.grid(2, 2, width, row_height=2.8)
     amplitude, phase = panels
     w, unit = data.frequency.values, data.amplitude.attrs["units"]
     for sweep, look in SWEEP_LINES.items():
@@ -146,15 +141,13 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     return figure
 
 
-PLAN_HEIGHT = 2.4
-
-
 @shows("plan")
 def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Expected entropy of the models and errors after each run, against release; where two models differ.
+    """Expected entropy of the models, and errors, after each run, against its release.
 
-    A line shows a wanted error. Without one and with a single model, the figure shows the largest ratio of
-    an error to its smallest value.
+    A horizontal line shows the required error. Without one, and with a single model, the figure shows the
+    largest ratio of an error to its smallest value. With several models, the last panel shows the log
+    likelihood ratio of two of them over time.
 
     Parameters
     ----------
@@ -163,14 +156,16 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
-    drawn = {"entropy left (nat)": data.entropy} if "parting" in data else {}
+    drawn = {"remaining entropy (nat)": data.entropy} if "parting" in data else {}
     wanted = data.wanted.to_series().dropna().to_dict()
     limits = {f"error of {style.in_latex(symbol)}": error for symbol, error in wanted.items()}
     errors = [data.standard_error.sel(force=symbol) for symbol in wanted]
     drawn |= dict(zip(limits, errors, strict=True))
     if not drawn:
-        drawn["largest error / least"] = (data.standard_error / data.standard_error.min("run")).max("force")
-    figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, PLAN_HEIGHT)
+        drawn["largest error / smallest"] = (data.standard_error / data.standard_error.min("run")).max(
+            "force"
+        )
+    figure, panels = style.grid(len(drawn) + ("parting" in data), 2, width, row_height=2.4)
     for panel, (name, values) in zip(panels, drawn.items(), strict=False):
         _against_release(panel, data.assign(shown=values))
         panel.set_ylabel(name)
@@ -193,7 +188,7 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 
 
 def _against_release(ax: Axes, data: xr.Dataset) -> None:
-    """Draw the shown quantity of each run, a line per duration, and a ring about the best run."""
+    """Draw the shown quantity of each run, one line per duration, and a ring around the best run."""
     durations = np.unique(data.duration.values)
     for at, length in enumerate(durations):
         rows = data.isel(run=np.flatnonzero(data.duration.values == length)).sortby("amplitude")

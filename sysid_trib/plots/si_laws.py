@@ -1,4 +1,4 @@
-"""The figure that a tribologist publishes: the coefficient of friction against sliding speed."""
+"""Figure for publications in tribology: the coefficient of friction against sliding speed."""
 
 from typing import Any
 
@@ -7,21 +7,18 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sysid_trib.plots.figure import LEGEND, TWO_COLUMNS, new_figure, shows
+from sysid_trib.plots.figure import LEGEND, ONE_COLUMN, TWO_COLUMNS, new_figure, shows
 from sysid_trib.plots.style import BLUE, ORANGE
 from sysid_trib.results.kinds import MU
 from sysid_trib.results.law_curves import LAWS_SI
 
-# Inch: a column of a journal, and the height.
-MU_WIDTH, MU_HEIGHT = 3.46, 2.5
-
 
 @shows("laws", block="Friction against speed", groups=(LAWS_SI,))
-def friction_coefficient(data: xr.Dataset, *, width: float = MU_WIDTH) -> Figure:
-    """Coefficient of friction against sliding speed, or the friction where no load is known.
+def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
+    """Coefficient of friction against sliding speed, or the friction if no load is known.
 
-    The band holds the whole law over the visited range in 95 of 100 cases. Dashed: the continuation of the
-    law beyond the speeds of the record.
+    The band contains the whole law over the visited range with a probability of 95 %. Dashed: extrapolation
+    beyond the speeds of the record.
 
     Parameters
     ----------
@@ -31,7 +28,7 @@ def friction_coefficient(data: xr.Dataset, *, width: float = MU_WIDTH) -> Figure
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     name = MU if MU in data else "friction"
-    figure = new_figure(min(width, TWO_COLUMNS), MU_HEIGHT)
+    figure = new_figure(min(width, TWO_COLUMNS), height=2.5)
     ax = figure.subplots()
     speed = data.speed.values
     sides = {"forward": speed > 0.0, "backward": speed < 0.0}

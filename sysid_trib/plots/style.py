@@ -15,7 +15,7 @@ from sysid_trib.printing.exported import unit_in_latex
 
 Style = Mapping[str, Any]
 
-# Okabe and Ito's palette: readers with defects of colour vision distinguish it, and print shows its lines.
+# Palette of Okabe and Ito: distinguishable with defects of colour vision; lines and marks differ in print.
 ORANGE = "#D55E00"
 BLUE = "#0072B2"
 GREEN = "#009E73"
@@ -24,7 +24,7 @@ YELLOW = "#E69F00"
 SKY = "#56B4E9"
 INK = "#333333"
 GREY = "#737373"
-# The first model of two and the second: a dashed line on a full one shows both where they agree.
+# First and second of two models: a dashed line on a solid one shows both where they agree.
 MODEL_LINES: tuple[dict[str, Any], ...] = (
     {"color": ORANGE, "linestyle": "--", "zorder": 4},
     {"color": BLUE, "linestyle": "-", "zorder": 3},
@@ -47,12 +47,12 @@ OPEN_MARKS: dict[str, Any] = {"markerfacecolor": "none", "markersize": 3.5, "mar
 BAR_WIDTH = 0.6
 # A text next to the point that it annotates.
 LABEL_OFFSET: dict[str, Any] = {"textcoords": "offset points", "va": "center"}
-# Behind a text that may lie on lines.
+# Background of a text that may overlap lines.
 WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
-# Below this ratio of the largest to the smallest number too few numbers are round.
+# Below this ratio of the largest to the smallest number, too few numbers are round.
 SHORT_AXIS = 8.0
-# Characters of a unit for which numbers in a panel have room.
+# Largest number of characters of a unit for which numbers in a panel have space.
 LONG_UNIT = 4
 
 
@@ -62,7 +62,7 @@ def line(series: Style) -> dict[str, Any]:
 
 
 def mark(series: Style) -> dict[str, Any]:
-    """Open marks of a series."""
+    """Return open marks of a series."""
     return {"color": series["color"], "marker": series["marker"], **OPEN_MARKS}
 
 
@@ -81,19 +81,19 @@ def interval(
 
 
 def in_latex(symbol: str) -> str:
-    """Return a force's symbol as matplotlib writes it."""
+    """Return the symbol of a force in matplotlib's notation."""
     from sysid_trib.forces.notation import symbol_latex
 
     return f"${symbol_latex(symbol)}$"
 
 
 def unit_label(unit: str) -> str:
-    """Return a unit with its powers, as matplotlib writes it: it knows fewer escapes than LaTeX."""
+    """Return a unit with its powers in matplotlib's notation, which supports fewer escapes than LaTeX."""
     return unit_in_latex(unit).replace(r"\&", "&").replace(r"\#", "#")
 
 
 def short_unit(unit: str, of_record: str) -> tuple[str, str]:
-    """Return a coefficient's unit behind its value, and what its axis says of it: a record's long one is `u`.
+    """Return a coefficient's unit for its value, and an axis text on it; a long unit of a record is `u`.
 
     Exponents are not raised: in texts of this size they would be too small to read.
     """
@@ -110,18 +110,18 @@ def axes(ax: Axes | None) -> Axes:
 def grid(
     count: int, across: int, width: float, row_height: float, *, sharing: str = ""
 ) -> tuple[Figure, list[Axes]]:
-    """Return a figure with `count` panels, `across` in a row, fewer in a narrow one, and room for a legend.
+    """Return a figure of `count` panels, `across` in a row (fewer if narrow), with space for a legend.
 
     Parameters
     ----------
     count, across : int
-        Panels in all, and in a row.
+        Number of all panels, and of panels in a row.
     width, row_height : float, inch
         Size of the figure, and of a row.
     sharing : {"", "x", "y"}
         Axis that all panels share.
     """
-    # No panel is narrower than three in a row of the whole page.
+    # No panel is narrower than one of three in a row of the full page.
     across = max(1, min(across, count, round(across * width / FULL_WIDTH)))
     rows = -(-count // across)
     figure = new_figure(width, rows * row_height + 0.3)
@@ -134,7 +134,7 @@ def grid(
 
 
 def letter(panels: Iterable[Axes], titles: Iterable[str] = (), fontsize: float = 9) -> None:
-    """Write letters above panels, and titles where there are any."""
+    """Write letters above panels, and titles if there are any."""
     texts = list(titles)
     for at, panel in enumerate(panels):
         title = f"({chr(ord('a') + at)}) {texts[at] if texts else ''}"
@@ -180,7 +180,7 @@ def legend_marks(styles: Mapping[str, Style]) -> list[Line2D]:
 
 
 def logarithmic_ticks(axis: Axis, low: float, high: float) -> None:
-    """Draw plain numbers on a logarithmic axis from `low` to `high`, as many as have room."""
+    """Draw plain numbers on a logarithmic axis from `low` to `high`, as many as fit."""
     axis.set_major_formatter("{x:g}")
     if high > SHORT_AXIS * low:
         axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")

@@ -17,21 +17,19 @@ from sysid_trib.plots.style import BLUE, GREY, INK, ORANGE
 from sysid_trib.printing.layout import value_with_error
 from sysid_trib.results.kinds import SIDES
 
-PROFILE_HEIGHT, FIT_HEIGHT, FONT = 2.2, 0.15, 6.5
+FONT = 6.5
 # Colours of the kinds of fit.
 KIND_COLOURS = {"window": BLUE, "start": ORANGE, "sampling": GREY, "noise": "#2a9d6f", "method": INK}
 SAMPLE_COLOURS = dict(zip(SIDES, (BLUE, ORANGE), strict=True))
-# Inch: of the curves, and of a row of the differences.
-CURVES_HEIGHT, ROW = 2.4, 0.28
-# Larger differences (in errors) are drawn at the edge.
+# Larger differences (in standard errors) are drawn at the edge.
 MOST_ERRORS = 8.0
 
 
 @shows("cross_check", "driven", block="Profiles", groups=("profile",))
 def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
-    """Deviance of each parameter against its value; dashed, by its standard error.
+    """Deviance of each parameter against its value; the dashed parabola is that of its standard error.
 
-    The fit of the motion has the parameter held, and all others fitted anew. Orange: the 95 % point of
+    In each fit of the motion this parameter is fixed and all others are fitted. Orange: the 95 % point of
     chi-square, and the ends of the interval.
 
     Parameters
@@ -43,7 +41,7 @@ def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
     """
     rows = [data.sel(parameter=name) for name in data.parameter.values.tolist()]
     width = width if len(rows) > 1 else min(width, TWO_COLUMNS)
-    figure, panels = style.grid(len(rows), 4, width, PROFILE_HEIGHT)
+    figure, panels = style.grid(len(rows), 4, width, row_height=2.2)
     for ax, row in zip(panels, rows, strict=True):
         _profile(ax, row)
     style.letter(panels)
@@ -79,9 +77,9 @@ def _power_of_ten(values: Array, name: str) -> tuple[float, str]:
 
 @shows("cross_check", "driven", block="Sensitivity", groups=("sensitivity",))
 def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
-    """Each coefficient by every fit with its error; the band is the stated value with twice its error.
+    """Each coefficient by every fit with its error; the band is the stated value ± twice its error.
 
-    The same forces, fitted to other windows, starts and samples, with other noise and by other methods.
+    The same forces are fitted with other windows, starts, samples and noise, and by other methods.
 
     Parameters
     ----------
@@ -91,7 +89,7 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
-    figure, panels = style.grid(count, 6, width, FIT_HEIGHT * len(fits) + 0.6, sharing="y")
+    figure, panels = style.grid(count, 6, width, row_height=0.15 * len(fits) + 0.6, sharing="y")
     colours = [KIND_COLOURS.get(kind, INK) for kind in data.kind.values.tolist()]
     for ax, symbol in zip(panels, data.force.values.tolist(), strict=True):
         row = data.sel(force=symbol)
@@ -115,9 +113,9 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Damping and frequency of both samples against amplitude, and the difference of each coefficient.
 
-    The curves are of the records without a model, with 95 % bands (dots are single periods). Below, each
-    difference in its standard errors, with the interval of the level that all forces share: one that reaches
-    zero may be none. Dark: coefficients that differ.
+    The curves are those of the records without a model, with 95 % bands (dots are single periods). Below,
+    each difference is in units of its standard error, with an interval whose level is corrected for the
+    number of forces: if it contains zero, the difference is not significant. Dark: coefficients that differ.
 
     Parameters
     ----------
@@ -128,9 +126,10 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS
-    heights = [CURVES_HEIGHT * (2 - wide), ROW * (1.0 if wide else 1.5) * (count + 2)]
+    # The curves, and the differences, a row each.
+    heights = [2.4 * (2 - wide), 0.28 * (1.0 if wide else 1.5) * (count + 2)]
     figure = new_figure(width, sum(heights))
-    # Texts next to the differences take no room from the curves.
+    # Texts next to the differences take no space from the curves.
     rows = figure.add_gridspec(2, 1, height_ratios=heights)
     curves = rows[0].subgridspec(*((1, 2) if wide else (2, 1)))
     panels = [figure.add_subplot(curves[at]) for at in range(2)]
@@ -173,7 +172,7 @@ def _draw_differences(ax: Axes, tree: xr.DataTree, wide: bool) -> None:
         style.interval(ax, at, z[at], half, (-MOST_ERRORS, MOST_ERRORS), color=colour, markersize=4)
         pair = (value_with_error(row[k].item(), row[f"{k}_standard_error"].item()) for k in SIDES)
         outside = f"  z = {z[at]:+.0f}" if abs(z[at]) > MOST_ERRORS else ""
-        # Place it at the row, or above it in a column.
+        # Place the text next to the row, or above it in a column.
         place, side = ((1.01, at), "center") if wide else ((0.02, at - 0.16), "bottom")
         note: dict[str, Any] = {"xycoords": ("axes fraction", "data"), "annotation_clip": False}
         note |= {"va": side, "color": colour, "fontsize": 8 if wide else FONT}

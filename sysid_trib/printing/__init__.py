@@ -1,4 +1,4 @@
-"""Results in words, tables and plain data: lists of blocks, which the terminal prints and the page shows."""
+"""Results as sentences, tables and plain data: lists of blocks that terminal and page show."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,21 +23,21 @@ USUALLY = Layer.DEFAULT | Layer.EXPLAIN
 
 @dataclass(frozen=True)
 class Block:
-    """Part of a result; without sentences and a table the terminal prints nothing of it.
+    """Part of a result; a block without sentences and a table is not printed.
 
     Attributes
     ----------
     sentences : sequence of str
-        A line each.
+        One per line.
     layers : Layer
-        The layers that show it.
+        Layers that show the block.
     title : str
-        The heading of its section, which `--explain` and the page have, there with the figures that are
-        declared of it (`plots.figure`); the page has blocks without one at its top.
+        Heading of its section, shown by `--explain` and by the page, which also has the figures declared for
+        this title (`plots.figure`); blocks without a title are at the top of the page.
     table : Table, optional
-        Below the sentences.
+        Shown below the sentences.
     caption : str
-        A line above the table.
+        Line above the table.
     """
 
     sentences: Sequence[str] = ()

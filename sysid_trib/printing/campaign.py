@@ -1,4 +1,4 @@
-"""Many records in words and tables: what varies between those of a campaign, and how two samples differ."""
+"""Many records in sentences and tables: variation within a campaign, and the difference of two samples."""
 
 import json
 import re
@@ -21,10 +21,21 @@ from sysid_trib.printing.law_difference import (
 )
 from sysid_trib.printing.verdict import error_parts_sentence
 from sysid_trib.results.effects import at_bound, sufficient_forces
+from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import SIDES, identifications_of
-from sysid_trib.results.store import EFFECT_P_VALUE, TIED, Status
+from sysid_trib.results.store import (
+    EFFECT_P_VALUE,
+    JUDGED_NAMES,
+    TIED,
+    Status,
+    done_records,
+    text_counts,
+    unvisited_speeds,
+)
 
 REFUSALS, NAMES_LISTED = 5, 6
+# Number of records whose judged variables are in the JSON output; the store has those of all records.
+MOST_IN_JSON = 1000
 # Standard deviations beyond which a record is an outlier.
 STANDS_OUT = 4.0
 VARIES, WITHOUT_RESULT = "Variation between the records", "Without a result"
@@ -41,13 +52,13 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
     Parameters
     ----------
     store : Dataset
-        As `campaign` returns it.
+        Result of `campaign`.
     counts : mapping of str to int
-        How many records have which status.
+        Number of records with each status.
     compared : Dataset, optional
         Variation between its records; None if there are too few.
     """
-    # A message on a file begins with its name.
+    # A message about a file begins with its name.
     reasons = [
         why if why.startswith(name.rpartition("/")[2]) else f"{name}: {why}"
         for name, why in _reasons(store).items()
@@ -58,7 +69,7 @@ def campaign_blocks(store: xr.Dataset, counts: Mapping[str, int], compared: xr.D
 
 
 def other_units(store: xr.Dataset) -> Iterator[str]:
-    """Say which records are in another unit than most: the variation between the records is without them."""
+    """Report records in another unit than the majority; they are excluded from the variation."""
     (usual, _), *others = Counter(_of_done(store, "signal_units")).most_common()
     for unit, count in others:
         records = "1 record is" if count == 1 else f"{count} records are"
@@ -71,43 +82,51 @@ def _reasons(store: xr.Dataset) -> dict[str, str]:
 
 
 def _of_done(store: xr.Dataset, name: str) -> list[str]:
-    """Return a text of each record that is done."""
+    """Return one text for each finished record."""
     return store[name].values[store.status.values == Status.DONE].tolist()
 
 
 def _most_first(words: Iterable[str]) -> dict[str, int]:
-    """Count words, the most frequent first; empty words do not count."""
+    """Count words, the most frequent first; empty words are ignored."""
     return dict(Counter(sorted(filter(None, words))).most_common())
 
 
 def _counts(store: xr.Dataset, counts: Mapping[str, int]) -> Iterator[str]:
-    """Describe how many records are done, and how often each verdict and name occurs."""
+    """Describe the number of finished records, and how often each verdict and name occurs."""
     bad = ", ".join(f"{count:,} {name}" for name, count in counts.items() if count and name != "done")
     yield f"{counts['done']:,} of {sum(counts.values()):,} records done{f'; {bad}' if bad else ''}."
-    verdicts = [f"{count:,} {v}" for v, count in _most_first(_of_done(store, "verdict")).items()]
-    if verdicts:
-        yield f"{'; '.join(verdicts[:REFUSALS])}."
+    if verdicts := text_counts(store, "verdict"):
+        yield f"{'; '.join(f'{count:,} {verdict}' for verdict, count in verdicts.items())}."
+    if outcomes := text_counts(store, SEARCH_OUTCOME):
+        texts = "; ".join(f"{count:,} {outcome}" for outcome, count in outcomes.items())
+        unconverged = np.count_nonzero(~done_records(store).converged.values)
+        early = f"; {unconverged:,} ended before the search had converged" if unconverged else ""
+        yield f"Outcomes of the searches: {texts}{early}."
+    elif preferred := text_counts(store, "preferred"):
+        models = [f"{model} in {count:,}" for model, count in preferred.items()]
+        yield f"Preferred method: {', '.join(models)}."
+    if unvisited := unvisited_speeds(store):
+        yield f"No record visits the speed of {', '.join(unvisited)}: give smaller --speeds."
     if listed := [f"{symbol} in {count:,}" for symbol, count in named_counts(store).items()]:
         more = f", {len(listed) - NAMES_LISTED} more" if len(listed) > NAMES_LISTED else ""
         yield f"Named, or not separable from a name: {', '.join(listed[:NAMES_LISTED])}{more}."
 
 
 def named_counts(store: xr.Dataset) -> dict[str, int]:
-    """Count the records in which each effect is named or cannot be separated from a name; most first."""
+    """Count the records in which each effect is named or inseparable from a named one; most first."""
     if TIED not in store:
         return {}
     texts = zip(_of_done(store, "named"), _of_done(store, TIED), strict=True)
-    # "nu, epsilon" and "epsilon or gravity; ...", of many "or 3 more".
+    # Texts such as "nu, epsilon" and "epsilon or gravity; ...", some of them ending with "or 3 more".
     words = [set(re.split(r", |; | or ", f"{named}, {tied}")) for named, tied in texts]
     return _most_first(word for of_record in words for word in of_record if word in store.force.values)
 
 
 def named_text(record: xr.Dataset) -> str:
     """Return the effects that a discovery named, each with its p-value and its competing effects."""
+    if EFFECT_P_VALUE not in record or not record.named.item():
+        return ""
     named = str(record.named.item())
-    # A store that was begun by an older version has the names alone.
-    if not named or EFFECT_P_VALUE not in record:
-        return named
     p_values = record[EFFECT_P_VALUE]
     pairs = [f"{s} (p {layout.p_value_text(p_values.sel(force=s).item())})" for s in named.split(", ")]
     tied = str(record[TIED].item())
@@ -146,12 +165,12 @@ def _interval(of_quantity: xr.Dataset, name: str) -> str:
 
 
 def _collinear(compared: xr.Dataset) -> dict[str, str]:
-    """Return conditions that are left out, and with which each goes."""
+    """Return the omitted conditions, and those with which each is confounded."""
     return dict(json.loads(compared.attrs.get("collinear", "{}")))
 
 
 def _outliers(compared: xr.Dataset) -> list[str]:
-    """Return records that stand out, and in what."""
+    """Return outliers, and the quantities in which they deviate."""
     z = abs(compared.z.transpose("run", "quantity").to_pandas()).fillna(0.0)
     largest = z.max(axis=1).sort_values(ascending=False, kind="stable")
     sentences = [
@@ -164,8 +183,18 @@ def _outliers(compared: xr.Dataset) -> list[str]:
 def campaign_json(
     store: xr.Dataset, counts: Mapping[str, int], compared: xr.Dataset | None
 ) -> dict[str, Any]:
-    """Return the campaign as plain data: counts, reasons, and what varies between the records."""
-    made: dict[str, Any] = {"records": dict(counts), "without_result": _reasons(store)}
+    """Return the campaign as plain data: counts, reasons, and the variation between the records."""
+    made: dict[str, Any] = {
+        "records": dict(counts),
+        "without_result": _reasons(store),
+        "verdicts": text_counts(store, "verdict"),
+        "preferred": text_counts(store, "preferred"),
+        "judged": _judged_json(store),
+    }
+    if SEARCH_OUTCOME in store:
+        made["search_outcomes"] = text_counts(store, SEARCH_OUTCOME)
+    if unvisited := unvisited_speeds(store):
+        made["unvisited_speeds"] = unvisited
     if TIED in store:
         made["named_or_tied"] = named_counts(store)
     if compared is not None:
@@ -174,12 +203,26 @@ def campaign_json(
     return made
 
 
-# Probability with which a difference is found that the table names.
+def _judged_json(store: xr.Dataset) -> dict[str, Any]:
+    """Return the judged variables of each model for the first records that have a result, by record."""
+    table = done_records(store)[list(JUDGED_NAMES)].isel(record=slice(MOST_IN_JSON)).load()
+    # Models that do not apply to a record have no verdict and are left out.
+    return {
+        name: {
+            label: dict(of_model.data_vars)
+            for label, of_model in layout.by_label(of_record, "model").items()
+            if of_model.verdict.item()
+        }
+        for name, of_record in layout.by_label(table.reset_coords(drop=True), "record").items()
+    }
+
+
+# Power of the test at which the detectable difference is stated in the table.
 POWER_STATED = 0.9
 
 
 def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
-    """Return the blocks of two samples, in order; `record` describes the records."""
+    """Return the blocks of two samples in order; `record` describes the records."""
     data = tree.to_dataset()
     said = (
         f"Coefficients refer to w = {data.reference_frequency.item():.6g} rad/s. Last column: the difference "
@@ -198,7 +241,7 @@ def difference_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Blo
 
 
 def difference_json(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the difference of two samples as plain data, with that of their laws where it was asked for."""
+    """Return the difference of two samples as plain data, with that of their laws if requested."""
     judged = layout.judged_json(tree) if "judged" in tree.children else {}
     return layout.mapped(tree.to_dataset(), "difference") | judged | law_difference_json(tree)
 
@@ -227,7 +270,8 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
 
 def _test_of_all(data: xr.Dataset) -> str:
     """Return the test of all forces together."""
-    test = f"chi-square {data.chi_square.item():.3g} of {data.degrees_of_freedom.item():g}, p "
+    count = f"{data.degrees_of_freedom.item():g} degrees of freedom"
+    test = f"chi-square {data.chi_square.item():.3g} for {count}, p "
     return test + layout.p_value_text(data.p_value_of_all.item())
 
 
@@ -250,18 +294,19 @@ def _first_sentence(tree: xr.DataTree) -> str:
         rest += f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
         return f"{'; '.join(parts)}{rest}."
     if data.attrs["verdict"] == "together they differ":
-        return f"The samples differ ({test}), although no single coefficient does{_sufficient(tree)}."
+        unclear = "but the records do not determine in which coefficients"
+        return f"The samples differ ({test}), {unclear}.{_sufficient(tree)}"
     rest = f"; not tested (at a bound): {', '.join(bounded)}" if bounded else ""
     return f"No difference was found in {', '.join(others) or 'the samples'} ({test}){rest}."
 
 
 def _at_a_bound(data: xr.Dataset) -> list[str]:
-    """Return forces that are at a bound in one of the runs, so that no test rests on them."""
+    """Return the forces at a bound in one of the runs, which are therefore not tested."""
     return [name for name in str(data.attrs.get("at_a_bound", "")).split(", ") if name]
 
 
 def _sufficient(tree: xr.DataTree) -> str:
-    """Return the fewest coefficients whose difference suffices where all others are equal."""
+    """Return the smallest sets of coefficients whose difference is sufficient if all others are equal."""
     data, parts = tree.to_dataset(), []
     contrast = data[["standard_error", "covariance"]].assign(
         coefficient=data.difference, active=("force", np.ones(data.sizes["force"], dtype=bool))
@@ -273,7 +318,7 @@ def _sufficient(tree: xr.DataTree) -> str:
             for name, pair in choice.items()
         ]
         parts.append(" and ".join(of_each))
-    return f"; if all others are equal, the difference is {', or '.join(parts)}" if parts else ""
+    return f" These differences explain it if the others are zero: {'; or '.join(parts)}." if parts else ""
 
 
 def _stiffness_and_warnings(tree: xr.DataTree) -> Iterator[str]:
@@ -304,7 +349,7 @@ def _force(tree: xr.DataTree, symbol: str) -> xr.Dataset:
 
 
 def _table(tree: xr.DataTree, between: bool) -> Table:
-    """Return a row each force: both samples, difference, how sure, and what would be found."""
+    """Return a row for each force: both samples, difference, significance, and detectable difference."""
     data, rows = tree.to_dataset(), []
     names = dict(zip(SIDES, sample_names(data), strict=True))
     factor = scipy.stats.norm.isf(

@@ -1,4 +1,4 @@
-"""The equation of an identification as a function of other programs."""
+"""The equation of an identification as a function for other programs."""
 
 import re
 from collections.abc import Mapping
@@ -16,32 +16,33 @@ IN_NUMPY = {name: f"np.{name}" for name in ("sign", "abs", "pi", *SMOOTH)}
 IN_NUMPY |= {"min": "np.minimum", "max": "np.maximum"}
 IN_SYMPY = {name: f"sympy.{name}" for name in ("sign", "pi", *SMOOTH)}
 IN_SYMPY |= {"abs": "sympy.Abs", "min": "sympy.Min", "max": "sympy.Max"}
-# Names that the programs use themselves.
+# Names used by the exported programs.
 NAMES_OF_TEXTS = {"t", "x", "v", "y", "dy", "w", "W", "f", "force", "start", "rate", "rates", "np", "sympy"}
-# Languages of `export` that contain the parameters, no program.
+# Formats of `export` that contain parameters instead of a program.
 PARAMETER_LANGUAGES = ("toml", "json")
 # Templates by language.
 FUNCTION_NAMES: dict[str, Mapping[str, str]] = {"python": IN_NUMPY, "sympy": IN_SYMPY, "simulink": {}}
 
 
 def model_code(result: xr.Dataset, language: str) -> str:
-    """Return the equation of an identification as program text, with its numbers to all their digits.
+    """Return the equation of an identification as program text, with all digits of its numbers.
 
     Parameters
     ----------
     result : Dataset
         An identification.
     language : {"python", "sympy", "simulink"}
-        A function `f(t, y)` of NumPy; `rates` of sympy; the body of a MATLAB function block.
+        A function `f(t, y)` for NumPy; `rates` for sympy; the body of a MATLAB function block.
 
     Raises
     ------
     UsageError
-        Another language, or a force whose memory changes at reversals: it is no equation in x, v, states.
+        The language is unknown, or a force has memory that changes at reversals, so that the model is not an
+        equation in x, v and states.
     """
     if language not in FUNCTION_NAMES:
         offered = ", ".join((*FUNCTION_NAMES, *PARAMETER_LANGUAGES))
-        raise UsageError(f"'{language}' is no language of export; choose {offered}.")
+        raise UsageError(f"'{language}' is not a language of export; choose {offered}.")
     _check_is_equation(result)
     model = model_of(result).bound
     functions = FUNCTION_NAMES[language]
@@ -86,8 +87,8 @@ def _check_is_equation(result: xr.Dataset) -> None:
         )
     if hysteretic := [force.symbol for force in model.forces if force.memory]:
         raise UsageError(
-            f"{', '.join(hysteretic)} keeps values from its reversals, so the model is no equation in x, v "
-            "and states; use sysid-trib simulate, or predict in Python."
+            f"{', '.join(hysteretic)} keeps values from its reversals, so the model is not an equation in x, "
+            "v and states; use sysid-trib simulate, or predict in Python."
         )
 
 
@@ -96,5 +97,5 @@ def _one_line(text: str) -> str:
 
 
 def _renamed(formula: Formula, known: Mapping[str, str]) -> str:
-    """Return a formula with the names of another language."""
+    """Return a formula with the function names of another language."""
     return re.sub(r"\b[^\W\d]\w*", lambda word: known.get(word[0], word[0]), formula.text)

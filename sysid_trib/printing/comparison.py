@@ -1,4 +1,4 @@
-"""Methods side by side, in sentences and tables: which predicts best, which differ and probably why."""
+"""Methods side by side, as sentences and tables: the best prediction, differences, and probable causes."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
@@ -17,7 +17,7 @@ from sysid_trib.results.variables import record_groups, signal_units, small_unit
 FREQUENCY_SYMBOL = "w_inf"
 # A difference is mentioned if it is larger than this number of standard errors of both methods.
 APART = 3.0
-# A prediction is as good if its RMS is larger by less than this, or not significantly at this level.
+# Predictions are equally good if their RMS differs by less than this factor, or not at this level.
 ALIKE = 1.01
 ALIKE_LEVEL = 0.01
 BY_METHOD = "Coefficients by method"
@@ -31,7 +31,7 @@ STOCHASTIC_METHODS = (
     "These methods found a random force in addition to the noise, and their errors include it: {}. "
     "`sysid-trib identify` tests whether it is a true random force, or stands for a missing force."
 )
-# In the order in which they are looked for.
+# In the order of the search for causes.
 CAUSES = {
     "neglect": "These methods neglect forces, which biases the others (see remarks)",
     "lacking": "The probable cause: {} neglects forces, which biases the others (see remarks)",
@@ -43,9 +43,9 @@ CAUSES = {
 
 
 def _coefficient_table(table: xr.Dataset) -> Table:
-    """Return coefficients with errors: a row a method, a column a force with its power of ten in the head.
+    """Return coefficients with errors: one row per method, one column per force, with its power of ten.
 
-    A method that does not apply, or failed, has no row here; `_quality_table` says why.
+    A method that does not apply or that failed has no row here; `_quality_table` states the reason.
     """
     columns = {}
     applied = applied_methods(table)
@@ -70,14 +70,14 @@ def _difference_table(table: xr.Dataset) -> Table:
 
 
 def _differences_of(table: xr.Dataset) -> pd.DataFrame:
-    """Return differences from the best method over their errors, a row each method that applies."""
+    """Return differences from the best method over their errors, a row for each method that applies."""
     applied = applied_methods(table)
     of_forces = applied.z.transpose("model", "force").to_pandas()
     return of_forces.assign(**{FREQUENCY_SYMBOL: applied.asymptotic_frequency_z.values})
 
 
 def _quality_table(table: xr.Dataset, units: str) -> Table:
-    """Return residuals of simulated models, on the record and out of it, and what to mind of each method."""
+    """Return residuals of simulated models inside and outside of the fitted part, and remarks on methods."""
     factor, unit = small_units(units)
     numbered: dict[str, tuple[xr.DataArray, Callable[[float], str]]] = {
         "all/noise": (table.residual_over_noise, _ratio),
@@ -103,7 +103,7 @@ def _quality_table(table: xr.Dataset, units: str) -> Table:
 
 
 def _method_table(texts: pd.DataFrame) -> Table:
-    """Return a row a method, its columns with their cells."""
+    """Return one row per method, with its cells by column."""
     rows = [{"method": label, **row} for label, row in texts.to_dict("index").items()]
     return layout.text_table(rows, ("method", "remarks"), ("method",))
 
@@ -126,7 +126,7 @@ def comparison_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Bl
     of_all = [*_as_good(table), _noise(table), *_by_accident(table)]
     differ = _differences(table)
     warnings = identifiability_warnings(table.attrs)
-    # The first cause is in the remarks of the table.
+    # The first cause is stated in the remarks of the table.
     few = [said for cause, said in differ.items() if cause != "neglect"]
     return [
         Block([_prediction(tree)], ALWAYS),
@@ -156,7 +156,7 @@ def _prediction(tree: xr.DataTree) -> str:
     explain = "explain" if explains else "do not explain"
     if ratio > LARGE and _with_random_force(tree):
         explain = "without a random force do not explain"
-    # The names of inventors keep their capitals.
+    # Capitals are kept in the names of inventors.
     first, others = table.attrs["best"][:1].upper(), table.attrs["best"][1:]
     return (
         f"{first}{others} predicts the held-out part best ({third}, from {starts} on): "
@@ -185,15 +185,15 @@ def _rival(table: xr.Dataset, units: str) -> Iterator[str]:
 
 
 def _of_curves(table: xr.Dataset) -> xr.Dataset:
-    """Return the rows of methods that identify curves; older results have none."""
+    """Return the rows of methods that identify curves; older results have no such rows."""
     curves = ~table.names_forces.values.astype(bool) if "names_forces" in table else np.zeros(0, dtype=int)
     return table.isel(model=np.flatnonzero(curves))
 
 
 def _effective(tree: xr.DataTree, table: xr.Dataset) -> Iterator[str]:
-    """Describe the meaning of the coefficients where no method explains the record."""
+    """Describe the meaning of the coefficients if no method explains the record."""
     stochastic = _with_random_force(tree)
-    # It is nan for a motion that diverges from the record.
+    # The ratio is nan for a motion that diverges from the record.
     if not ratio_of_best(table) <= LARGE:
         effective = f"{EFFECTIVE}. Standard errors include the change between parts of the record."
         yield STOCHASTIC_METHODS.format(", ".join(stochastic)) if stochastic else effective
@@ -207,7 +207,7 @@ def ratio_of_best(table: xr.Dataset) -> float:
 
 
 def _with_random_force(tree: xr.DataTree) -> list[str]:
-    """Return methods of all forces that found a random force, if the one that predicts best is among them."""
+    """Return methods of all forces with a random force, if the method of best prediction is one of them."""
     table = comparison_of(tree)
     stochastic = [
         label
@@ -249,7 +249,7 @@ def _noise(table: xr.Dataset) -> str:
 
 
 def _by_accident(table: xr.Dataset) -> Iterator[str]:
-    """Warn that a poor model may still follow the last swings, and that errors can be wide."""
+    """Warn that a poor model may still follow the last swings, and that errors can be large."""
     of_names = table.drop_sel(model=_of_curves(table).model.values)
     ratios = of_names.residual_over_noise.fillna(np.inf)
     best = table.attrs["best"]
@@ -263,9 +263,9 @@ def _by_accident(table: xr.Dataset) -> Iterator[str]:
 
 
 def _differences(table: xr.Dataset) -> dict[str, str]:
-    """Return a sentence by probable cause on methods that differ significantly from the best."""
+    """Return a sentence for each probable cause of significant differences from the best method."""
     best = table.attrs["best"]
-    # Forces missing from the best method appear in each difference from it.
+    # Forces that the best method lacks would appear in each difference from it.
     lacks = table.sel(model=best)
     by_cause: dict[str, list[str]] = {cause: [] for cause in CAUSES}
     for label, z in _differences_of(table).iterrows():

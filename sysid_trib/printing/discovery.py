@@ -12,16 +12,23 @@ from sysid_trib.printing import ALWAYS, Block, Layer, discovery_tables as tables
 from sysid_trib.printing.discovery_verdict import verdict_sentences
 from sysid_trib.printing.verdict import GROUP, step_heterogeneity_sentences
 from sysid_trib.results import effects
-from sysid_trib.results.judged import LARGE, given_results, record_noise, residual_of
+from sysid_trib.results.judged import (
+    LARGE,
+    given_results,
+    has_unknown_effect,
+    record_noise,
+    residual_of,
+    verdict_of,
+)
 from sysid_trib.results.variables import signal_units
 
-# Competing effects that are named, the most probable; a file has all. And pairs of them.
+# Largest number of named competing effects, the most probable ones, and of pairs of them; a file has all.
 COMPETING, COMPETING_PAIRS = 10, 3
-# Odds at which one of two is outside of their 95 % credible set.
+# Odds at which the less probable of two is outside of their 95 % credible set.
 OUTSIDE_OF_SET = 19.0
 DIFFER, MISSING, REMAINS = "Residual of the start model", "Missing effects", "Residual of the final model"
 CANDIDATES, SHOWS = "Models and candidates", "Detectable effects"
-PARTS_CAPTION = "Record minus model, by its parts"
+PARTS_CAPTION = "Record minus model, in components: the largest value, its time, values at two amplitudes"
 
 
 def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
@@ -29,15 +36,15 @@ def discovery_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Blo
     (verdict, *sentences), details = verdict_sentences(tree), Layer.EXPLAIN
     remarks = [line for at, step in enumerate(effects.steps_taken(tree)) for line in _remarks(tree, at, step)]
     held = (
-        "Effects in the order in which they were added, with the residual before and after each, over the "
-        f"noise; held out: {tree.attrs['held_out']}"
+        "Effects in the order in which they were added. Residuals over the noise, before to after: on the "
+        f"fitted part (fitted) and on {tree.attrs['held_out']} (held out)"
     )
-    after, remains = "discrepancy_after", tree.attrs["verdict"] == "unknown effect"
+    after, remains = "discrepancy_after", has_unknown_effect(tree)
     parts = tables.residual_table(tree, after) if remains else None
     return [
         Block([verdict], ALWAYS),
         Block(sources),
-        Block((), Layer.QUIET | Layer.DEFAULT, table=tables.effects_table(tree)),
+        Block((), Layer.QUIET | Layer.DEFAULT, table=tables.effects_table(tree), caption=held),
         Block([*remarks, *sentences], Layer.DEFAULT),
         Block(sentences, details),
         Block(title="At a glance"),
@@ -71,7 +78,7 @@ def _start(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _remarks(tree: xr.DataTree, at: int, step: xr.Dataset) -> Iterator[str]:
-    """Describe doubts on an effect, and what competes with it."""
+    """Describe doubts about an effect, and the competing effects."""
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     if not step.significant:
         yield f"In the final model, the coefficient of {symbol} is not significant."
@@ -111,7 +118,7 @@ def _competing(tree: xr.DataTree, step: xr.Dataset) -> Iterator[str]:
     more = f", and {len(others) - COMPETING} more" if len(others) > COMPETING else ""
     likely = ", ".join(f"{s} {_probability(p)}" for s, p in [*probabilities.items()][: COMPETING + 1])
     yield f"{symbol} cannot be separated from: {named}{more}."
-    yield f"With equal prior probabilities: {likely}."
+    yield f"Probabilities (all candidates equally probable beforehand): {likely}."
     # List the forces that no run separates, and the measurement that would separate the others.
     groups = effects.inseparable_groups(step)
     for group in groups:
@@ -149,7 +156,7 @@ def remedy(tied: Sequence[Force]) -> str:
 
 
 def _detectability(tree: xr.DataTree) -> Iterator[str]:
-    """Describe candidates that look alike, cannot be tested, or were not offered."""
+    """Describe candidates that are inseparable, cannot be tested, or were not offered."""
     candidates = tree["detectability_after"].to_dataset()
     symbols = candidates.candidate.values.tolist()
     pairs = candidates.alike.sel(other=symbols).transpose("candidate", "other").to_pandas()
@@ -159,7 +166,7 @@ def _detectability(tree: xr.DataTree) -> Iterator[str]:
             f"This record cannot separate the forces of a group, even at a coefficient of {effects.NAMED:g} "
             f"standard errors. The groups: {alike}."
         )
-    # The reason may name the record already.
+    # The reason may contain these words already.
     reasons = candidates.reason.to_series().str.removeprefix("not testable on this record: ").str.rstrip(".")
     for reason, untested in reasons[reasons != ""].groupby(reasons, sort=False):
         yield f"Not testable on this record: {', '.join(untested.index)} ({reason})."
@@ -176,6 +183,7 @@ def discovery_json(tree: xr.DataTree) -> dict[str, Any]:
     computed = {
         "disagreement": _spans(tree["discrepancy"].to_dataset()),
         "steps": [_step(tree, at, step) for at, step in enumerate(effects.steps_taken(tree))],
+        "verdict": verdict_of(tree),
         "converged": bool(tree["converged"]),
         **{name: attrs.get(name) or None for name in ("closing_effect", "not_improving", "refused_by_laws")},
         "laws_held_out_rms": attrs.get("laws_held_out_rms", float("nan")),

@@ -1,4 +1,4 @@
-"""Common parts of the blocks of a discovery: tables of effects and candidates, and the residual in words."""
+"""Common parts of the blocks of a discovery: tables of effects and candidates, residual in sentences."""
 
 from collections.abc import Iterator
 
@@ -14,49 +14,49 @@ from sysid_trib.results.kinds import has_input
 from sysid_trib.results.random_force import DENSITY_UNITS
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 
-# Candidates in the table: those of the highest score at any step, and at the last.
+# Number of candidates in the table with the highest score at any step, and at the last.
 ROWS, LAST = 10, 3
-# Candidates that are named with an effect which cannot be separated from them.
+# Number of inseparable candidates that are named with an effect.
 TIES_NAMED = 2
 RANKING = (
-    "|z| of the named and the strongest candidates before each step and at the end (-: in the model, or not "
-    "tested). Last column: the coefficient of five standard errors. Shape parameters and frequencies are "
-    "those with the largest |z|"
+    "Score |z| of the named and the strongest candidates before each step and at the end, at the shape "
+    "parameters with the largest |z|; -: in the model, or not tested; detectable: the coefficient of five "
+    "standard errors in the final model"
 )
 UNKNOWN = "The residual does not follow the motion: it is external vibration, or noise of another kind."
-# Places that a sentence names; a residual that is everywhere needs none.
+# Ranges named in a sentence; a residual that is large everywhere needs none.
 WHERE = {
     "large amplitude": ", mostly at large amplitude",
     "small amplitude": ", mostly at small amplitude",
     "late times": ", growing with time",
 }
 CONSERVATIVE, DISSIPATIVE = "conservative", "dissipative"
-EVEN, TILTED = "even", "one-sided dissipative"
+EVEN, TILTED = "even", "friction that differs between the sides"
 SENSOR_CURVE = "an even force is missing, or the sensor is nonlinear"
 # Meanings of the types of force in the omnibus test, alone and together.
 MEANINGS = {
     frozenset({CONSERVATIVE}): "a conservative force is missing, or the clock is wrong",
     frozenset({DISSIPATIVE}): "a dissipative force is missing",
     frozenset({EVEN}): SENSOR_CURVE,
-    frozenset({TILTED}): "friction that differs between the sides is missing, or the sensor is nonlinear",
+    frozenset({TILTED}): f"{TILTED} is missing, or the sensor is nonlinear",
     frozenset({CONSERVATIVE, DISSIPATIVE}): "forces of both types are missing, or a history-dependent one",
     frozenset({EVEN, TILTED}): SENSOR_CURVE,
 }
-# A second type that scores this part of the first cannot be excluded.
+# A second type whose score reaches this fraction of the first cannot be excluded.
 NEARLY_AS_HIGH = 0.8
 
 
 def effects_table(tree: xr.DataTree, *, details: bool = False) -> Table | None:
     """Return the table of added effects, in order, with residuals over the noise; None if there are none.
 
-    `fitted` is the residual of the part to which the models of the search were fitted.
+    `fitted` is the residual in the part to which the models of the search were fitted.
 
     Parameters
     ----------
     tree : DataTree
         Result of `discover`.
     details : bool
-        Show also how far each lowers the deviance, and the random force before and after.
+        Also show by how much each effect lowers the deviance, and the random force before and after.
     """
     noise, held, rows = record_noise(tree), tree["holdout"].rms.values, []
     for at, step in enumerate(effects.steps_taken(tree)):
@@ -87,13 +87,13 @@ def _to(values: list[float], unit: float = 1.0) -> str:
 
 
 def _effect_name(step: xr.Dataset) -> str:
-    """Return the symbol of an effect, or the more probable effect that it stands for."""
+    """Return the symbol of an effect, or of the more probable effect whose place it takes."""
     symbol, named = step.symbol.item(), effects.named_effect(step)
     return symbol if named == symbol else f"{named} (fitted by {symbol})"
 
 
 def effect_with_ties(step: xr.Dataset) -> str:
-    """Return an effect with what it cannot be separated from: "epsilon (or gravity or magnet)"."""
+    """Return an effect with those that it cannot be separated from: "epsilon (or gravity or magnet)"."""
     others = [symbol for symbol in effects.alternatives_of(step) if symbol != step.symbol.item()]
     return f"{_effect_name(step)}{f' (or {effects.or_others(others, TIES_NAMED)})' if others else ''}"
 
@@ -104,14 +104,14 @@ def formula_text(step: xr.Dataset) -> str:
     shapes, errors = (effects.shapes_of(step, symbol, values) for values in ("shape", "shape_standard_error"))
     texts = [step.formula.item()]
     for name, value in shapes.items():
-        # A shape at an end of its range has no error that the record determines.
+        # The record determines no error of a shape parameter at an end of its range.
         error, at_end = errors.get(name, np.nan), f"{value:.3g} (end of its range)"
         texts.append(f"{name} = {layout.value_with_error(value, error) if error != 0.0 else at_end}")
     return ", ".join(texts)
 
 
 def ranking_table(tree: xr.DataTree) -> Table:
-    """Return |z| of named and best candidates before each step and at the end; not of those in the model."""
+    """Return |z| of named and best candidates before each step and at the end, except those in the model."""
     ranking, detectable = tree["ranking"].to_dataset(), tree["detectability_after"].to_dataset()
     named = [symbol for symbol in effects.added_effects(tree) if symbol in ranking.candidate]
     last = effects.strongest(ranking.isel(selection_step=[-1]), LAST)
@@ -121,7 +121,7 @@ def ranking_table(tree: xr.DataTree) -> Table:
         cells = (f"{abs(z):.3g}" if np.isfinite(z) else "-" for z in candidate.z.values)
         words, least = {"candidate": symbol, "name": candidate["name"].item()}, "-"
         if symbol in detectable.candidate and np.isfinite(detectable.detectable.sel(candidate=symbol)):
-            # Coefficient at which it would be significant in the final model.
+            # Coefficient at which the candidate would be significant in the final model.
             coefficient = detectable.sel(candidate=symbol)
             least = layout.with_unit(f"{coefficient.detectable.item():.2g}", coefficient.unit.item())
         rows.append(words | dict(zip(heads, cells, strict=True)) | {"detectable": least})
@@ -131,14 +131,14 @@ def ranking_table(tree: xr.DataTree) -> Table:
 
 
 def residual_text(tree: xr.DataTree) -> str:
-    """Describe the size of the residual of the final model; one that diverges has none."""
+    """Describe the residual of the final model; a model that diverges has none."""
     ratio = residual_over_noise(tree, "after")
     if not np.isfinite(ratio):
         return "the simulated motion diverges from the record"
     runs = [tree[name].to_dataset() for name in record_groups(tree)]
     if not any(map(has_input, runs)):
         return f"the residual is {times_noise(ratio)}"
-    # No spline determines the noise of a driven motion: the colour shows whether the residual is more.
+    # No spline determines the noise of a driven motion: colouredness shows whether the residual is more.
     part = residual_of(tree, "after") / root_mean_square([float(run.angle.std()) for run in runs])
     p_value, level = float(tree.attrs["noise_p_value"]), tree["ranking"].significance_level.item()
     colour = "" if np.isnan(p_value) else ", and white" if p_value >= level else ", and not white"
@@ -166,7 +166,7 @@ def residual_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
         most = "phase and amplitude" if set(parts[:2]) == {"phase", "amplitude"} else parts[0]
         yield f"Most of the residual is an error of {most}{WHERE.get(spans.attrs['where'], '')}."
     elif departs:
-        # Larger than the noise, but no part of it follows the motion.
+        # The residual exceeds the noise, but no part of it follows the motion.
         yield UNKNOWN
 
 
@@ -185,7 +185,7 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
         "frequency (%)": 100.0 * spans.frequency_error,
         "decay rate (w)": spans.decay_error,
     }
-    # The record's own: the model's may be far off.
+    # Amplitudes of the record, because those of the model may be far off.
     amplitude = (spans.amplitude + spans.amplitude_error).values
     ends = (int(np.argmax(amplitude)), int(np.argmin(amplitude)))
     heads = {f"at {amplitude[end]:.3g} {signal_units(tree)}": end for end in ends}
@@ -200,33 +200,34 @@ def residual_table(tree: xr.DataTree, group: str) -> Table:
 
 
 def force_type_sentences(tree: xr.DataTree, group: str) -> Iterator[str]:
-    """Describe the type of force that scores highest in the omnibus test, and its meaning.
+    """Describe the type of force with the highest score in the omnibus test, and its meaning.
 
-    Nothing if the test does not reject, or no part of the residual goes with the motion.
+    Nothing if the test does not reject the model, or if no part of the residual follows the motion.
 
     Parameters
     ----------
     tree : DataTree
         Result of `discover`.
     group : str
-        `discrepancy`, of the start model, or `discrepancy_after`.
+        `discrepancy`, for the start model, or `discrepancy_after`.
 
     Notes
     -----
-    A fit trades phase for amplitude where the frequency depends on amplitude, so that the residual itself
-    does not show the type. Scores do: what the model's parameters can do is projected out of them.
+    If the frequency depends on amplitude, a fit compensates phase errors with amplitude errors, so that the
+    residual itself does not show the type. Scores do, because they exclude all changes that the parameters of
+    the model can produce.
     """
     omnibus = tree["omnibus"].to_dataset().isel(selection_step=-1 if group.endswith("after") else 0)
     if len(tree[group].attrs["parts"]) and omnibus.significant:
         best = abs(omnibus.z).to_series().groupby(_sort_of).max().sort_values(ascending=False)
         scores = ", ".join(f"{kind} {z:.3g}" for kind, z in best.items())
         near = frozenset(best.index[best > NEARLY_AS_HIGH * best.max()])
-        meaning = MEANINGS.get(near, "forces of several types would explain it")
-        yield f"According to the omnibus test (largest |z| of each type of force: {scores}), {meaning}."
+        meaning = MEANINGS.get(near, "forces of several types would explain the residual")
+        yield f"According to the omnibus test, {meaning}. Largest |z| of each type of force: {scores}."
 
 
 def _sort_of(name: str) -> str:
-    """Return the type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine goes with speed."""
+    """Return the type of r^k, r^k cos m phi or r^k sin m phi: even m is even, a sine depends on speed."""
     _, *wave = name.split()
     if not wave:
         return EVEN

@@ -1,4 +1,4 @@
-"""The verdict of a discovery in sentences: is the record explained, and what remains."""
+"""Verdict of a discovery in sentences: is the record explained, and what remains."""
 
 from collections import Counter
 from collections.abc import Iterator
@@ -21,18 +21,18 @@ from sysid_trib.results.judged import held_out_excess, record_noise
 from sysid_trib.results.kinds import has_input
 from sysid_trib.results.variables import PARTS_OF_RECORD, record_groups, signal_units
 
-# Words by the verdict of the judge, for a search that found nothing more.
+# Words for the verdict of the judge, for a search that found nothing more.
 UNEXPLAINED_WORDS = {
     "approximate": "The model is approximate",
     "not explained": "The model does not explain the record",
 }
-# Largest number of forces of the omnibus test, and of candidates, that are named.
+# Largest number of named force terms of the omnibus test, and of named candidates.
 MOST_NAMED = 3
 UNDECIDED = (
     "The record does not determine the forces: no coefficient of the model differs from zero, and no "
     "candidate is significant. A longer motion from a larger amplitude would help."
 )
-# Noise levels above which a residual is shown.
+# Ratio to the noise above which a residual is shown.
 SHOWN_RATIO = 2.0
 UNSEEN = "An effect weaker than its detectable coefficient may still be present."
 IMITATED = "the model may imitate a force that is not among the candidates"
@@ -41,7 +41,7 @@ IMITATED = "the model may imitate a force that is not among the candidates"
 def verdict_sentences(tree: xr.DataTree) -> list[str]:
     """Describe the verdict of a result of `discover`, the residual, and the model."""
     return [
-        *(_unknown_effect(tree) if tree.attrs["verdict"] == "unknown effect" else _closed(tree)),
+        *(_unknown_effect(tree) if judged.has_unknown_effect(tree) else _closed(tree)),
         *_search(tree),
         *verdict.heterogeneity_sentences(tree),
         *_model(tree),
@@ -49,7 +49,7 @@ def verdict_sentences(tree: xr.DataTree) -> list[str]:
 
 
 def _closed(tree: xr.DataTree) -> Iterator[str]:
-    """Say that nothing more in the residual is significant; the first word is the judge's."""
+    """State that the residual contains nothing more; the first word is the judge's verdict."""
     effects = " and ".join(map(tables.effect_with_ties, steps_taken(tree)))
     after, residual, ratio = tree["after"].to_dataset(), tables.residual_text(tree), held_out_excess(tree)
     held = f"{tables.times_noise(ratio)} on the held-out part ({tree.attrs['held_out']})" if ratio else ""
@@ -86,7 +86,7 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
-    """Describe a residual without a name, or with names that may imitate another effect."""
+    """Describe a residual without a name, or with names that may stand for another effect."""
     residual, omnibus, added = tables.residual_text(tree), _last(tree, "omnibus"), added_effects(tree)
     imitating, refuted = _marked(tree, "collinear"), _marked(tree, "worsens_holdout")
     nothing, names = f"Unknown effect: {residual}, but", f"with {' and '.join(added)} " if added else ""
@@ -124,7 +124,7 @@ def _unknown_effect(tree: xr.DataTree) -> Iterator[str]:
     elif not tree["converged"]:
         rivals = "alternatives to these effects" if added else "candidates"
         yield f"Unknown effect: {names}{residual}, but not all {rivals} were compared."
-    # The residual of the final model is more than noise of the sensor and a random force without cause.
+    # The residual of the final model exceeds noise of the sensor and an unexplained random force.
     elif float(tree.attrs.get("noise_p_value", 1.0)) < level:
         driven = has_input(tree[record_groups(tree)[0]].to_dataset())
         why = "The residual depends on angle, speed or time, so it is not a random force"
@@ -164,7 +164,7 @@ def _high_but_not_significant(last: xr.Dataset) -> Iterator[str]:
 
 
 def _unexplained(tree: xr.DataTree) -> Iterator[str]:
-    """Describe at which amplitudes, and where in a cycle, the unexplained residual is largest."""
+    """Describe the amplitudes and the phase of the cycle at which the unexplained residual is largest."""
     after, units = tree["discrepancy_after"].to_dataset(), signal_units(tree)
     ratio, amplitude = after.rms.values / record_noise(tree), after.amplitude.values
     high, most = ratio > SHOWN_RATIO, int(np.argmax(ratio))
@@ -175,8 +175,8 @@ def _unexplained(tree: xr.DataTree) -> Iterator[str]:
     if len(cells):
         x, v = cells.abs().idxmax()
         where = (
-            f" The missing force is most significant near x = {x:.2g}, v = {v:.2g} {units}, where it is "
-            f"I w^2 times {after.force.sel(x=x, v=v).item():.2g} {units}."
+            f" The missing force is most significant near x = {x:.2g}, v = {v:.2g} {units}: it is "
+            f"{after.force.sel(x=x, v=v).item():.2g} {units} there, times I w^2."
         )
     yield (
         f"No candidate explains the residual {_between(amplitude[high], units)}; it is largest at "

@@ -1,4 +1,4 @@
-"""Driven records, forced responses and runs that may be made next, in words, tables and plain data."""
+"""Driven records, forced responses and plans of runs, as sentences, tables and plain data."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from sysid_trib.forces.symmetry import as_factor
 from sysid_trib.printing import ALWAYS, Block, Layer, layout
 from sysid_trib.printing.equation import equation_text
 from sysid_trib.printing.sureness import sureness_blocks
@@ -33,11 +34,11 @@ DRIVEN_VERDICTS = {
     "undetermined": "The record does not determine the forces: no coefficient differs from zero. The "
     "residual is {} (RMS).",
 }
-# A coefficient below this number of its errors may be zero.
+# A coefficient below this multiple of its error may be zero.
 SIGNIFICANT = 2.0
 BEYOND = "Beyond the amplitudes of the record the forces may have a different form."
 NO_MOTION = "With this drive the model has no steady motion at these frequencies: it sticks, or it grows."
-# Motions of the printed table in each sweep, evenly spaced, in addition to the largest.
+# Number of rows in the printed table of each sweep, evenly spaced, in addition to the largest motion.
 PRINTED = 4
 CURVE_VALUES = ("frequency_ratio", "amplitude", "amplitude_low", "amplitude_high", "phase")
 
@@ -58,7 +59,8 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
     if own and not others:
         why = f"it is fitted to the {own} itself"
     why = why or "the motion of the other method does not follow the record"
-    # If the reference is held, the asymptotic frequency follows from the forces, whose differences are above.
+    # If the reference is fixed, the asymptotic frequency follows from the forces, whose differences are
+    # above.
     fitted = any(result.reference_frequency_standard_error.item() for result in results.values())
     tested = dict(tree["agreement"].z.to_series()) if "agreement" in tree.children else {}
     z = {label: value if value else np.nan for label, value in tested.items()}
@@ -84,7 +86,7 @@ def driven_blocks(tree: xr.DataTree, record: Sequence[str] = ()) -> list[Block]:
 
 
 def _negative_damping(result: xr.Dataset) -> Iterator[str]:
-    """Say that the damping ratio is negative: such a model gives energy to the motion."""
+    """State that the damping ratio is negative, so that the model adds energy to the motion."""
     for symbol in library_of(result).damping_factors:
         of_force = result.sel(force=symbol)
         value, error = of_force.coefficient.item(), of_force.standard_error.item()
@@ -108,7 +110,7 @@ def _not_separated(tree: xr.DataTree) -> list[str]:
 
 
 def _constants_block(tree: xr.DataTree) -> Block:
-    """Return a table of the known constants, one row per run; empty without any."""
+    """Return a table of the known constants, one row per run; empty if there are none."""
     groups = record_groups(tree)
     rows = {name: constants_of(tree[name].to_dataset()) for name in groups}
     if not any(rows.values()):
@@ -129,10 +131,11 @@ def _in_its_unit(result: xr.Dataset, tree: xr.DataTree) -> list[str]:
     scaled = tree[PER_INPUT].to_dataset()
     name, unit = scaled.attrs["input"], signal_units(tree)
     units = tree[record_groups(tree)[0]][name].attrs.get("units") or name
-    of_each = {MASS: f"{units}/({unit}/s^2)", STIFFNESS: f"{units}/{unit}"}
+    own = as_factor(unit)
+    of_each = {MASS: f"{units}/({own}/s^2)", STIFFNESS: f"{units}/{own}"}
     for force in library_of(result):
         q = force.speed_degree or 0.0
-        rate = "" if not q else f"/({unit}/s)" if q == 1 else f"/({unit}/s)^{q:g}"
+        rate = "" if not q else f"/({own}/s)" if q == 1 else f"/({own}/s)^{q:g}"
         of_each[force.symbol] = f"{units}{rate}"
     parts = [
         f"{what} {layout.value_with_error(row.value.item(), row.standard_error.item())} {of_each[what]}"
@@ -176,7 +179,7 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
 
 
 def prediction_json(predicted: Sequence[xr.Dataset]) -> dict[str, Any]:
-    """Return a prediction as plain data, under `test`; nothing where nothing was predicted."""
+    """Return a prediction as plain data, at the key `test`; empty if nothing was predicted."""
     rows = []
     for record in predicted:
         row = layout.mapped(record, "prediction", {"source": record.attrs.get("source", "")})
@@ -194,7 +197,7 @@ def response_blocks(response: xr.Dataset) -> Iterator[Block]:
             apart = np.linspace(0, count - 1, PRINTED + 1).round().astype(int)
             places = {*apart.tolist(), int(np.argmax(motions.amplitude.values))}
             rows += [_row(motions.isel(frequency=at), sweep) for at in sorted(places)]
-    # Difference of the simulations, which the bands include.
+    # Difference from the simulated motions, which the bands include.
     limit, ratio = response.left_open.item(), response.simulated_amplitude / response.check_amplitude
     off = np.abs(ratio - 1.0).values
     keep = (
@@ -225,7 +228,7 @@ def response_csv(response: xr.Dataset) -> str:
     return layout.csv_of(["sweep", "frequency_rad_s", CURVE_VALUES[0], "unit", *CURVE_VALUES[1:]], rows)
 
 
-# Runs that the table has, and the head of one of its columns.
+# Number of runs in the table, and the head of one of its columns.
 MOST_RUNS, DURATION = 8, "duration (s)"
 PLAN_CAPTION = "Runs within the limits (--amplitude, --duration), the best first"
 
@@ -239,7 +242,7 @@ def plan_blocks(data: xr.Dataset) -> list[Block]:
 
 
 def _next_run(data: xr.Dataset, equal: int) -> Iterator[str]:
-    """Describe the best run, its expected information, and the number of equivalent runs left out."""
+    """Describe the best run, its expected information, and the number of omitted equivalent runs."""
     best, unit, repeats = data.isel(run=0), data.amplitude.attrs["units"], int(data.attrs["repeats"])
     run = f"Release at {_size(best)} {unit} and record {best.duration.item():.3g} s"
     run += f", {repeats} times" if repeats > 1 else ""
@@ -270,7 +273,7 @@ def _next_run(data: xr.Dataset, equal: int) -> Iterator[str]:
 
 
 def _size(run: xr.Dataset) -> str:
-    """Return the release of a run to three digits, micrometres too without a power of ten."""
+    """Return the release of a run with three digits; also micrometres are without a power of ten."""
     return np.format_float_positional(run.amplitude.item(), 3, fractional=False, trim="-")
 
 
@@ -289,7 +292,7 @@ def _rows(data: xr.Dataset) -> list[dict[str, str]]:
             row |= {"probability": f"{run.probability.item():.2f}", "entropy": f"{run.entropy.item():.3f}"}
         errors = (f"{error:.2g}" for error in run.standard_error.values)
         rows.append(row | dict(zip(heads, errors, strict=True)))
-    # Of runs with the same numbers keep the shorter one, which comes first.
+    # Of runs with the same numbers, the shorter one is kept, which comes first.
     table = pd.DataFrame(rows)
     return list(table.drop_duplicates(table.columns.drop([release, DURATION])).to_dict("records"))
 

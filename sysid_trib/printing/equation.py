@@ -1,4 +1,4 @@
-"""The equation of an identification in one line, and for LaTeX."""
+"""The equation of an identification in one line, and in LaTeX."""
 
 from collections.abc import Iterator, Mapping
 from math import floor, log10
@@ -12,7 +12,7 @@ from sysid_trib.forces.notation import symbol_latex
 from sysid_trib.results.models import in_model, library_of, shape_values_of
 from sysid_trib.results.variables import signal_symbol, signal_units
 
-# Digits of a number without an error, and of an error.
+# Digits of a number without an error, and digits of an error.
 DIGITS = 6
 DIGITS_OF_ERROR = 2
 # Names of formulas in LaTeX; x is the angle, v its rate over w.
@@ -36,16 +36,16 @@ def equation_text(result: xr.Dataset) -> str:
 
 def equation_latex(result: xr.Dataset) -> str:
     r"""Return the equation of motion for LaTeX, between `\begin{equation}` and `\end{equation}`."""
-    # A displacement is no angle.
+    # A displacement has another symbol than an angle.
     x = signal_symbol(signal_units(result))
     names = {name: latex.replace(r"\theta", x) for name, latex in NAMES.items()}
     parts = [x]
     for number, formula in _terms(result):
         written, is_sum = formula_latex(formula, names)
         if is_sum or written.startswith("-"):
-            # A sum is multiplied as a whole.
+            # A sum is multiplied as a whole, so it is bracketed.
             written = rf"\left({written}\right)"
-        # Two adjacent numbers would read as one.
+        # Two adjacent numbers would be read as one.
         times = "\\cdot" if written[:1].isdigit() else "\\,"
         parts.append(f"{_signed(power_of_ten(number))}{times} {written}")
     right = r" \\" "\n" r"    &\quad ".join(parts)
@@ -71,19 +71,19 @@ def formula_latex(formula: Formula, names: Mapping[str, str] = NAMES) -> tuple[s
     known = {"abs": sympy.Abs, "sign": sympy.sign, "max": sympy.Max, "min": sympy.Min}
     known |= {name: sympy.Symbol(names.get(name, name)) for name in formula.names}
     with sympy.evaluate(False):
-        # Formulas were checked when they were read: names, numbers and a few functions.
+        # Formulas were checked on reading: they contain names, numbers and a few functions.
         expression = sympy.parse_expr(formula.text, local_dict=known)
         return str(sympy.latex(expression)), bool(expression.is_Add)
 
 
 def power_of_ten(number: str) -> str:
-    """Format a number for LaTeX, with a power of ten in place of an exponent."""
+    """Format a number for LaTeX, with an explicit power of ten."""
     digits, _, power = number.partition("e")
     return f"{digits} \\times 10^{{{int(power)}}}" if power else digits
 
 
 def rounded(value: float, error: float) -> str:
-    """Return a number to two digits of its error; to six without one."""
+    """Return a number with two digits of its error, or six digits without an error."""
     if not (np.isfinite(error) and error > 0.0) or value == 0.0:
         return f"{value:.{DIGITS}g}"
     digits = floor(log10(abs(value))) - floor(log10(error)) + DIGITS_OF_ERROR
@@ -91,14 +91,14 @@ def rounded(value: float, error: float) -> str:
 
 
 def frequency_text(result: xr.Dataset) -> str:
-    """Return the reference frequency to two digits of its error, rad/s."""
+    """Return the reference frequency with two digits of its error, rad/s."""
     return rounded(result.reference_frequency.item(), result.reference_frequency_standard_error.item())
 
 
 def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, Formula]]:
     """Yield numbers and formulas of the active forces, or of the terms of the sensor.
 
-    A stiffness that refers to another frequency, that without contact, is in w already.
+    A stiffness that refers to the frequency without contact is already contained in w.
     """
     for force in library_of(result):
         row = result.sel(force=force.symbol)
@@ -111,7 +111,7 @@ def _terms(result: xr.Dataset, of_sensor: bool = False) -> Iterator[tuple[str, F
 
 
 def _sum(result: xr.Dataset, *, of_sensor: bool = False) -> str:
-    """Return numbers times formulas; the sign of a formula goes to its number."""
+    """Return numbers times formulas; the sign of a formula is moved to its number."""
     text = ""
     for number, formula in _terms(result, of_sensor):
         factor = _factor(formula.text)
@@ -137,7 +137,7 @@ def _factor(formula: str) -> str:
 
 
 def from_template(name: str, values: Mapping[str, Any]) -> str:
-    """Return a text of the folder `templates` with values in their places."""
+    """Return a file of the folder `templates` with values inserted."""
     from jinja2 import Environment, PackageLoader
 
     there = PackageLoader("sysid_trib", "printing/templates")

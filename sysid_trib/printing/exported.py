@@ -1,4 +1,4 @@
-"""The numbers of a result that leave the program: a table (CSV), one for LaTeX, and a methods section."""
+"""Exported numbers of a result: a table (CSV), a table for LaTeX, and a methods section."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -16,17 +16,17 @@ from sysid_trib.printing import equation, layout, verdict
 from sysid_trib.results import judged, kinds, models, variables
 from sysid_trib.results.kinds import GIVEN, MU, si_of
 
-# Columns of the LaTeX table other than the methods: keys of the column `method` of the CSV table.
+# Column of the LaTeX table other than the methods: a key of the column `method` of the CSV table.
 SI_COLUMN = "SI units"
 DIFFERENCE_ROWS = "first minus second"
 RECORD_ROWS = "record"
-# More methods than this are rows.
+# If there are more methods, they are in rows.
 MOST_COLUMNS = 3
 LATEX_ESCAPES = {letter: f"\\{letter}" for letter in "{}$&#_%"}
 LATEX_ESCAPES |= {"\\": r"\backslash ", "^": r"\wedge ", "~": r"\sim "}
 LATEX_TEXT = {"\\": r"\textbackslash{}", "^": r"\^{}", "~": r"\~{}"}
 FREQUENCIES_LATEX = {"reference_frequency": r"\omega", "asymptotic_frequency": r"\omega_\infty"}
-# Description of each method for a methods section.
+# Description of each method in a methods section.
 IN_WORDS = {
     "direct": (
         "regression of the equation of motion in weak form with refined instrumental variables"
@@ -68,7 +68,7 @@ def about_the_record(tree: xr.DataTree) -> dict[str, str]:
         written = {name: f"{ratio.item():.3g} times the noise" for name, ratio in parts.items()}
         return {"predicts best": best} | details | written
     if kind == "discover":
-        said = {"verdict": str(tree.attrs["verdict"])}
+        said = {"verdict": judged.verdict_of(tree), "search": str(tree.attrs[judged.SEARCH_OUTCOME])}
         model = "after"
     else:
         model = judged.preferred_of(tree)
@@ -113,7 +113,7 @@ def latex_text(tree: xr.DataTree) -> str:
     named = judged.given_results(tree)
     letters = {f.symbol: f.latex_symbol for result in named.values() for f in models.library_of(result)}
     cells: dict[str, dict[str, str]] = {}
-    # In the order of the methods, whichever forces they have.
+    # In the order of the methods, with all their forces.
     heads: dict[str, None] = {}
     for row in _rows(tree):
         if row["quantity"] in GIVEN:
@@ -162,7 +162,7 @@ def in_latex(text: str) -> str:
 
 
 def plain_latex(text: str) -> str:
-    """Escape a text of a result for LaTeX, so that none of its letters is a command."""
+    """Escape a text of a result for LaTeX, so that it contains no command."""
     return re.sub(r"[{}$&#_%\\^~]", lambda letter: LATEX_TEXT.get(letter[0], f"\\{letter[0]}"), text)
 
 
@@ -172,7 +172,7 @@ def unit_in_latex(unit: str) -> str:
     for part in unit.split():
         match = re.fullmatch(r"(.*?[^\d^.-])\^?(-?[\d.]+)?", part)
         base, power = match.groups() if match else (part, None)
-        # A unit is a text of a file: none of its letters is a command.
+        # A unit is read from a file, so its letters are escaped.
         escaped = "".join(LATEX_ESCAPES.get(letter, letter) for letter in base)
         parts.append(rf"\mathrm{{{escaped}}}" + (f"^{{{power}}}" if power else ""))
     return "$" + r"\,".join(parts) + "$"
@@ -198,7 +198,7 @@ def methods_text(tree: xr.DataTree) -> str:
             values["largest"] = float(np.nanmax(np.abs(tree["agreement"].z.values)))
         names = (force.name for force in models.library_of(main))
         values |= {
-            # A library is its user's: no letter of a name is a command.
+            # The library may be a user's, so characters with a meaning in LaTeX are removed.
             "forces": ", ".join(re.sub(r"[^\w ,().-]", " ", name) for name in names),
             "by": IN_WORDS.get(method, method),
             "left": f"{ratio:.3g}" if np.isfinite(ratio) else "",

@@ -17,9 +17,9 @@ from sysid_trib.results.models import library_of
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import record_groups, signal_units
 
-# Between the level at which methods disagree and this one they agree, but barely.
+# Methods agree, but only barely, if the p-value is between the level of the test and this value.
 BARELY = 0.05
-# More errors than one of several differences that agree as a whole should have without a word.
+# If all differences together agree, a single one above this number of errors is mentioned.
 AS_A_WHOLE = 2.0
 COEFFICIENTS, FOLLOWS_TITLE = "Coefficients", "Consequences of the model"
 NO_STIFFNESS = (
@@ -58,7 +58,7 @@ def identification_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> lis
 
 
 def _coefficient_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """Yield the coefficients, where a method gave any, and the equation of the preferred model."""
+    """Yield the coefficients if a method gave any, and the equation of the preferred model."""
     if (main := judged.main_result(tree)) is not None:
         yield Block([verdict.reference_sentence(judged.last_of(tree))], Layer.EXPLAIN, COEFFICIENTS)
         yield Block((), ALWAYS, COEFFICIENTS, identification_table(tree))
@@ -78,9 +78,9 @@ def estimate_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def identification_table(tree: xr.DataTree) -> Table:
-    """Return coefficients by both methods, their distance in errors, and the residuals of their models.
+    """Return coefficients by both methods, their difference in errors, and the residuals of their models.
 
-    A method that failed has no column. Errors are the total ones, of the noise and of the model.
+    A method that failed has no column. Errors are total errors, from noise and model.
     """
     table, results = judged.judged_of(tree), judged.kept_results(tree)
     kept = table.sel(model=list(results))
@@ -104,9 +104,9 @@ def identification_table(tree: xr.DataTree) -> Table:
 
 
 def consequences(tree: xr.DataTree) -> list[str]:
-    """Return the consequences of the preferred model in sentences; energies in J where its inertia is known.
+    """Return the consequences of the preferred model in sentences; energies in J if the inertia is known.
 
-    Nothing follows from a model that does not follow the record.
+    No consequences are stated for a model that does not follow the record.
     """
     if not judged.follows(tree):
         return [NO_CONSEQUENCES.format(_why_none(tree))]
@@ -121,20 +121,20 @@ def _why_none(tree: xr.DataTree) -> str:
 
 
 def _weight(tree: xr.DataTree) -> list[str]:
-    """Describe which forces the decay comes from by the preferred model, where it follows the record."""
+    """Describe the forces that cause the decay in the preferred model, if it follows the record."""
     result = judged.preferred_result(tree) if judged.follows(tree) else None
     return [] if result is None else weight_sentences(tree, result)
 
 
 def _answer(tree: xr.DataTree) -> str:
-    """Name the preferred method where a test decides it."""
+    """Name the preferred method if a test decides it."""
     decided = judged.is_unexplained(tree) and not judged.failures(tree)
     preferred = f"Preferred method: {judged.preferred_of(tree)} (it predicts the held-out parts better). "
     return preferred if decided else ""
 
 
 def _how_methods_agree(tree: xr.DataTree) -> Iterator[str]:
-    """Describe the agreement of the methods and its test; nothing where one failed."""
+    """Describe the agreement of the methods and its test; nothing if one failed."""
     checked = tree["agreement"].to_dataset()
     attrs, p_value = checked.attrs, checked.p_value.item()
     pair = f"{attrs['first'].capitalize()} and {attrs['second']}"
@@ -184,7 +184,7 @@ def _remarks(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _stiffness(tree: xr.DataTree) -> Iterator[str]:
-    """Say that a linear stiffness cannot be identified, where the library has one."""
+    """State that a linear stiffness cannot be identified, if the library has one."""
     second = judged.last_of(tree)
     stiffness = library_of(second, whole=True).role("x")
     if stiffness is not None and stiffness.symbol not in second.force:

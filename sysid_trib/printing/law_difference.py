@@ -1,4 +1,4 @@
-"""The laws of two samples in words: at which speeds and displacements they differ."""
+"""The laws of two samples in sentences: at which speeds and displacements they differ."""
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -14,20 +14,20 @@ from sysid_trib.results.law_curves import LAW_DIFFERENCE, LAW_WORDS, VARIABLE_OF
 from sysid_trib.results.variables import CONFIDENCE, signal_units
 
 LAWS_TITLE = "Difference of the laws"
-# Of no difference along a law.
+# Significance level for a difference anywhere along a law.
 NO_DIFFERENCE_LEVEL = 1.0 - CONFIDENCE
-# Rows of a table of a law.
+# Largest number of rows in the table of a law.
 MOST_PLACES = 8
 
 
 def sample_names(data: xr.Dataset) -> list[str]:
-    """Return the names of the samples: their files, or first and second if these are alike."""
+    """Return the names of the samples: their files, or first and second if these are equal."""
     names = [sample_name(data.attrs[f"{side}_record"], side) for side in SIDES]
     return list(SIDES) if names[0] == names[1] else names
 
 
 def sample_name(sources: Sequence[str], otherwise: str) -> str:
-    """Return a short name of records that are files."""
+    """Return a short name for records that are files."""
     names = [Path(source).name for source in sources if source]
     return f"{names[0]} and {len(names) - 1} more" if len(names) > 1 else "".join(names) or otherwise
 
@@ -56,9 +56,9 @@ def law_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _directions(data: xr.Dataset, law: str) -> list[tuple[str, str]]:
-    """Return the direction in which the first law differs from the second, and the places of each."""
+    """Return the direction in which the first law differs from the second, and the ranges of each."""
     places = data[VARIABLE_OF_LAW[law]].values
-    # A larger friction is larger against the motion, whatever its direction.
+    # A larger friction acts more strongly against the motion in either direction.
     difference = np.sign(places) * data[f"{law}_difference"].values
     differs = data[f"{law}_differs"].values
     ways = {"larger": differs & (difference > 0.0), "smaller": differs & (difference < 0.0)}
@@ -113,7 +113,7 @@ def _table(data: xr.Dataset, law: str, names: dict[str, str]) -> Table:
 
 
 def law_difference_json(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the difference of the laws as plain data, at the key `laws`; empty where none was asked for."""
+    """Return the difference of the laws as plain data, at the key `laws`; empty if not requested."""
     if LAW_DIFFERENCE not in tree.children:
         return {}
     data = tree[LAW_DIFFERENCE].to_dataset()

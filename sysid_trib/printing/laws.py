@@ -1,4 +1,4 @@
-"""The laws in words, tables and plain data: friction against speed, restoring force against displacement."""
+"""The laws as sentences, tables and plain data: friction against speed, restoring force over displacement."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -22,12 +22,12 @@ RESTORING_TITLE = "Restoring force against displacement"
 SURENESS_TITLE = "Uncertainty"
 FORMULA_TITLE = "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
-# Formulas of a law that are printed.
+# Largest number of printed formulas of a law.
 FORMULAS_SHOWN = 4
-# Places at which a law is shown, in parts of the largest visited place; on each side if it is not odd.
+# Places at which a law is shown, as fractions of the largest visited place; both sides if it is not odd.
 SHOWN_PARTS = (0.05, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2)
 SIDE_PARTS = (0.1, 0.4, 0.7, 1.0, 1.2)
-# A motion that is larger by this factor leaves the visited range.
+# A motion that exceeds the visited range by this factor leaves it.
 LARGER_MOTION = 1.02
 REMAINING = (
     "The residual is not a function of speed or displacement alone. It may come from a force with memory, "
@@ -57,21 +57,21 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         *_own_blocks(tree),
         *_restoring_blocks(tree),
         Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
-        Block([*_formula_sentences(tree)], title=FORMULA_TITLE),
+        *_formula_blocks(tree),
         Block([*_interaction_sentences(tree)], title=BOTH_TITLE),
         Block([*_details(tree)], details, SURENESS_TITLE),
     ]
 
 
 def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """Yield the laws of each run that has its own."""
+    """Yield the laws of each run that has separate ones."""
     if OWN_LAWS not in tree.children:
         return
     own = tree[OWN_LAWS].to_dataset()
     for law in law_curves.laws_in(_preferred(tree)):
         curves = [law_curves.curve_of(own.sel(run=run), law) for run in own.run.values]
         if all(np.array_equal(curve.values, curves[0].values) for curve in curves):
-            # All runs share this law.
+            # All runs have this law in common.
             continue
         word, unit_at, unit = _words(tree, law)
         both = bool(np.any(curves[0].places < 0.0))
@@ -95,7 +95,7 @@ def _own_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _restoring_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """Yield the restoring force, where anything restores."""
+    """Yield the restoring force if there is one."""
     if law_curves.restores(_preferred(tree)):
         caption = _caption(tree, "restoring")
         yield Block((), ALWAYS, RESTORING_TITLE, law_table(tree, "restoring"), caption)
@@ -120,7 +120,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
             ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
-    # If curves do not follow it better.
+    # For curves, or if they do not follow the record better.
     return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
 
 
@@ -217,7 +217,7 @@ def law_table(tree: xr.DataTree, law: str) -> Table:
 
 
 def _beyond_known(tree: xr.DataTree, law: str, curves: Mapping[str, Curve]) -> dict[str, Curve]:
-    """Return the friction as it is, the restoring force without its known part."""
+    """Return the whole friction, and the restoring force without its known part."""
     if law == "friction":
         return dict(curves)
     result = _preferred(tree)
@@ -258,9 +258,9 @@ def _caption(tree: xr.DataTree, law: str) -> str:
     held = law_curves.known_part(_preferred(tree), np.zeros(1))[1]
     known = " and ".join(["the straight line w^2 x", *held])
     return (
-        f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}): whole; then by "
-        f"each method without {known}{f' (in {scaled})' * bool(power)}, with standard errors; "
-        f"w = {w:.6g} rad/s"
+        f"Restoring force over the {inertia} ({unit_of}) against displacement ({unit_at}), with standard "
+        f"errors. Column whole: all of it; the other columns: without {known}, w = {w:.6g} rad/s"
+        f"{f', in {scaled}' * bool(power)}"
     )
 
 
@@ -275,7 +275,7 @@ def _power(tree: xr.DataTree, law: str) -> int:
 
 
 def _band(low: float, high: float) -> str:
-    """Return the ends of a band, to a tenth of its width."""
+    """Return the limits of a band, rounded to a tenth of its width."""
     width = abs(high - low)
     if not np.isfinite(width):
         return "-"
@@ -284,7 +284,7 @@ def _band(low: float, high: float) -> str:
 
 
 def _spans(spans: Sequence[tuple[float, float]], unit: str) -> str:
-    """Return the stretches of speeds or displacements as text."""
+    """Return the ranges of speeds or displacements as text."""
     texts = [f"{low:.3g}" if low == high else f"{low:.3g} to {high:.3g}" for low, high in spans]
     return f"{' and '.join(texts)} {unit}"
 
@@ -315,7 +315,7 @@ def _energy_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _passivity(tree: xr.DataTree) -> str:
-    """Return the speeds at which the constraint of passivity acts."""
+    """Describe the speeds at which the passivity constraint is active."""
     result = _preferred(tree)
     acting = json.loads(tree["judged"].attrs[PASSIVE])
     if not acting:
@@ -372,8 +372,8 @@ def _differences(tree: xr.DataTree) -> Iterator[str]:
         )
 
 
-def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Say which sums of library forces stay within the bands, and whether the force is a sum of both laws."""
+def _formula_blocks(tree: xr.DataTree) -> Iterator[Block]:
+    """Yield a table of the sums of library forces that stay within the band of each law."""
     if tree["judged"].attrs["reason"]:
         return
     for law, words in (("friction", "the friction law"), ("restoring", "the restoring-force law")):
@@ -381,23 +381,24 @@ def _formula_sentences(tree: xr.DataTree) -> Iterator[str]:
         if law == "restoring" and not law_curves.restores(_preferred(tree)):
             continue
         if name not in tree.children:
-            yield f"No sum of up to three library forces stays within the band of {words}."
+            sentence = f"No sum of up to three library forces stays within the band of {words}."
+            yield Block([sentence], title=FORMULA_TITLE)
             continue
         listed = tree[name].to_dataset()
         count = min(FORMULAS_SHOWN, listed.sizes["alternative"])
-        texts = [_formula_text(listed.isel(alternative=at)) for at in range(count)]
-        said = ""
+        rows = [{"formula": _formula_text(listed.isel(alternative=at))} for at in range(count)]
+        caption = f"Formulas within the band of {words}, divided by w^2"
         if "held_out_rms" in listed:
             unit = signal_units(tree)
-            sizes = [_residual_text(rms, unit) for rms in listed.held_out_rms.values[:count].tolist()]
-            texts = [f"{text} ({size})" for text, size in zip(texts, sizes, strict=True)]
+            for row, rms in zip(rows, listed.held_out_rms.values[:count].tolist(), strict=True):
+                row["residual"] = _residual_text(rms, unit)
             of_laws = _residual_text(listed.held_out_rms_of_laws.item(), unit)
-            said = f" (in parentheses the residual on the held-out last third; of the curves {of_laws})"
-        yield f"Formulas within the band of {words}, divided by w^2{said}: {'; or '.join(texts)}."
+            caption += f"; residual (RMS) on the held-out last third, {of_laws} for the curves"
+        yield Block((), title=FORMULA_TITLE, table=layout.text_table(rows, ("formula",)), caption=caption)
 
 
 def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Say whether the force is a sum of both laws, and which readings the record does not tell apart."""
+    """State whether the force is a sum of both laws, and which readings the record does not separate."""
     if "readings" in tree.children:
         yield from _reading_sentences(tree["readings"].to_dataset(), signal_units(tree))
     if "interaction" in tree.children:
@@ -412,7 +413,7 @@ def _interaction_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _reading_sentences(both: xr.Dataset, unit: str) -> Iterator[str]:
-    """Say which combination of a friction law and of products the record determines."""
+    """State which combination of a friction law and of products the record determines."""
     if bool(both.separated.item()):
         return
     size = max(abs(both["sum"].item()), 1e-300)
@@ -438,7 +439,7 @@ def _formula_text(formula: xr.Dataset) -> str:
 
 
 def _sensor_sentence(tree: xr.DataTree, symbols: Sequence[str]) -> str:
-    """Return the terms of the sensor that were fitted, each run with its own."""
+    """Return the fitted terms of the sensor, with the values of each run."""
     result = tree[str(tree["judged"].model.values[-1])].to_dataset()
     library = library_of(result, whole=True)
     known = result.force.values.tolist()
@@ -489,7 +490,7 @@ def _details(tree: xr.DataTree) -> Iterator[str]:
     smooth = [force.symbol for force in library if not force.curve and force.kind != "sensor"]
     free = [symbol for symbol in smooth if symbol not in held]
     if free:
-        yield f"Not subject to the smoothness penalty: {', '.join(free)}."
+        yield f"Named forces, fitted without the smoothness penalty: {', '.join(free)}."
     if held:
         values = ", ".join(f"{name} = {result.coefficient.sel(force=name).item():g}" for name in sorted(held))
         yield f"Held: {values}."
@@ -547,7 +548,7 @@ def laws_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
-    """Return the laws in SI units and the coefficient of friction, a row each place."""
+    """Return the laws in SI units and the coefficient of friction, one row per place."""
     for law in ("friction", "restoring", MU):
         if law not in data:
             continue
@@ -569,7 +570,7 @@ def si_rows(data: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
-    """Yield the preferred laws, and those of each run that has its own, a row each place."""
+    """Yield the preferred laws, and those of each run that has separate ones, one row per place."""
     result = _preferred(tree)
     preferred = judged.preferred_of(tree)
     yield from _rows_of_curves(tree, result, preferred)
@@ -582,7 +583,7 @@ def _law_rows(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 
 
 def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Iterator[dict[str, Any]]:
-    """Yield the laws of a dataset by the name of their method, a row each place."""
+    """Yield the laws of a dataset by the name of their method, one row per place."""
     for law in law_curves.laws_in(_preferred(tree)):
         variable = law_curves.VARIABLE_OF_LAW[law]
         curve = law_curves.curve_of(result, law)
@@ -606,7 +607,7 @@ def _rows_of_curves(tree: xr.DataTree, result: xr.Dataset, method: str) -> Itera
 
 
 def laws_csv(tree: xr.DataTree) -> str:
-    """Return the preferred laws with their bands, a row each place."""
+    """Return the preferred laws with their bands, one row per place."""
     rows = list(_law_rows(tree))
     return layout.csv_of(list(rows[0]), rows)
 
@@ -647,7 +648,7 @@ def laws_latex(tree: xr.DataTree) -> str:
 
 
 def _unit(unit: str) -> str:
-    """Return a unit such as `rad/s^2` as LaTeX writes it."""
+    """Return a unit such as `rad/s^2` in LaTeX."""
     over, _, under = unit.rpartition("/s")
     if not over:
         return exported.unit_in_latex(unit)

@@ -1,4 +1,4 @@
-"""Numbers with errors and tables as texts; datasets as plain data, by tables of keys, and as CSV."""
+"""Numbers with errors and tables as text; datasets as plain data, by tables of keys, and as CSV."""
 
 import tomllib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -18,7 +18,7 @@ from sysid_trib.results.variables import record_groups, small_units
 
 MARKS = {"": "", "fixed": " (fixed)", "at its bound": " (bound)"}
 FREQUENCY_ROWS = {"reference_frequency": "w (rad/s)", "asymptotic_frequency": "w_inf (rad/s)"}
-# Columns of a row of `quantities`, and the variables of a force in them.
+# Columns of a row of `quantities`, and the variables of a force for them.
 COLUMNS = {
     **{"quantity": "force", "name": "name", "formula": "formula", "value": "coefficient"},
     **{name: name for name in ("standard_error", "unit", "refers_to", "error_of_noise", "error_of_model")},
@@ -27,7 +27,7 @@ COLUMNS = {
 
 
 def value_with_error(value: float, error: float) -> str:
-    """Format `0.0097 ± 0.0002`: two digits of the error, one power of ten for both numbers."""
+    """Format `0.0097 ± 0.0002`: two digits of the error, and a common power of ten."""
     if not np.isfinite(value):
         return "-"
     if not np.isfinite(error):
@@ -49,12 +49,12 @@ def values_with_errors(values: ArrayLike, errors: ArrayLike) -> list[str]:
 
 
 def error_of(name: str) -> str:
-    """Return the variable that has the standard error of another."""
+    """Return the name of the variable with the standard error of another."""
     return "standard_error" if name == "coefficient" else f"{name}_standard_error"
 
 
 def quantity(result: xr.Dataset, name: str, units: str = "", factor: float = 1.0) -> str:
-    """Return a variable of a result with its standard error, both times a factor, with units behind it."""
+    """Return a variable of a result with its standard error, multiplied by a factor, and its units."""
     value, error = (factor * result[key].item() for key in (name, error_of(name)))
     return f"{value_with_error(value, error)}{units}"
 
@@ -65,7 +65,7 @@ def with_unit(text: str, unit: str) -> str:
 
 
 def coefficient_text(force: xr.Dataset) -> str:
-    """Return the coefficient of a force with its standard error, and its unit where it has one."""
+    """Return the coefficient of a force with its standard error, and its unit if it has one."""
     return with_unit(quantity(force, "coefficient"), force.unit.item())
 
 
@@ -88,7 +88,7 @@ def by_label(data: xr.Dataset, dim: str) -> dict[str, xr.Dataset]:
 
 
 def first_and_more(sentences: list[str], most: int, rest: str = "") -> list[str]:
-    """Return the first of many sentences, and one that counts the others."""
+    """Return the first few of many sentences, and one with the number of the others."""
     more = len(sentences) - most
     return [*sentences[:most], *([f"And {more:,} more{rest}."] if more > 0 else [])]
 
@@ -96,20 +96,20 @@ def first_and_more(sentences: list[str], most: int, rest: str = "") -> list[str]
 def text_table(
     rows: Sequence[Mapping[str, str]], words: Collection[str] = (), whole: Collection[str] = ()
 ) -> Table:
-    """Return a table of rows, each with its cells by the heads of their columns.
+    """Return a table of rows; each row has its cells by the heads of their columns.
 
     Parameters
     ----------
     rows : sequence of mapping of str to str
-        A cell that a row lacks is empty.
+        Rows; a missing cell is empty.
     words, whole : collection of str
-        Heads of the columns of words, which a narrow terminal may fold, and of those that it may not; the
-        others are numbers.
+        Heads of the text columns: those that may be folded on a narrow terminal, and those that may not. All
+        other columns are numbers.
     """
     table = Table(box=None, pad_edge=False, header_style="bold")
     heads = list(dict.fromkeys(head for row in rows for head in row))
     for head in heads:
-        # Make it as wide as a word of the head, which a narrow terminal would break.
+        # At least as wide as a word of the head, which a narrow terminal would otherwise break.
         cells = (*(row.get(head, "") for row in rows), *head.split())
         longest = max(len(line) for cell in cells for line in cell.split("\n"))
         folds = head in words and head not in whole
@@ -139,7 +139,7 @@ def quantities(result: xr.Dataset) -> Iterator[dict[str, Any]]:
 
 
 def number_and_mark(row: Mapping[str, Any]) -> tuple[str, str]:
-    """Return a quantity with its error, and a mark if it is held, fixed, at its bound or tied."""
+    """Return a quantity with its error, and a mark if it is fixed, at its bound or tied."""
     if "standard_error" not in row:
         return f"{row['value']:g}", " (held)"
     number = value_with_error(row["value"], row["standard_error"])
@@ -151,21 +151,21 @@ def coefficient_table(
     z: Mapping[Any, float] = MappingProxyType({}),
     below: Iterable[Mapping[str, str]] = (),
 ) -> Table:
-    """Return coefficients by each identification with errors, and how many errors apart they are.
+    """Return coefficients by each identification with errors, and their differences in errors.
 
     Parameters
     ----------
     results : mapping of str to Dataset
         Identifications by name.
     z : mapping of str to float
-        Differences over their errors, by the names of quantities; no column of none.
+        Differences over their errors, by the names of quantities; if empty, this column is omitted.
     below : iterable of mapping of str to str
         Further rows.
     """
     pairs = [(method, row) for method, result in results.items() for row in quantities(result)]
     width = max([8, *(len(row["quantity"]) for _, row in pairs if "formula" in row)])
     rows: dict[str, dict[str, str]] = {}
-    # Forces, then shape parameters, then frequencies, of whichever method.
+    # Forces, then shape parameters, then frequencies of all methods.
     pairs.sort(key=_place_in_table)
     for method, row in pairs:
         label = row["quantity"]
@@ -190,20 +190,20 @@ def coefficient_table(
 
 
 def shortened(formula: str, longest: int = 48) -> str:
-    """Return a formula for a table; the command `forces` shows all of a long one."""
+    """Return a formula for a table; the command `forces` shows long formulas in full."""
     return formula if len(formula) <= longest else f"{formula[: longest - 3]}..."
 
 
 def name_and_unit(name: str, unit: str) -> str:
-    """Return a name with the unit behind it, where there is one."""
+    """Return a name followed by its unit, if it has one."""
     return name if unit == "1" else f"{name} ({unit})"
 
 
-# Signs with which a formula of a spreadsheet begins.
+# First characters of a spreadsheet formula.
 FORMULA_SIGNS = ("=", "+", "-", "@")
-# Attributes of a record that JSON contains unchanged.
+# Types of attributes that JSON contains unchanged.
 PLAIN = (str, int, float)
-# By kind of result, or of its parts.
+# Tables of keys for each kind of result or part of a result.
 KEYS: dict[str, Any] = tomllib.loads(Path(__file__).with_name("keys.toml").read_text(encoding="utf-8"))
 
 
@@ -215,11 +215,11 @@ def mapped(
     Parameters
     ----------
     data : Dataset or DataTree
-        Its variables and attributes are named by the table.
+        Contains the variables and attributes named in the table.
     table : str or mapping
-        One of `keys.toml` by its name; or by key what is said there.
+        Name of a table in `keys.toml`; or the entry for each key.
     computed : mapping of str to data
-        Values at other keys of the table.
+        Values for other keys of the table.
     """
     rows = KEYS[table] if isinstance(table, str) else table
     if "of" in rows:
@@ -257,17 +257,17 @@ def _place_in_table(pair: tuple[str, Mapping[str, Any]]) -> int:
 
 
 def evenly_chosen(count: int, most: int) -> Index:
-    """Return indices of at most so many items out of a count, evenly spread from the first to the last."""
+    """Return a limited number of indices below a count, evenly spaced from the first to the last."""
     return np.unique(np.linspace(0, count - 1, most).round().astype(int))
 
 
 def by_variables(data: xr.Dataset) -> dict[str, Any]:
-    """Return scalars by the names of their variables, others by each label of their dimension.
+    """Return scalars by the names of their variables, other variables by each label of their dimension.
 
     Parameters
     ----------
     data : Dataset
-        Data of one dimension with labels, beside dimensions without.
+        Data with one labelled dimension, and other dimensions without labels.
     """
     dims = [dim for dim in data.dims if dim in data.coords]
     along = {}
@@ -291,7 +291,7 @@ def judged_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def per_label(data: Any, dim: str, source: str | Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries of a source at each label of a dimension; nothing without the dimension."""
+    """Return the entries of a source at each label of a dimension; nothing without this dimension."""
     if dim not in data.dims:
         return {}
     return {label: _value(part, source) for label, part in by_label(data, dim).items()}
@@ -318,10 +318,10 @@ def records_json(tree: xr.DataTree) -> dict[str, Any]:
 
 
 def csv_of(heads: Sequence[str], rows: Iterable[Mapping[str, Any]]) -> str:
-    """Return the rows by the heads of their columns, as CSV."""
-    # A missing cell is empty, a number that is not finite is nan.
+    """Return the rows as CSV, by the heads of their columns."""
+    # A missing cell is empty; a number that is not finite is nan.
     whole = [dict.fromkeys(heads, "") | dict(row) for row in rows]
     table = pd.DataFrame(whole, columns=list(heads), dtype=object)
-    # A spreadsheet would execute a text that begins as a formula does.
+    # A spreadsheet would execute a text that begins like a formula.
     safe = table.map(lambda v: f"'{v}" if isinstance(v, str) and v.startswith(FORMULA_SIGNS) else v)
     return str(safe.to_csv(index=False, na_rep="nan", lineterminator="\n"))

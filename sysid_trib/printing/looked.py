@@ -1,4 +1,4 @@
-"""Blocks without a fit: the forces of a library, the contents of a record, and its backbone."""
+"""Blocks without a fit: forces of a library, contents of a record, and its backbone."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from fractions import Fraction
@@ -14,8 +14,9 @@ from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing import Block, layout
 from sysid_trib.records.roles import input_label, input_names
+from sysid_trib.results.backbone_rows import round_rows
 
-# Reference of the table of a library, and characters of its words: it has 100 columns.
+# Explanations for the table of a library, and the number of characters in its text columns (100 columns).
 NORMALISED = (
     "theta'' + w^2 (theta + sum of c h) = 0 with x = theta, v = theta'/w, tau = w t.\n"
     "Averages are over x = a cos phi, at a = 0.1 and 1 where there are two numbers.\n"
@@ -32,7 +33,7 @@ def force_table(library: ForceLibrary, averages: xr.Dataset) -> Table:
     ----------
     library : ForceLibrary
     averages : Dataset
-        Of `signatures_of`.
+        Result of `signatures_of`.
     """
     rows = []
     for force in library:
@@ -48,7 +49,7 @@ def force_table(library: ForceLibrary, averages: xr.Dataset) -> Table:
 
 
 def equations_of(force: Force) -> list[str]:
-    """Return a force, its states and memory, and its shape parameters with their ranges, a line each."""
+    """Return a force, its states and memory, and its shape parameters with their ranges, one per line."""
     return [
         f"h = {force.formula.text}",
         *(f"d{name}/dtau = {formula.text}" for name, formula in force.state.items()),
@@ -61,13 +62,13 @@ def equations_of(force: Force) -> list[str]:
 
 
 def signature_text(force: Force, averages: xr.Dataset) -> tuple[str, str]:
-    """Return the signature as a closed form if it is one term, else its values at two amplitudes.
+    """Return the signature in closed form if it is one term, otherwise its values at two amplitudes.
 
     Parameters
     ----------
     force : Force
     averages : Dataset
-        Of the force, see `signatures_of`.
+        Averages of the force, see `signatures_of`.
     """
     return (
         _average_text(averages.sine.values, force.degree),
@@ -104,16 +105,14 @@ def _closed(value: float) -> str:
 POWER_WORDS = {"yes": "loses power", "no": "no power", "by amplitude": "loses or gains"}
 
 
-# Below this number of samples a period the weak form has few rows, and half-sines few samples.
+# Below this number of samples per period, the weak form has few equations, and half-sines few samples.
 FEW_SAMPLES = 20.0
-# A drift counts above this part of the last amplitude.
+# A drift is reported above this fraction of the last amplitude.
 DRIFTS = 0.1
 FACTS = (
     *("period", "periods", "first_amplitude", "last_amplitude", "first_damping_ratio", "last_damping_ratio"),
     *("drift", "noise", "sensor_step", "samples_per_period"),
 )
-# Amplitudes of the printed table, evenly spaced in their logarithm.
-PRINTED_AMPLITUDES = 8
 EXPLANATION = (
     "±: half the width of the simultaneous 95 % band, for sensor noise and a random walk of amplitude and "
     "phase. The band contains the whole curve in 95 % of records."
@@ -130,7 +129,7 @@ def look_blocks(tree: xr.DataTree, sources: Sequence[str] = (), next_command: st
     sources : sequence of str
         Descriptions of the records.
     next_command : str
-        To copy; empty without one.
+        Command to copy; may be empty.
     """
     decays = _decays(tree)
     yield Block(list(dict.fromkeys(sources)))
@@ -159,13 +158,13 @@ def driven_look_blocks(
     Parameters
     ----------
     tree : DataTree
-        The records, with their inputs.
+        Records with their inputs.
     sources : sequence of str
         Descriptions of the records.
     models : Dataset
-        Of `fitting_models`.
+        Result of `fitting_models`.
     next_command : str
-        To copy.
+        Command to copy.
     """
     yield Block(list(dict.fromkeys(sources)))
     for node in tree.children.values():
@@ -227,8 +226,8 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     """Describe a decay: the facts, their limits, and the forces that they indicate."""
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
-    step = f"sensor step {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
-    step = step if np.isfinite(value["sensor_step"]) else "no sensor step visible"
+    step = f"smallest step between values {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
+    step = step if np.isfinite(value["sensor_step"]) else "no smallest step between values"
     first, last = value["first_damping_ratio"], value["last_damping_ratio"]
     fall = value["first_amplitude"] / value["last_amplitude"]
     limits = {
@@ -263,13 +262,13 @@ def _sentences(decay: xr.Dataset) -> list[str]:
 
 
 def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
-    """Describe how systems explain the frequency, what the columns say, and a wrong scale."""
+    """Describe how systems explain the frequency, what the columns indicate, and a wrong scale."""
     attrs = {name: str(value) for name, value in decay.attrs.items()}
     said = []
     if ranked := attrs["predicted_by"]:
         said.append(
-            "Part of the frequency shift that elastic forces leave unexplained (in parentheses each --system "
-            f"that has them): {ranked}."
+            "Part of the frequency shift that stays unexplained with these elastic forces (--system options "
+            f"that have them): {ranked}."
         )
     if columns := attrs["columns_point_to_system"]:
         said.append(f"The columns {columns} suggest a {attrs['points_to_system']}.")
@@ -283,14 +282,14 @@ def _sentences_on_systems(decay: xr.Dataset) -> list[str]:
 
 
 def _law(law: str, power: float) -> str:
-    """Describe the friction that a power of the amplitude in the rate of decay suggests."""
+    """Describe the friction indicated by the power of the amplitude in the decay rate."""
     if law == "sign(v)":
         return "the damping ratio is larger at small amplitudes, as with dry friction"
     if law == "v*abs(v)":
         return "the damping ratio is larger at large amplitudes, as with quadratic drag"
     return (
-        f"the damping ratio varies as the amplitude to the power {power:.2g}: nearest to viscous friction "
-        "(0; dry friction -1, quadratic drag 1)"
+        f"the damping ratio is proportional to the amplitude to the power {power:.2g}; viscous friction "
+        "gives the power 0, dry friction -1, quadratic drag 1"
     )
 
 
@@ -336,18 +335,20 @@ def backbone_csv(backbones: Mapping[str, xr.Dataset]) -> str:
 
 
 def _table(data: xr.Dataset) -> Table:
-    """Return the frequency and damping ratio at a few amplitudes, with half their bands."""
-    unit, amplitude = data.amplitude.attrs["units"], data.amplitude.values
-    wanted = np.geomspace(amplitude[-1], amplitude[0], PRINTED_AMPLITUDES)
-    places = dict.fromkeys(int(np.argmin(np.abs(np.log(amplitude / a)))) for a in wanted)
-    heads = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
+    """Return the frequency and damping ratio at round amplitudes, with half their bands.
+
+    The frequency of a mode is in Hz, as in the list of modes.
+    """
+    unit = data.amplitude.attrs["units"]
+    in_hertz = "mode_frequency" in data.attrs
+    head, turn = ("frequency (Hz)", 2.0 * np.pi) if in_hertz else ("frequency (rad/s)", 1.0)
     rows = []
-    for at in places:
-        rows.append({f"amplitude ({unit})": f"{amplitude[at]:.3g}"})
-        if "measured_amplitude" in data:
-            head = f"{data.attrs['signal']} ({data.measured_amplitude.attrs['units']})"
-            rows[-1][head] = f"{data.measured_amplitude.values[at]:.3g}"
-        for name, head in heads.items():
-            value, high = (data[key].values[at] for key in (name, f"{name}_high"))
-            rows[-1][head] = layout.value_with_error(value, high - value)
+    for row in round_rows(data):
+        cells = {f"amplitude ({unit})": f"{row.amplitude:.3g}"}
+        if row.measured_amplitude is not None:
+            measured = f"{data.attrs['signal']} ({data.measured_amplitude.attrs['units']})"
+            cells[measured] = f"{row.measured_amplitude:.3g}"
+        cells[head] = layout.value_with_error(row.frequency / turn, row.frequency_band / turn)
+        cells["damping ratio"] = layout.value_with_error(row.damping_ratio, row.damping_ratio_band)
+        rows.append(cells)
     return layout.text_table(rows)

@@ -1,4 +1,4 @@
-"""Texts of the modes in a decay, and of the steady response of one of them."""
+"""Texts about the modes in a decay, and about the steady response of one of them."""
 
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -8,9 +8,9 @@ import xarray as xr
 
 from sysid_trib.printing import Block, layout
 
-# A sensor shows a mode if its amplitude there is this part of the largest.
+# A sensor shows a mode if its amplitude there is at least this fraction of the largest.
 SHOWN_AT = 0.1
-# Frequencies of a sweep that are printed.
+# Number of printed frequencies of a sweep.
 PRINTED_FREQUENCIES = 9
 IN_DECAY = (
     "Frequency and damping ratio are those at small amplitude; the amplitude is the first one, at the sensor "

@@ -1,11 +1,10 @@
-"""Numbers of any result as one table: value, standard error, interval and unit, by model and quantity."""
+"""Numbers of any result as one table: value, standard error, interval, unit, by model and quantity."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import scipy
 import xarray as xr
 
 from sysid_trib.errors import UsageError
@@ -14,11 +13,10 @@ from sysid_trib.results.judged import given_results
 from sysid_trib.results.kinds import SIDES, contents_text, kind_of
 from sysid_trib.results.models import library_of
 from sysid_trib.results.store import Status
+from sysid_trib.results.variables import HALF_INTERVAL
 
 NUMBER_COLUMNS = ("value", "standard_error", "low", "high", "unit")
-# Half width of a normal 95 % interval.
-QUANTILE = float(scipy.stats.norm.ppf(0.975))
-# For a campaign: whether there is one for each force.
+# For a campaign: true for quantities with one value per force.
 _CAMPAIGN_QUANTITIES = {"coefficient": True, "reference_frequency": False, "asymptotic_frequency": False}
 DIFFERENCE_ROW, STIFFNESS_ROW = "difference", "stiffness_difference"
 
@@ -34,16 +32,15 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     Returns
     -------
     DataFrame
-        A row for each coefficient, shape parameter and frequency, by `model` (of `difference` by `sample`, of
-        `campaign` by `record` and `model`) and `quantity`: `value`, `standard_error`, `low` and `high` (a
-        normal interval of 95 %) and `unit`.
-        What is held has no error. The parts of curves are left out: `friction` and `restoring` of the
-        identification are the laws.
+        A row for each coefficient, shape parameter and frequency, by `model` (for `difference` by `sample`,
+        for `campaign` by `record` and `model`) and `quantity`: `value`, `standard_error`, `low` and `high`
+        (limits of a normal 95 % interval) and `unit`. Fixed parameters have no error. Basis functions of
+        curves are omitted: the laws are the variables `friction` and `restoring` of the identification.
 
     Raises
     ------
     UsageError
-        No such result.
+        The object is not such a result.
     """
     rows: Iterator[dict[str, Any]]
     by = "model"
@@ -77,19 +74,19 @@ def _of_identifications(named: Mapping[str, xr.Dataset]) -> Iterator[dict[str, A
 
 
 def _of_campaign(store: xr.Dataset) -> pd.DataFrame:
-    """Return the numbers of all records that have some, by record, model and quantity."""
+    """Return the numbers of all records that have any, by record, model and quantity."""
     done = store.isel(record=np.flatnonzero(store.status.values == Status.DONE)).load()
     tables = []
     for name, of in _CAMPAIGN_QUANTITIES.items():
         numbers = done[[name, f"{name}_standard_error" if name != "coefficient" else "standard_error"]]
         numbers = numbers.rename(dict(zip(numbers.data_vars, NUMBER_COLUMNS, strict=False)))
-        # A quantity of one name, or one for each force.
+        # A quantity with one name, or with one for each force.
         numbers = numbers.rename(force="quantity") if of else numbers.expand_dims(quantity=[name])
         units = numbers["unit"] if of else xr.DataArray([done[name].attrs["units"]], dims="quantity")
         table = numbers.reset_coords(drop=True).assign(unit=units.reset_coords(drop=True)).to_dataframe()
         tables.append(table.reset_index())
     whole = pd.concat(tables).dropna(subset="value")
-    half = QUANTILE * whole.standard_error.fillna(0.0)
+    half = HALF_INTERVAL * whole.standard_error.fillna(0.0)
     whole = whole.assign(low=whole.value - half, high=whole.value + half)
     return whole.set_index(["record", "model", "quantity"])[list(NUMBER_COLUMNS)].sort_index(level=[0, 1])
 
@@ -110,7 +107,7 @@ def _of_difference(tree: xr.DataTree) -> Iterator[dict[str, Any]]:
 
 
 def _with_interval(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row with the ends of its interval."""
+    """Return a row with the limits of its interval."""
     value, error = float(row["value"]), float(row.get("standard_error", 0.0))
-    half = QUANTILE * error
+    half = HALF_INTERVAL * error
     return {"unit": "1"} | dict(row) | {"standard_error": error, "low": value - half, "high": value + half}

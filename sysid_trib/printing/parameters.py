@@ -28,8 +28,8 @@ def parameters_of(result: xr.Dataset) -> dict[str, Any]:
     -------
     dict
         `equation`, `signal_unit`, `reference_frequency` (rad/s); `forces`, `shapes` and `frequencies`, each a
-        list with value and standard error; `covariance` with the `names` of its rows and columns, the
-        coefficients and the asymptotic frequency.
+        list with values and standard errors; `covariance` with the `names` of its rows and columns, which are
+        the coefficients and the asymptotic frequency.
     """
     symbols = result.force.values.tolist()
     formulas = {force.symbol: force.formula.text for force in library_of(result)}
@@ -61,7 +61,7 @@ def parameters_of(result: xr.Dataset) -> dict[str, Any]:
 
 
 def _known(row: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a row without unknown values, for which TOML has no word."""
+    """Return a row without unknown values, which TOML cannot represent."""
     return {key: value for key, value in row.items() if value is not None}
 
 
@@ -84,5 +84,5 @@ def parameters_text(result: xr.Dataset, language: str) -> str:
 
 
 def _row(values: Sequence[float]) -> str:
-    """Return a row of numbers in TOML, whose word is `nan`, not `NaN`."""
+    """Return a row of numbers in TOML, which writes `nan` instead of `NaN`."""
     return f"[{', '.join(repr(float(value)) for value in values)}]"

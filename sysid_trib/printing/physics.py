@@ -13,7 +13,7 @@ from sysid_trib.results import effects, variables
 from sysid_trib.results.kinds import CONSEQUENCES, GIVEN, MU, si_of
 from sysid_trib.results.models import library_of
 
-# A share below this is not worth a word.
+# A share below this is not mentioned.
 SMALL = 5e-4
 SHARES = {"decay_share": "decay", "frequency_share": "frequency shift"}
 RULE_WORDS = {"averaged": "on average", "peak force": "by peak force"}
@@ -21,14 +21,14 @@ SIGNIFICANT_FORCES = effects.SIGNIFICANT_ERRORS
 
 
 def physics_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
-    """Return the consequences of an identification in plain sentences, of the forces that are significant.
+    """Return the consequences of an identification for the significant forces, in plain sentences.
 
     Parameters
     ----------
     tree : DataTree
-        With the group `consequences`, see `physics.consequences`; without it nothing is said.
+        With the group `consequences`, see `physics.consequences`; without it, the list is empty.
     result : Dataset
-        The identification whose consequences these are.
+        Identification with these consequences.
     """
     if CONSEQUENCES not in tree.children:
         return []
@@ -55,9 +55,9 @@ def physics_json(tree: xr.DataTree) -> dict[str, Any]:
     Returns
     -------
     dict
-        `weights` and `energy` (lists, one entry an amplitude), `crossovers` (a list) and `arrest`, or in
-        their place `refused`, why there are none; where they apply `slip_fingerprint` and `physical_units`.
-        Each number is a float or has `value` and `standard_error`.
+        `weights` and `energy` (lists, one entry per amplitude), `crossovers` (a list) and `arrest`, or
+        instead of these `refused`, the reason why there are none; if applicable also `slip_fingerprint` and
+        `physical_units`. Each number is a float or has `value` and `standard_error`.
     """
     if CONSEQUENCES not in tree.children:
         return {}
@@ -89,7 +89,7 @@ def physics_json(tree: xr.DataTree) -> dict[str, Any]:
 def weight_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
     """Describe the weights of forces at the largest amplitude (rad) and its time.
 
-    Empty where no force acts, or where one is not finite.
+    Empty if no force acts, or if a force is not finite.
     """
     known = tree.children.get(CONSEQUENCES)
     if known is None or "weights" not in known.children:
@@ -98,7 +98,7 @@ def weight_sentences(tree: xr.DataTree, result: xr.Dataset) -> list[str]:
 
 
 def si_block(tree: xr.DataTree) -> Iterator[Block]:
-    """Yield the table of torques or forces in SI units, with errors, of a result that holds them."""
+    """Yield the table of torques or forces in SI units, with errors, if the result contains them."""
     if (values := si_of(tree)) is None:
         return
     rows = [
@@ -131,7 +131,7 @@ def _weights(result: xr.Dataset, weights: xr.Dataset) -> list[str]:
     parts = []
     acting = [of_force for symbol, of_force in by_label(weights, "force").items() if symbol in known]
     for weight, what in SHARES.items():
-        # NaN, where no force acts, is not larger than anything.
+        # NaN, if no force acts, compares as false.
         kept = [force for force in acting if abs(force[weight].item()) > SMALL]
         kept.sort(key=lambda force: -abs(force[weight].item()))
         if kept:
@@ -145,7 +145,7 @@ def _weights(result: xr.Dataset, weights: xr.Dataset) -> list[str]:
 
 
 def _energy(result: xr.Dataset, values: xr.Dataset, si: xr.Dataset | None) -> Iterator[str]:
-    """Yield the part of the energy that a cycle dissipates; nothing where there is none."""
+    """Yield the fraction of the energy that a cycle dissipates; nothing if there is none."""
     percent = quantity(values, "lost_fraction", " %", 100.0)
     known = si is not None and "inertia" in si
     joule = f", {quantity(values, 'total_energy', ' J')}" if known else ""
@@ -155,7 +155,7 @@ def _energy(result: xr.Dataset, values: xr.Dataset, si: xr.Dataset | None) -> It
 
 
 def _crossovers(result: xr.Dataset, pairs: xr.Dataset, ends: Array) -> Iterator[str]:
-    """Describe where two significant forces weigh the same, and whether this is an extrapolation."""
+    """Describe where two significant forces have equal weight, and whether this is an extrapolation."""
     known = _significant(result)
     unit = variables.signal_units(result)
     for pair in by_label(pairs, "pair").values():

@@ -1,4 +1,4 @@
-"""Laws in SI units as they are printed: friction and the coefficient of friction at some speeds."""
+"""Printed laws in SI units: friction and the coefficient of friction at some speeds."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ SI_ROWS = 8
 
 
 def si_blocks(tree: xr.DataTree) -> list[Block]:
-    """Return the table of the friction in SI units; nothing where no inertia or mass was given."""
+    """Return the table of the friction in SI units; nothing if no inertia or mass was given."""
     if LAWS_SI not in tree.children:
         return []
     data = tree[LAWS_SI].to_dataset()
@@ -39,7 +39,7 @@ def si_blocks(tree: xr.DataTree) -> list[Block]:
 
 
 def si_json(tree: xr.DataTree) -> dict[str, Any]:
-    """Return the laws in SI units as plain data, at the key `si`; empty where none was asked for."""
+    """Return the laws in SI units as plain data, at the key `si`; empty if not requested."""
     if LAWS_SI not in tree.children:
         return {}
     data = tree[LAWS_SI].to_dataset()

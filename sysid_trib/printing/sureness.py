@@ -1,4 +1,4 @@
-"""Uncertainty of a result: profiles, sensitivity and the random force, in sentences and tables."""
+"""Uncertainty of a result: profiles, sensitivity and the random force, as sentences and tables."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -18,7 +18,7 @@ NOISE_ALONE = (
     "These intervals include the noise alone."
 )
 PROFILE, SENSITIVITY = "profile", "sensitivity"
-# Part of its amplitude by which a motion that is predicted may be wrong.
+# Acceptable error of a predicted motion, as a fraction of its amplitude.
 USEFUL = 0.05
 NOT_FOUND = "No random force was found; the errors include {}."
 TOO_SHORT = (
@@ -36,7 +36,7 @@ NOT_FOLLOWED = "The model does not explain the record, not even with a random fo
 
 
 def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
-    """Return the blocks of profiles and sensitivity, where the result has them."""
+    """Return the blocks of profiles and sensitivity, if the result has them."""
     if PROFILE in tree.children:
         lacking = judged.is_unexplained(tree)
         yield _profiles(tree[PROFILE].to_dataset(), lacking)
@@ -45,7 +45,7 @@ def sureness_blocks(tree: xr.DataTree) -> Iterator[Block]:
 
 
 def _profiles(data: xr.Dataset, lacking: bool) -> Block:
-    """Return a table of intervals by profile likelihood and by standard error; `lacking` : of the model."""
+    """Return a table of intervals by profile likelihood and standard error; `lacking`: missing force."""
     rows, misled = [], []
     for name, row in layout.by_label(data, "parameter").items():
         estimate, error, low, high = (row[k].item() for k in ("estimate", "standard_error", "low", "high"))
@@ -120,12 +120,12 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
     if "random_force" not in tree.children:
         if "random_force_density" in result:
             allowed = RandomForce(force.density + float(np.nan_to_num(force.standard_error)))
-            # The random walk grows with the root of the time.
+            # The amplitude of the random walk grows with the square root of the time.
             walk = float(np.sqrt(lasts / allowed.periods_to(noise, frequency)))
             yield NOT_FOUND.format(_allowed_for(force, of_density))
             if walk > 1.0:
                 yield TOO_SHORT.format(walk)
-    # If the model does not follow the record even with such a force, nothing is known of the residual.
+    # If the model does not follow the record even with such a force, the residual is not interpreted.
     elif not not_followed(tree):
         given, explained = not force.standard_error > 0.0, judged.is_explained(tree)
         size = (
@@ -149,7 +149,7 @@ def random_force_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def _allowed_for(force: RandomForce, units: str) -> str:
-    """Describe the random force that the errors include where none was detected."""
+    """Describe the random force that the errors include if none was detected."""
     if not np.isfinite(force.standard_error):
         return "none"
     if not force:
@@ -169,7 +169,7 @@ def _periods(count: float, lasts: float) -> str:
 def _whose(tested: xr.Dataset, p_value: float, explained: bool, units: str) -> Iterator[str]:
     """Describe whether the random force is physical or stands for a missing force.
 
-    And that the record contradicts a density that was given in these units.
+    Also states that the record contradicts a density given in these units.
     """
     against, run = tested.density_p_value.min().item(), int(np.argmin(tested.density_p_value.values))
     contradicted = bool(units and against < DEPENDENCE_LEVEL)
@@ -216,7 +216,7 @@ def random_force_json(tree: xr.DataTree) -> dict[str, Any]:
     }
     groups = group_names("innovations", len(record_groups(tree)))
     if followed := [tree[group].to_dataset() for group in groups if group in tree.children]:
-        # Records too short for all lags have fewer.
+        # Records that are too short for all lags have fewer.
         lags = min(run.sizes["lag"] for run in followed)
         correlations = [run.autocorrelation.values[:lags] for run in followed]
         data["innovations"] = {

@@ -1,4 +1,4 @@
-"""The verdict in words: is the record explained, do its runs differ, and what that means."""
+"""The verdict in sentences: is the record explained, do its runs differ, and what follows."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -12,11 +12,11 @@ from sysid_trib.results import judged
 from sysid_trib.results.effects import SIGNIFICANT_ERRORS, at_bound
 from sysid_trib.results.variables import record_groups, signal_units
 
-# The test of each model of a discovery, and its variables in the JSON.
+# Group with the test of each model of a discovery, and its variables in the JSON.
 GROUP = "homogeneity"
 TESTED = ("chi_square", "degrees_of_freedom", "p_value")
 
-# Sentences by the verdict on the size of the random force in all runs.
+# Sentences for each verdict on the magnitude of the random force in all runs.
 DENSITY_VERDICTS = {
     "unknown": "The size of the random force cannot be compared between the runs.",
     "disagree": "The size of the random force differs between the runs (p {}).",
@@ -63,7 +63,7 @@ def heterogeneity_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
-    """Report that individual coefficients of runs explain as much as the effect of a step."""
+    """Report if coefficients that differ between runs explain as much as the effect of a step."""
     before = tree[GROUP].to_dataset().isel(model=at) if GROUP in tree.children else None
     if before is not None and before.chi_square >= before.gain:
         yield (
@@ -74,7 +74,7 @@ def step_heterogeneity_sentences(tree: xr.DataTree, at: int) -> Iterator[str]:
 
 
 def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
-    """Return the result of a test for runs that differ, `most` in a quantity, or in none."""
+    """Return the result of a test for differing runs; the largest difference is in `most`, or in none."""
     chi_square, degrees, p_value = (test[f"{prefix}{name}"].item() for name in TESTED)
     result = f"chi-square {chi_square:.3g} for {degrees:.0f} differences, p {layout.p_value_text(p_value)}"
     if not most:
@@ -85,7 +85,7 @@ def _test_of_runs(test: xr.Dataset, most: str, prefix: str = "") -> str:
     )
 
 
-# Sentences by the verdict.
+# Sentences for each verdict.
 EXPLAINED = {
     "explained": "The model explains the record: the residual is noise.",
     "explained with a random force": "The model explains the record with a random force, which depends on "
@@ -108,7 +108,7 @@ EFFECTIVE = "The model is incomplete, so these coefficients are effective values
 
 
 def verdict_sentence(tree: xr.DataTree) -> str:
-    """Return the verdict on the record in words that need no statistics."""
+    """Return the verdict on the record in words that require no statistics."""
     verdict = judged.verdict_of(tree)
     preferred = judged.preferred_of(tree)
     if verdict not in UNEXPLAINED_SENTENCES:
@@ -176,7 +176,7 @@ def test_sentences(tree: xr.DataTree) -> Iterator[str]:
 def error_parts_sentence(name: str, result: xr.Dataset) -> str:
     """Return the two parts of each error of an identification."""
     parts = zip(result.force.values.tolist(), *judged.error_parts(result), strict=True)
-    # Held values, and those that follow from the frequency, have no parts.
+    # Fixed values, and values that follow from the frequency, have no parts.
     texts = ", ".join(f"{force} {noise:.2g} and {model:.2g}" for force, noise, model in parts if noise > 0.0)
     return f"Standard errors of {name}, by the noise and by the model: {texts}."
 
@@ -194,7 +194,7 @@ def line_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Report failed methods, and say that coefficients of an incomplete model are effective values."""
+    """Report failed methods, and state that coefficients of an incomplete model are effective values."""
     for name, reason in judged.failures(tree).items():
         yield f"{name.capitalize()} failed: {reason}. Its coefficients are not given."
     results = judged.kept_results(tree)
@@ -217,7 +217,7 @@ def effective_sentences(tree: xr.DataTree) -> Iterator[str]:
 
 
 def error_sentences(tree: xr.DataTree) -> Iterator[str]:
-    """Describe the fewest forces that suffice, equally good ones, and the error of the calibration."""
+    """Describe the fewest sufficient forces, equally good ones, and the error of the calibration."""
     result = judged.preferred_result(tree)
     if choices := judged.fewer_forces(tree):
         unit = tree[judged.preferred_of(tree)].to_dataset().unit
@@ -237,7 +237,7 @@ def error_sentences(tree: xr.DataTree) -> Iterator[str]:
         yield f"Errors include that of the scale: {', '.join(texts) or 'it changes no coefficient'}."
 
 
-# Attributes of a comparison that warn, and their sentences.
+# Attributes of a comparison that cause warnings, and their sentences.
 ENVELOPE = "Methods of the envelope and the frequency, such as averaging, cannot"
 UNIDENTIFIABLE = {
     "no_method_identifies": "No method here identifies: {}.",
@@ -263,7 +263,7 @@ def constraint_sentences(results: Iterable[xr.Dataset]) -> Iterator[str]:
 
 
 def identifiability_warnings(attrs: Mapping[str, Any]) -> list[str]:
-    """List what methods cannot identify or separate by principle, from attributes of a comparison."""
+    """List what the methods cannot identify or separate in principle, from attributes of a comparison."""
     return [text.format(attrs[key]) for key, text in UNIDENTIFIABLE.items() if attrs.get(key)]
 
 

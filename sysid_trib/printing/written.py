@@ -1,4 +1,4 @@
-"""Blocks as text: what a command prints, on the terminal or into any other file."""
+"""Blocks as text: output of a command on the terminal or in any other file."""
 
 import sys
 from collections.abc import Iterable
@@ -17,14 +17,14 @@ def blocks_of_layer(blocks: Iterable[Block], layer: Layer) -> list[Block]:
 
 
 def write_table(table: "Table", file: TextIO | None = None) -> None:
-    """Write a table whole, by default on the terminal."""
+    """Write a table without truncation, by default on the terminal."""
     from rich.console import Console
 
-    # Markup would take a bracket in the name of a force for a command.
+    # With markup, a bracket in the name of a force would be read as a command.
     console = Console(file=file, highlight=False, markup=False, emoji=False)
-    # A result must be complete on every output: a terminal may fold words but not numbers, a pipe nothing.
+    # A result must be complete on every output: a terminal may fold words but not numbers, a pipe neither.
     if not console.is_terminal:
-        # Columns of a table that is not cut short.
+        # Width of the table without truncation.
         console.width = console.measure(table, options=console.options.update(width=2000)).maximum
     console.print(table, crop=False)
 
@@ -35,18 +35,18 @@ def write_blocks(
     ends: Iterable[str] = (),
     file: TextIO | None = None,
 ) -> None:
-    """Write the blocks of a layer, with an empty line between two; `--explain` has headings.
+    """Write the blocks of a layer, separated by empty lines; `--explain` has headings.
 
     Parameters
     ----------
     blocks : iterable of Block
-        All of a result.
+        All blocks of a result.
     layer : Layer
-        Which of them are shown.
+        Layer that is shown.
     ends : iterable of str
-        Lines below them.
+        Lines below the blocks.
     file : file of text, optional
-        Where they are written, by default the terminal.
+        Output file, by default the terminal.
     """
     target = sys.stdout if file is None else file
     section = ""

@@ -62,38 +62,38 @@ def difference(
     Parameters
     ----------
     first, second : Dataset, DataTree, or a sequence of them; or records
-        Identifications of different records, or answers of `identify`; several are runs of one sample, each
-        identified by itself. A force that a sample lacks is zero there. Records, `(t, angle)` or as
-        `free_decay` returns them, are identified first.
+        Identifications of different records, or results of `identify`; several are runs of one sample, each
+        identified separately. A force that a sample lacks is zero there. Records, `(t, angle)` or results of
+        `free_decay`, are identified first.
     library : ForceLibrary, str, or what `library` takes, optional
         The forces offered to records; by default those of `contact_forces`.
     level : float
-        Significance level, shared by all forces (Holm 1979).
+        Significance level for all forces together (Holm 1979).
 
     Returns
     -------
     Dataset, or of records a DataTree with it at its root
         Over `force`: `first`, `second` with their `first_standard_error`, ..., both at the reference
-        frequency of the first (coefficients that all hold stay as they are, untested), `first_between_runs`,
-        ... (what scatters beyond the errors; nan of a single run), `difference` first - second, its
+        frequency of the first (coefficients held in all are unchanged and not tested); `first_between_runs`,
+        ... (scatter beyond the errors; nan for a single run); `difference` first - second, its
         `standard_error`, `z`, `p_value`, whether it `differs`, and `covariance(force, other_force)`; nan for
-        a force without a degree in v where the frequencies differ by more than 1 %. Scalars:
-        `stiffness_difference`, the ratio of stiffnesses at vanishing amplitude less 1 (if the second has no
-        contact the paper's alpha, which is of frequencies, to the square of zeta), with its standard error;
-        `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`; `reference_frequency`
-        (rad/s). attrs: `verdict`, one of
-        `coefficients differ`, `together they differ`, `no difference`; `at_a_bound`, coefficients that are at
-        a bound in one of the runs: they are not tested. Of records also the groups of `held_against`.
+        a force without a degree in v if the frequencies differ by more than 1 %. Scalars:
+        `stiffness_difference`, the ratio of stiffnesses at vanishing amplitude minus 1, with its standard
+        error (if the second sample has no contact, it is the paper's alpha, which is defined by frequencies,
+        up to the square of zeta); `chi_square` of all differences, `degrees_of_freedom`, `p_value_of_all`;
+        `reference_frequency` (rad/s). Attributes: `verdict`, one of `coefficients differ`,
+        `together they differ`, `no difference`; `at_a_bound`, coefficients at a bound in one of the runs,
+        which are not tested. For records also the groups of `held_against`.
 
     Raises
     ------
     UsageError
-        One is no identification and no record, or their records are in different units.
+        An argument is neither an identification nor a record, or the records are in different units.
 
     Notes
     -----
-    The samples share no noise: covariances add, those of the frequencies included. Runs of a sample have a
-    scatter of their own (random effects, Paule and Mandel 1982); the error of the model is common to them.
+    The samples share no noise, so covariances add, including those of the frequencies. Runs of a sample have
+    an additional scatter (random effects, Paule and Mandel 1982); the error of the model is common to them.
     """
     given = [_is_identified(side) for side in (first, second)]
     if all(given) and library is not None:
@@ -127,7 +127,7 @@ def _of_identifications(sides: Sequence[Sequence[xr.Dataset]], level: float) -> 
 def _difference(
     sides: Sequence[Sequence[xr.Dataset]], level: float, of_model: Array | None = None
 ) -> xr.Dataset:
-    """Compute `difference`; `of_model` is the covariance of the differences by what both models lack."""
+    """Compute `difference`; `of_model` is the covariance of the differences due to both incomplete models."""
     if len({signal_units(result) for side in sides for result in side}) > 1:
         raise UsageError("The samples are in different units; read all records in one (--units).")
     reference = sides[0][0].reference_frequency.item()
@@ -141,7 +141,7 @@ def _difference(
         of_runs, by_noise, by_model = (np.array(part) for part in zip(*runs, strict=True))
         samples.append((*random_effects.mean_of_runs(of_runs, by_noise), by_model.mean(axis=0)))
     values, by_noise, between, freedoms, by_model = map(np.array, zip(*samples, strict=True))
-    # An estimate at a bound can move to one side only: no test uses it.
+    # An estimate at a bound can move to one side only, so no test uses it.
     bounded = {symbol for member in members for symbol in at_bound(member)}
     testable = np.array([symbol not in bounded for symbol in symbols])
     variables = _contrast(values, by_noise, by_model, freedoms, testable, level=level, of_model=of_model)
@@ -152,7 +152,7 @@ def _difference(
         "signal_units": signal_units(sides[0][0]),
         "at_a_bound": ", ".join(symbol for symbol in symbols if symbol in bounded),
     }
-    # A sample may lack the viscous force that the other has.
+    # A sample may lack the viscous force of the other.
     factors = {s: f for member in members for s, f in library_of(member).damping_factors.items()}
     damping = np.array([factors.get(symbol, 0.0) for symbol in symbols]) * reference
     stiffness = _stiffness_difference(values, by_noise + by_model, damping)
@@ -172,18 +172,19 @@ def _difference(
 
 
 def _labels(result: xr.Dataset, label: str) -> dict[str, str]:
-    """Return a text of each force: its `name`, or the `unit` of its coefficient."""
+    """Return a text for each force: its `name`, or the `unit` of its coefficient."""
     return dict(zip(result.force.values.tolist(), result[label].values.tolist(), strict=True))
 
 
 def _stiffness_difference(values: Array, covariances: Array, damping: Array) -> tuple[float, float]:
-    """Return the ratio of the stiffnesses at vanishing amplitude, less 1, and its error.
+    """Return the ratio of the stiffnesses at vanishing amplitude, minus 1, and its error.
 
-    A stiffness over the inertia is w_inf^2 + (zeta w)^2: viscous friction lowers the frequency, not the
-    stiffness. `damping` : zeta w of a unit of each coefficient, (force,); the others (sample, quantity, ...).
+    The stiffness over the inertia is w_inf^2 + (zeta w)^2: viscous friction lowers the frequency, not the
+    stiffness. `damping` : zeta w per unit of each coefficient, (force,); the others are (sample, quantity,
+    ...).
     """
     weights = np.append(damping, 1.0) ** 2
-    # A force without a degree is not known at another frequency, and does not count.
+    # A force without a degree is unknown at another frequency and is ignored.
     values = np.where(weights > 0.0, values, 0.0)
     squared, gradients = values**2 @ weights, 2.0 * weights * values
     variances = np.einsum("sa,sab,sb->s", gradients, covariances, gradients) / squared**2
@@ -192,7 +193,7 @@ def _stiffness_difference(values: Array, covariances: Array, damping: Array) -> 
 
 
 def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset]:
-    """Return the identifications of a sample, one a run."""
+    """Return the identifications of a sample, one per run."""
     given = list(side) if isinstance(side, list | tuple) else [side]
     results = [main_result(member) if isinstance(member, xr.DataTree) else member for member in given]
     kept = [result for result in results if isinstance(result, xr.Dataset) and "coefficient" in result]
@@ -204,20 +205,20 @@ def _identifications(side: Identified | Sequence[Identified]) -> list[xr.Dataset
 def _run(
     result: xr.Dataset, symbols: Sequence[str], reference: float, held: Sequence[str] = ()
 ) -> tuple[Array, Array, Array]:
-    """Return values of a run, their covariance by the noise, and that by the model; zero without a force."""
+    """Return values of a run, and their covariances due to noise and model; zero for missing forces."""
     (values,), (covariance,) = refits.at_reference([result], symbols, reference, 0.0)
     for place in map(symbols.index, held):
         values[place] = result.coefficient.sel(force=symbols[place]).item()
         covariance[place], covariance[:, place] = 0.0, 0.0
-    # A result has both parts of its errors, but their correlations together alone.
+    # A result has both parts of its errors, but their correlations only together.
     kept, part = forces_in_model(result), np.ones(len(symbols) + 1)
     at = list(map(symbols.index, kept))
     of_noise, of_model = (error[np.isin(result.force.values, kept)] for error in error_parts(result))
     total = np.hypot(of_noise, of_model)
     part[at] = np.divide(of_noise, total, out=part[at], where=total > 0.0)
     by_noise = covariance * np.outer(part, part)
-    # A force without a degree keeps its size; its shape changes with the frequency, if only a little.
-    # A force without a degree in v is compared only where the frequencies differ by less than this part.
+    # A force without a degree in v keeps its size, but its shape changes with the frequency. Compare it only
+    # if the frequencies differ by less than this fraction.
     if abs(result.reference_frequency.item() / reference - 1.0) > 0.01:
         degrees = result.speed_degree.sel(force=kept).values
         values[[at[k] for k in np.flatnonzero(np.isnan(degrees))]] = np.nan
@@ -234,9 +235,9 @@ def _contrast(
     level: float,
     of_model: Array | None,
 ) -> Variables:
-    """Return the differences of the forces with their tests; of both samples what `mean_of_runs` gives.
+    """Return the differences of the forces with their tests, and the `mean_of_runs` of both samples.
 
-    `testable` : forces on which tests may rest, (force,).
+    `testable` : forces that the tests may use, (force,).
     """
     contrast, errors = values[0] - values[1], np.diagonal(by_noise + by_model, axis1=1, axis2=2)
     covariance = by_noise.sum(axis=0) + (by_model.sum(axis=0) if of_model is None else of_model)
@@ -246,7 +247,7 @@ def _contrast(
     z = np.divide(contrast, error, out=np.full_like(contrast, np.nan), where=error > 0.0)
     parts = np.sum(np.diagonal(by_noise, axis1=1, axis2=2) ** 2 / freedoms, axis=0)
     known_by = np.divide(error**4, parts, out=np.full_like(error, np.inf), where=parts > 0.0)
-    # The frequency is no force.
+    # The frequency is not a force.
     contrast, error, z, covariance = contrast[:-1], error[:-1], z[:-1], covariance[:-1, :-1]
     p_value, known = 2.0 * scipy.stats.t.sf(np.abs(z), known_by[:-1]), np.isfinite(z) & testable
     weights = covariance[known][:, known] / np.outer(error[known], error[known])
@@ -275,7 +276,7 @@ def _held_apart(
 ) -> xr.Dataset:
     """Compute `difference` with the change of the differences between parts as the error of the model.
 
-    A force missing in both samples changes both alike, but not the difference.
+    A force missing in both samples changes both in the same way, but not their difference.
     """
     return _difference(sides, level, _model_error_of_difference(sides, runs, library))
 
@@ -283,7 +284,7 @@ def _held_apart(
 def _model_error_of_difference(
     sides: Sequence[Sequence[xr.Dataset]], runs: Sequence[Sequence[xr.Dataset]], library: ForceLibrary
 ) -> Array | None:
-    """Return the model's covariance of the differences; None if all explain, or parts cannot be fitted."""
+    """Return the model's covariance of the differences; None if all explain, or no part can be fitted."""
     if not any("error_of_model" in result for side in sides for result in side):
         return None
     reference, symbols = sides[0][0].reference_frequency.item(), forces_in_model(sides[0][0])
@@ -291,7 +292,7 @@ def _model_error_of_difference(
         return None
 
     def contrast(of: Sequence[Sequence[xr.Dataset]]) -> tuple[Array, Array]:
-        """Return the first minus second, means over the runs, and its errors by the noise."""
+        """Return first minus second sample, as means over the runs, and the errors due to noise."""
         means, variances = [], []
         for side in of:
             values, covariances, _ = zip(*(_run(member, symbols, reference) for member in side), strict=True)
@@ -328,24 +329,25 @@ def held_against(
     Parameters
     ----------
     first, second : sequence of Dataset
-        Decays, the runs of each sample. Driven runs of a sample are identified together: one alone does not
-        separate what the joint, the load and the motor do.
+        Decays, the runs of each sample. Driven runs of a sample are identified together, because one run
+        alone does not separate the effects of joint, load and motor.
     library : ForceLibrary
     method : Method
     constraints : mapping
-        See `identify`.
+        Constraints, see `identify`.
     level : float
-        See `difference`.
+        Significance level, see `difference`.
     tell : callable
-        Called with a few words as the work goes on.
+        Called with a few words on the progress of the work.
 
     Returns
     -------
     DataTree
-        `difference` at its root; the groups `sample_first`, ... (of several runs `sample_first_1`, ...) are
-        the identifications, `backbone_first`, ... frequency and damping of each record without a model, where
-        it has enough half periods; `record_1`, ... the records of both, with the `simulated_angle` of their
-        model; `judged` over `model`, the names of the identifications, as in a result of `identify`.
+        `difference` at its root. The groups `sample_first`, ... (for several runs `sample_first_1`, ...) are
+        the identifications; `backbone_first`, ... are frequency and damping ratio of each record without a
+        model, if it has enough half periods; `record_1`, ... are the records of both, with the
+        `simulated_angle` of their models; `judged` over `model`, the names of the identifications, as in a
+        result of `identify`.
     """
     driven = any(inputs_of(run) for run in (*first, *second))
     results: dict[str, list[xr.Dataset]] = {name: [] for name in SIDES}
@@ -362,7 +364,7 @@ def held_against(
             with_model, table = _judged(f"sample_{label}", some, result)
             records_of += with_model
             tables.append(table)
-            # A record of few half periods has none, and a driven one neither.
+            # A record with few half periods, or a driven record, has no backbone.
             with suppress(DecayError, UsageError):
                 groups[f"backbone_{label}"] = backbone(some[0])
     one_a_result = (first[:1], second[:1]) if driven else (first, second)
@@ -373,7 +375,7 @@ def held_against(
 
 
 def _judged(name: str, runs: Sequence[xr.Dataset], result: xr.Dataset) -> tuple[list[xr.Dataset], xr.Dataset]:
-    """Return the runs of a sample with the motion of its model, and what is judged of this."""
+    """Return the runs of a sample with the motions of its model, and the judgement on them."""
     followed = {name: FollowedRuns(dict(enumerate(runs)), result)}
     with_model = with_motions(followed)
     tested = tested_driven(followed) if is_driven(runs) else residuals(followed, result)

@@ -1,4 +1,4 @@
-"""Comparison of the laws of two samples: where they differ, and how significantly."""
+"""Comparison of the laws of two samples: places of differences, and their significance."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,9 +21,9 @@ from sysid_trib.smooth_laws import bands
 from sysid_trib.smooth_laws.bands import band, interpolation
 from sysid_trib.smooth_laws.laws import laws
 
-# Fewer places that both laws visit are no common range.
+# With fewer places that both laws visit, there is no common range.
 FEWEST_PLACES = 3
-# Below this part of the draws the p-value follows from the length of the curve.
+# Fraction of the draws below which the p-value is computed from the length of the curve.
 COUNTED_PART = 0.005
 
 
@@ -33,29 +33,29 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
     Parameters
     ----------
     first, second : Dataset or DataTree
-        Result of `laws`, of different records in one unit; several runs of a sample share their laws.
+        Results of `laws` for different records in one unit; several runs of a sample have common laws.
 
     Returns
     -------
     Dataset
-        Over the speeds and displacements that both samples visit, of `friction(speed)` and
-        `restoring(displacement)`: `friction_first`, `friction_second` with standard errors,
-        `friction_difference` first - second, its `_standard_error`, `_low`, `_high` (a simultaneous 95 %
-        band), `_covariance`, `friction_z`, `friction_differs` (the band excludes zero), and the scalar
-        `friction_p_value` of no difference anywhere; and so on. attrs: `verdict`, one of `friction differs`,
+        Over the speeds and displacements that both samples visit. For `friction(speed)`: `friction_first`,
+        `friction_second` with standard errors, `friction_difference` first - second, its `_standard_error`,
+        `_low`, `_high` (a simultaneous 95 % band), `_covariance`, `friction_z`, `friction_differs` (the band
+        excludes zero), and the scalar `friction_p_value` of no difference anywhere. The same for
+        `restoring(displacement)`. Attributes: `verdict`, one of `friction differs`,
         `restoring force differs`, `both laws differ`, `no difference`; `first_record`, `first_method`, ...
 
     Raises
     ------
     UsageError
-        A result without laws, records in different units, or no range that both visit.
+        A result has no laws, the records are in different units, or no range is visited by both.
 
     Notes
     -----
-    Forces are over the inertia, which must be the same in both samples. The samples share no noise: their
-    covariances add, also those by errors of the models. If the second has no contact, the difference is what
-    the contact adds. The p-value is that of the largest z: from draws, or where these are too few from the
-    length of the normalised curve, which bounds it (Sun & Loader 1994).
+    Forces are over the inertia, which must be the same in both samples. The samples share no noise, so their
+    covariances add, including those due to errors of the models. If the second sample has no contact, the
+    difference is due to the contact. The p-value is that of the largest z: from draws, or if these are too
+    few, from the length of the normalised curve, which bounds it (Sun & Loader 1994).
     """
     samples = [best(sample) for sample in (first, second)]
     if any("friction_covariance" not in sample for sample in samples):
@@ -87,7 +87,7 @@ def _in_units(data: xr.Dataset, unit: str) -> xr.Dataset:
 
 
 def _common_places(samples: list[xr.Dataset], variable: str) -> Array:
-    """Return the places that both samples visit, those of the one whose places are farther apart."""
+    """Return the places that both samples visit, from the sample with the coarser places."""
     sides = [sample[variable].values[sample[f"{variable}_visited"].values] for sample in samples]
     low = max(float(np.abs(side).min()) for side in sides)
     high = min(float(np.abs(side).max()) for side in sides)
@@ -122,7 +122,7 @@ def _of_law(samples: list[xr.Dataset], law: str, common: Array) -> dict[str, Any
 
 
 def p_value(z: Array, covariance: Array) -> float:
-    """Return the probability of so large a |z| anywhere along a curve that is zero.
+    """Return the probability of such a large |z| anywhere along a curve that is zero.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ def laws_held_against(
     Parameters
     ----------
     first, second : sequence of Dataset
-        Decays, the runs of each sample, which share their laws.
+        Decays, the runs of each sample, which have common laws.
     system, constraints, library, random_force, tell
         See `laws`.
 

@@ -11,10 +11,9 @@ from sysid_trib.cycles.backbone import half_width
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.questions.steady_response import SWEEPS, sweeps
 
-# Amplitudes at which the balance is drawn, and how far below the smallest of the record they begin.
+# Number of amplitudes at which the balance is computed, and their start below the smallest of the record.
 BALANCE_POINTS, BELOW_RECORD = 3000, 1e-3
-# Slope of Masing's rule for a slipping joint: the drop of the stiffness over the damping ratio that slip
-# adds.
+# Masing's rule for a slipping joint: decrease of the stiffness over the damping ratio that slip adds.
 SLIP_PER_DAMPING = 1.5 * np.pi
 
 
@@ -28,34 +27,34 @@ def response_of_mode(
     backbone : Dataset
         Result of `backbone`, of the record of one mode.
     drive : float
-        Amplitude of the force on the mode: in N if its modal mass is given, else over the modal mass, in the
-        unit of the displacement over s^2.
+        Amplitude of the force on the mode: in N with a modal mass, else over the modal mass, in the unit of
+        the displacement over s^2.
     frequencies : (frequency,) array of float, rad/s
-        Increasing.
+        Increasing frequencies.
     modal_mass : float, kg, optional
-        Referred to the sensor whose amplitude the backbone has.
+        Modal mass for the sensor whose amplitude the backbone has.
 
     Returns
     -------
     Dataset
-        Over `sweep` (`up`, `down`, `unstable`) and `frequency` (rad/s): `amplitude` in the unit of what was
-        measured, nan where there is no such motion or the record has not reached it, with `amplitude_low` and
-        `amplitude_high`; `phase` (rad) ahead of the force.
+        Over `sweep` (`up`, `down`, `unstable`) and `frequency` (rad/s): `amplitude` in the unit of the
+        measured signal, nan if there is no such motion or the record does not reach it, with `amplitude_low`
+        and `amplitude_high`; `phase` (rad), the phase lead over the force.
 
     Raises
     ------
     UsageError
         The drive or the mass is not positive, or the frequencies do not increase.
     DecayError
-        The decay does not lose energy at some amplitude.
+        The decay gains energy at some amplitude.
 
     Notes
     -----
-    Harmonic balance: a ((w^2 - W^2)^2 + (2 zeta w W)^2)^(1/2) = force over modal mass, with w(a) and zeta(a)
-    of the backbone. The damping ratio of a decay is the energy loss over the work of the restoring force at
-    the reversal; that of a steady motion is the energy loss over w^2 a^2. They differ by the change of the
-    stiffness. For a joint that slips (Masing) this change follows from the damping that the joint adds. The
-    bands include this difference and the bands of the backbone, by their corners.
+    The response follows from harmonic balance: a ((w^2 - W^2)^2 + (2 zeta w W)^2)^(1/2) = force over modal
+    mass, with w(a) and zeta(a) of the backbone. The damping ratio of a decay is the energy loss over the work
+    of the restoring force at the reversal; that of a steady motion is the energy loss over w^2 a^2. They
+    differ by the change of the stiffness. For a slipping joint (Masing) this change follows from the damping
+    that the joint adds. The bands include this difference and the corners of the bands of the backbone.
     """
     w = np.asarray(frequencies, dtype=float)
     if w.ndim != 1 or not w.size or not np.all(np.isfinite(w)) or w[0] <= 0.0 or np.any(np.diff(w) <= 0.0):
@@ -72,7 +71,7 @@ def response_of_mode(
     amplitude, phase = middle
     others = np.array([amplitude, *(of_corner for of_corner, _ in corners)])
     scale = w ** int(backbone.attrs.get("integrations", 0))
-    # If no corner has a motion there is no band.
+    # If no corner has a motion, there is no band.
     others = np.where(np.isnan(others), amplitude, others)
     low, high = (
         np.where(np.isnan(amplitude), np.nan, part) for part in (others.min(axis=0), others.max(axis=0))

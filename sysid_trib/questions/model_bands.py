@@ -6,56 +6,57 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import DecayError, SysidTribError, UsageError
 from sysid_trib.motion_fit.least_squares import Fit, covariance_root
+from sysid_trib.questions.averaged_motion import averaged_rates, predict_envelope
 from sysid_trib.questions.profiles import free_likelihood
 from sysid_trib.records.runs import Decays
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import CONFIDENCE, described
 
-# Draws of a band's factor, and points of the curves that are no motion.
+# Number of draws for a band's factor, and of points of the curves other than the motion.
 CURVE_DRAWS, CURVE_GRID = 4000, 60
 MODEL_CURVES = ("angle", "envelope", "frequency", "damping_ratio")
 
 
 @in_units_of_the_motion
 def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 0) -> xr.Dataset:
-    """Return the curves of an identified model with bands that hold each as a whole in 95 % of records.
+    """Return the curves of an identified model with bands that contain each whole curve in 95 % of records.
 
     Parameters
     ----------
     decay : Dataset or sequence of Dataset
         The record, or the runs.
     result : Dataset
-        An identification of it, whose forces, constraints and shapes are those of the fit.
+        An identification of the record, whose forces, constraints and shapes are those of the fit.
     run : int
-        Which run's motion and envelope.
+        Index of the run for motion and envelope.
     seed : int
         Seed of the draws.
 
     Returns
     -------
     Dataset
-        `angle(time)` as the sensor shows it, `envelope(envelope_time)`, and over `amplitude` the `frequency`
+        `angle(time)` as the sensor's reading, `envelope(envelope_time)`, and over `amplitude` the `frequency`
         (rad/s) and the `damping_ratio`, each with its `..._standard_error` and the ends of its band,
-        `..._low` and `..._high`; attrs `factor_...`: half width over the standard error.
+        `..._low` and `..._high`; attributes `factor_...`: half width over the standard error.
 
     Raises
     ------
     UsageError
         There is no such run.
     DecayError
-        A random force pushes the motion, no motion follows the record, or a model within the errors has none.
+        There is a random force, no motion follows the record, or a model within the errors has no motion.
 
     Notes
     -----
-    The fit of the motion, its parameters drawn with their covariance, also the start and the sensor's zero;
-    curves follow them by differences of a standard error each way. A band is the curve ± a multiple of its
-    pointwise standard error, which 95 % of the drawn curves do not exceed anywhere (sup-t; Montiel Olea and
-    Plagborg-Møller 2019). Curves but the motion are averages over a cycle. The bands know the error of the
-    noise, not that of the model: of a model that lacks something they hold its own curves, not the system's.
+    The parameters of a fit of the motion, including the start and the sensor's zero, are drawn with their
+    covariance; the curves follow from difference quotients of one standard error in each direction. A band is
+    the curve ± a multiple of its pointwise standard error that 95 % of the drawn curves do not exceed
+    anywhere (sup-t; Montiel Olea and Plagborg-Møller 2019). Curves other than the motion are averages over a
+    cycle. The bands include the error due to noise, not that of the model: for an incomplete model they
+    contain the model's curves, not the system's.
     """
     likelihood = free_likelihood(decay, result)
     records = likelihood.problem.records
@@ -64,7 +65,8 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     time = records[run].time
     coarse = np.linspace(time[0], time[-1], CURVE_GRID)
     values = likelihood.values
-    # One standard error each way along the axes of the covariance: then a kink counts as in the mean.
+    # Use one standard error in each direction along the axes of the covariance: a kink then has its mean
+    # effect.
     root = covariance_root(likelihood.covariance)
     steps = root.T[np.any(root != 0.0, axis=0)]
     try:
@@ -83,7 +85,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
         root = 0.5 * np.array([more[at] - less[at] for more, less in zip(up, down, strict=True)])
         error = np.linalg.norm(root, axis=0)
         unit = root / np.where(error > 0.0, error, np.inf)
-        # Draw by draw: a table of all draws of a long record would not fit.
+        # Process draw by draw: a table of all draws of a long record would not fit into memory.
         factor = simultaneous_factor(np.array([[np.max(np.abs(draw @ unit))] for draw in normal]))
         made[name] = best[at], error
         made |= {f"{name}_low": best[at] - factor * error, f"{name}_high": best[at] + factor * error}
@@ -94,7 +96,7 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
 def _curves(
     likelihood: Fit, values: Array, run: int, time: Array, amplitudes: Array | None
 ) -> tuple[Array, ...]:
-    """Return curves of these parameters, in the order of `MODEL_CURVES`, and amplitudes of the last two."""
+    """Return the curves for these parameters, in the order of `MODEL_CURVES`, and the amplitudes."""
     parameters, record = likelihood.parameters, likelihood.problem.records[run]
     model, (angle, rate, _) = parameters.model(values, run), parameters.per_run(values)[run]
     motion = record.angle + record.residual(model, parameters.per_run(values)[run])

@@ -18,11 +18,11 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.validation import holdout
 
 Span: TypeAlias = tuple[float | None, float | None]
-# Releases and durations that are tried between the limits, in equal ratios.
+# Numbers of releases and durations tried between the limits, in equal ratios.
 RELEASES, DURATIONS = 7, 4
-# Without limits: these parts of the release and the duration of the record.
+# Default limits: these multiples of the release and the duration of the record.
 AMPLITUDE_LIMITS, DURATION_LIMITS = (0.3, 1.5), (0.5, 2.0)
-# A run has no more samples than this in the design: its information grows with them equally for all runs.
+# Largest number of samples of a run in the design: the information increases equally for all runs.
 MOST_SAMPLES_PLANNED = 4000
 
 
@@ -41,10 +41,10 @@ def plan(
     Parameters
     ----------
     result : Dataset or DataTree
-        Result of `identify`, or of `discover`, whose last effect may be any of its credible set.
+        Result of `identify`, or of `discover`, whose last effect may be any member of its credible set.
     amplitude, duration : (float, float)
-        Limits of the release (in the unit of the record) and of the time that is recorded (s); None for 0.3
-        and 1.5 times the record's release, half of and twice its duration.
+        Limits of the release (in the unit of the record) and of the recorded duration (s); None means 0.3 and
+        1.5 times the record's release, and half and twice its duration.
     sampling_rate : float, Hz
         Sampling rate of the next run; by default that of the record.
     repeats : int
@@ -57,33 +57,33 @@ def plan(
     Returns
     -------
     Dataset
-        Over `run`, the best first: `amplitude`, `duration` (s; no longer than the motion), `samples`;
-        expected `entropy` of the models (nats; 0 for one model) and the `probability` that the right one
-        has odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
-        from all records together, including the error of the model, and whether it `meets` the wanted errors
-        (nan if none is wanted). Over `force` also the `stated_error` of the result and its part
-        `error_of_model`. `parting(time)` of the best run: expected logarithm of the likelihood ratio of its
-        two most likely `models` up to each time.
-        attrs: `models` with their `probabilities`, `sampling_rate`, `repeats`.
+        Over `run`, the best first: `amplitude`, `duration` (s; at most that of the motion), `samples`;
+        expected `entropy` of the models (nats; 0 for one model) and the `probability` that the true model has
+        odds of 10 against each other; `standard_error(run, force)` of the coefficients that are not held,
+        from all records together, including the error of the model, and whether the run `meets` the wanted
+        errors (nan if none is wanted). Over `force` also the `stated_error` of the result and its part
+        `error_of_model`. `parting(time)` of the best run: expected log likelihood ratio of its two most
+        likely `models` up to each time. Attributes: `models` with their `probabilities`, `sampling_rate`,
+        `repeats`.
 
     Raises
     ------
     UsageError
-        The records are driven, nothing was identified, the result gives no limits, or a wanted error is that
-        of a coefficient that is held or not in the model.
+        The records are driven, nothing was identified, the result gives no limits, or a wanted error is for a
+        coefficient that is held or not in the model.
     DecayError
         No run within the limits has a motion.
 
     Notes
     -----
     Each model predicts a run to first order: its motion with the uncertainty of its coefficients, shapes and
-    frequency, an unknown start and an unknown zero of the sensor, and the noise. The next run has the random
-    force of the record.
-    Runs are drawn from the predictions of each model, taken as the truth with its present probability (Box
-    and Hill 1967). The evidence of a model then changes as in `discover`: by r' V^-1 r, with r the difference
-    from its motion and V the covariance of its prediction, and by the information on its shapes. Its odds are
-    those after all records. Only the part of a run that a search fits counts: without the last third if this
-    is held out. Errors follow from the inverse of the sum of the Fisher informations of all runs.
+    frequency, an unknown start, an unknown zero of the sensor, and the noise. The next run has the random
+    force of the record. Runs are drawn from the predictions of each model, taken as true with its present
+    probability (Box and Hill 1967). The evidence of a model then changes as in `discover`: by r' V^-1 r, with
+    r the difference from its motion and V the covariance of its prediction, and by the information on its
+    shapes. Its odds are those after all records. Only the part of a run that a search fits is used: without
+    the last third if this is held out. Errors follow from the inverse of the sum of the Fisher informations
+    of all runs.
     """
     if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
         raise UsageError("plan is for free decays; the records of this result are driven.")
@@ -98,7 +98,7 @@ def plan(
 
 
 def _with_known_errors(planned: xr.Dataset, main: xr.Dataset, wanted: Mapping[str, float]) -> xr.Dataset:
-    """Add to a plan the errors that are wanted and those by the records of the result."""
+    """Add to a plan the wanted errors, and those from the records of the result."""
     symbols = planned.force.values.tolist()
     known = main.sel(force=symbols)
     values = {
@@ -134,7 +134,7 @@ def _planned(
         raise UsageError("The result keeps no record; give the sampling rate of the next run.")
     if np.isnan(kept):
         kept = measured = rate
-    # The information grows with the rate, as the noise is white, and with the repeats.
+    # The information increases with the sampling rate, because the noise is white, and with the repeats.
     every = int(durations[-1] * kept) // MOST_SAMPLES_PLANNED + 1
     noise = float(np.ravel(main.noise)[0]) * np.sqrt(measured / rate / repeats / every)
     push = random_force_of(main).per_tau(known.model.reference_frequency) / repeats / noise**2
@@ -143,7 +143,7 @@ def _planned(
     for at, release in enumerate(releases):
         tell(f"release {at + 1} of {len(releases)}", at / len(releases))
         given = (release, 0.0), noise, (known.model, push)
-        # It may stop in the held-out part.
+        # The motion may stop in the held-out part.
         stated, stop = _longest(known, [_times(end, kept, every) for end in durations], given)
         lengths = np.unique(np.minimum(durations, stop))
         times = [_times(end, kept, every, in_part=in_part) for end in lengths]
@@ -175,9 +175,9 @@ def _planned(
 
 
 def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str]) -> None:
-    """Raise an error for a wanted error that is not positive, or of a parameter that is held or unknown."""
+    """Raise an error for a wanted error that is not positive, or of a parameter that is fixed or unknown."""
     if not known.fitted:
-        raise UsageError("All coefficients of this model are held: no run changes an error.")
+        raise UsageError("All coefficients of this model are fixed: no run changes an error.")
     for symbol, error in wanted.items():
         if symbol in names and symbol not in known.model.coefficients:
             raise UsageError(
@@ -188,13 +188,13 @@ def _check_wanted(wanted: Mapping[str, float], known: Rival, names: Sequence[str
             there = ", ".join(known.fitted)
             raise UsageError(f"There is no coefficient '{symbol}' in this model, which has {there}.")
         if symbol not in known.fitted:
-            raise UsageError(f"The coefficient '{symbol}' is held in this model: no run changes its error.")
+            raise UsageError(f"The coefficient '{symbol}' is fixed in this model: no run changes its error.")
         if not error > 0.0:
             raise UsageError(f"The wanted error of '{symbol}', {error:g}, must be positive.")
 
 
 def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float, float]:
-    """Release, duration (s), and samples a second that are kept and were measured; nan where none is kept."""
+    """Release, duration (s), and kept and measured samples per second; nan if none is kept."""
     if not isinstance(result, xr.DataTree) or (group := record_groups(result)[0]) not in result.children:
         return (np.nan,) * 4
     record = result[group]
@@ -206,7 +206,7 @@ def _first_record(result: xr.Dataset | xr.DataTree) -> tuple[float, float, float
 
 
 def _between(limits: Span, parts: tuple[float, float], known: float, count: int, name: str) -> Array:
-    """Return values in equal ratios between limits, those left out by what the record has."""
+    """Return values in equal ratios between limits; missing limits follow from the record."""
     low, high = (part * known if end is None else end for end, part in zip(limits, parts, strict=True))
     if not 0.0 < low <= high:
         raise UsageError(f"Give limits of {name}, LOW:HIGH, both above zero and the lower one first.")
@@ -224,8 +224,8 @@ def _longest(
 ) -> tuple[RunPrediction | None, float]:
     """Predict a rival's longest run and return its stop time (s).
 
-    Nothing is fitted after the stop, which is infinite for a motion that does not stop. Without a motion the
-    prediction is None. `given` : further arguments of `predicted`.
+    After the stop nothing is fitted; the stop time is infinite if the motion does not stop. Without a motion
+    the prediction is None. `given` : further arguments of `predicted`.
     """
     for time in reversed(times):
         with suppress(SysidTribError):
@@ -238,13 +238,13 @@ def _worth(
 ) -> dict[str, Any]:
     """Return expected entropy, probability of the odds for the right model, and standard errors.
 
-    `runs` : what each model predicts, by its name.
+    `runs` : prediction of each model, by its name.
     """
     if known.name not in runs:
         nothing = np.full(len(known.fitted), np.nan)
         return {"entropy": np.nan, "probability": np.nan, "standard_error": nothing}
     pairs = [(rival, runs[rival.name]) for rival in rivals if rival.name in runs]
-    # A model that has no such motion is distinguished by any.
+    # A model without such a motion is distinguished by any run.
     moving = np.array([rival.probability for rival, _ in pairs])
     entropy, right = 0.0, moving.sum()
     if len(pairs) > 1:
@@ -258,13 +258,14 @@ def _worth(
 
 
 def _best_first(values: Mapping[str, Array], limits: Array, rivals: int) -> Index:
-    """Return the places of the runs with a motion, best first; `limits` : wanted errors, or infinite."""
+    """Return the indices of the runs with a motion, best first; `limits` : wanted errors, or infinite."""
     length, entropy, errors = (values[name] for name in ("duration", "entropy", "standard_error"))
-    # Runs that tell as much to a hundredth, or a thousandth of a nat, are as good: the shorter is the better.
+    # Runs with equal information to a hundredth, or a thousandth of a nat, are equally good: prefer the
+    # shorter one.
     learnt = np.round(np.log(np.prod(errors / np.nanmin(errors, axis=0), axis=1)), 2)
     order = [length, np.round(entropy, 3) if rivals > 1 else learnt]
     if np.isfinite(limits).any():
-        # First the distance of a run from the wanted errors.
+        # First compare the distance from the wanted errors.
         lacking = np.max(np.where(np.isfinite(limits), errors / limits, 0.0), axis=1)
         order += [np.where(values["meets"], length, 0.0), np.where(values["meets"], 0.0, lacking)]
     ranked = np.lexsort(order)

@@ -1,4 +1,4 @@
-"""Profile likelihood of a parameter: the deviance of the motion with the parameter held off its estimate."""
+"""Profile likelihood of a parameter: the deviance of the motion with this parameter held at other values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -15,20 +15,19 @@ from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results import models, signal_scale, variables
 from sysid_trib.results.random_force import random_force_of
-from sysid_trib.results.variables import CONFIDENCE
+from sysid_trib.results.variables import CONFIDENCE, HALF_INTERVAL
 
-# The root of the deviance at the ends of an interval.
-END_ROOT = float(scipy.stats.norm.isf(0.5 * (1.0 - CONFIDENCE)))
-# Standard errors of the first step by which the ends are looked for, by how much the next is longer, and how
-# many each way: some fifty errors.
+# Search for the ends: first step in standard errors, growth factor of the steps, and largest number of steps
+# in each direction, together about fifty errors.
 STEP_OUT, STEP_GROWTH, MOST_STEPS_OUT = 1.0, 1.5, 8
 # Accuracy of the root of the deviance at an end, and largest number of evaluations.
 END_TOLERANCE, MOST_LOOKS = 0.02, 4
-# The interval by the standard error is misleading if an end is off by this part of it.
+# The interval from the standard error is misleading if an end deviates by this fraction.
 OFF = 0.1
-# Part of a standard error.
+# Fraction of a standard error.
 ROUNDING_OF_A_LIMIT = 1e-9
-# A deviance this far below zero is of another fit, which is the best; so often it is looked for anew.
+# A deviance this far below zero belongs to a better fit, which replaces the best one; largest number of
+# replacements.
 BETTER, MOST_FITS = -0.02, 3
 
 
@@ -41,32 +40,32 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     decay : Dataset or sequence of Dataset
         The record, or the runs.
     result : Dataset
-        An identification of it, whose forces, constraints and shapes are those of the fits.
+        An identification of the record, whose forces, constraints and shapes are those of the fits.
     names : sequence of str
         Symbols of forces (`lambda`), and shape parameters (`dahl.s`).
     tell : callable
-        Called with the name of each.
+        Called with the name of each parameter.
 
     Returns
     -------
     Dataset
         Over `parameter`: `estimate` of the fit of the motion, its `standard_error`, `low` and `high` of the
-        interval of 95 % by the profile (the limit of the library or of a bound, or infinite, where no value
-        is refused), and whether it is `asymmetric`: an end is off by more than a tenth from that by the
-        standard error. Over `parameter` and `point` the `value` at which it was held, and its `deviance`.
+        95 % interval from the profile (a limit of the library, a bound, or infinity if no value is rejected),
+        and `asymmetric`, whether an end deviates by more than a tenth from that of the standard error. Over
+        `parameter` and `point`: the `value` at which the parameter was held, and its `deviance`.
 
     Raises
     ------
     UsageError
-        A name that is no parameter of the model, or is held or tied.
+        A name is not a parameter of the model, or the parameter is fixed or tied.
     DecayError
-        The motion is pushed by a random force, or no motion follows the record.
+        There is a random force, or no motion follows the record.
 
     Notes
     -----
-    All other parameters are fitted anew at each value, also the start of each run. The deviance is the sum of
-    squares over the variance of a sample that the best fit leaves, less its least; it exceeds the 95 % point
-    of chi-square (one degree) outside of the interval (Venzon and Moolgavkar 1988).
+    All other parameters, including the start of each run, are fitted again at each value. The deviance is the
+    sum of squares minus its minimum, over the residual variance of the best fit. Outside of the interval it
+    exceeds the 95 % point of chi-square (degrees of freedom: 1) (Venzon and Moolgavkar 1988).
     """
     likelihood = free_likelihood(decay, result, names)
     for _ in range(MOST_FITS):
@@ -78,7 +77,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
             ends[at] = [_end(likelihood, name, error[at], fits, sign) for sign in (-1.0, 1.0)]
             profiles.append(fits)
         best = min((fit for fits in profiles for fit in fits.values()), key=likelihood.deviance_of)
-        # A fit that is better than the best is the best.
+        # A fit that is better than the best one replaces it.
         if likelihood.deviance_of(best) >= BETTER:
             break
         likelihood = replace(best, problem=likelihood.problem).in_its_noise()
@@ -97,7 +96,7 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
         "standard_error": error,
         "low": low,
         "high": high,
-        "asymmetric": np.max(np.abs(np.abs(ends) - END_ROOT), axis=1) > OFF * END_ROOT,
+        "asymmetric": np.max(np.abs(np.abs(ends) - HALF_INTERVAL), axis=1) > OFF * HALF_INTERVAL,
         "value": estimate[:, None] + error[:, None] * points[0],
         "deviance": points[1],
     }
@@ -113,14 +112,15 @@ def _at_limit(value: Array, limit: Array, error: Array) -> Array:
 def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign: float) -> float:
     """Find the value at which the deviance rejects a parameter on one side; else its limit, or infinity.
 
-    Places are counted in errors from the best fit; `fits` with the parameter held, by their place, grow.
+    Places are counted in errors from the best fit. `fits` contains fits with the parameter held, by place,
+    and is extended.
     """
     parameters, place = likelihood.parameters, likelihood.parameters.index(name)
     estimate = float(likelihood.values[place])
     limit = sign * max(0.0, sign * (float(parameters.limits[int(sign > 0.0)][place]) - estimate) / error)
 
     def root_at(at: float) -> float:
-        """Return the root of the deviance at a place, by a fit from the nearest one towards the best."""
+        """Return the root of the deviance at a place, by a fit that starts from the nearest known one."""
         if at not in fits:
             near = max((other for other in fits if other * at >= 0.0 and abs(other) < abs(at)), key=abs)
             fits[at] = likelihood.holding({name: estimate + at * error}, fits[near].values)
@@ -131,12 +131,13 @@ def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign:
         places, roots = _roots(likelihood, fits)
         roots = np.maximum.accumulate(roots)
         rising = np.concatenate([[True], np.diff(roots) > 0.0])
-        return float(scipy.interpolate.PchipInterpolator(roots[rising], places[rising])(sign * END_ROOT))
+        # The root of the deviance at the end of an interval.
+        return float(scipy.interpolate.PchipInterpolator(roots[rising], places[rising])(sign * HALF_INTERVAL))
 
     at, step = 0.0, STEP_OUT
     for _ in range(MOST_STEPS_OUT):
         at = sign * min(abs(at) + step, abs(limit))
-        if root_at(at) >= END_ROOT:
+        if root_at(at) >= HALF_INTERVAL:
             break
         if at == limit:
             return limit
@@ -144,7 +145,7 @@ def _end(likelihood: Fit, name: str, error: float, fits: dict[float, Fit], sign:
     else:
         return sign * np.inf
     for _ in range(MOST_LOOKS):
-        if abs(root_at(interpolated()) - END_ROOT) < END_TOLERANCE:
+        if abs(root_at(interpolated()) - HALF_INTERVAL) < END_TOLERANCE:
             break
     return interpolated()
 
@@ -162,7 +163,7 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
     Raises
     ------
     DecayError
-        The motion is pushed by a random force, or no motion follows the record.
+        There is a random force, or no motion follows the record.
     """
     runs, library, asked = as_runs(decay, driven=True), models.library_of(result), method_of(result)
     if any(random_force_of(result, run) for run in range(len(runs))):
@@ -181,30 +182,30 @@ def free_likelihood(decay: Decays, result: xr.Dataset, names: Sequence[str] = ()
 
 
 def _error(likelihood: Fit, name: str) -> float:
-    """Return the standard error of a parameter by the curvature of the likelihood."""
+    """Return the standard error of a parameter from the curvature of the likelihood."""
     parameters = likelihood.parameters
     if name not in parameters.common:
         known = [*parameters.library.symbols, *parameters.library.shape_values()]
-        raise UsageError(f"'{name}' is no parameter of this model; there are {', '.join(known)}.")
+        raise UsageError(f"'{name}' is not a parameter of this model; there are {', '.join(known)}.")
     at = parameters.index(name)
     error = float(np.sqrt(likelihood.covariance[at, at]))
     if at not in parameters.free or not (np.isfinite(error) and error > 0.0):
-        raise UsageError(f"{name} is held or tied: there is no profile of it.")
+        raise UsageError(f"{name} is fixed or tied, so it has no profile.")
     return error
 
 
 @dataclass(frozen=True)
 class LogLikelihood:
-    """Logarithm of the likelihood of a motion over that of its best fit, a function as samplers take it.
+    """Log likelihood of a motion relative to its best fit, as a function for samplers.
 
     Attributes
     ----------
     names : tuple of str
         The free parameters: coefficients, shapes, the frequency, and the start and zero of each run.
     estimate : (parameter,) array of float
-        Their most likely values.
+        Most likely values of the parameters.
     covariance : (parameter, parameter) array of float
-        By the curvature of the likelihood there.
+        Covariance from the curvature of the likelihood at the estimate.
     low, high : (parameter,) array of float
         Limits of the parameters.
     """
@@ -217,7 +218,7 @@ class LogLikelihood:
     fit: Fit
 
     def __call__(self, values: ArrayLike) -> float:
-        """Return the logarithm for the free parameters, (parameter,); minus infinity beyond their limits."""
+        """Return the log likelihood of the free parameters, (parameter,); minus infinity outside limits."""
         free = np.asarray(values, dtype=float)
         if free.shape != self.estimate.shape:
             raise UsageError(f"{len(self.names)} parameters are wanted, in the order of names: {self.names}.")
@@ -234,22 +235,23 @@ def log_likelihood(decay: Decays, result: xr.Dataset) -> LogLikelihood:
     decay : Dataset or sequence of Dataset
         The record, or the runs.
     result : Dataset
-        An identification of it, whose forces, constraints and fitted shapes are those of the likelihood.
+        An identification of the record, whose forces, constraints and fitted shapes are those of the
+        likelihood.
 
     Returns
     -------
     LogLikelihood
-        Parameters are in the units of the record (rad, or that of a displacement) and rad/s.
+        Log likelihood with parameters in the units of the record (rad, or that of a displacement) and rad/s.
 
     Raises
     ------
     DecayError
-        A random force pushes the motion, or no motion follows the record.
+        There is a random force, or no motion follows the record.
 
     Notes
     -----
-    White noise of the variance that the best fit leaves in each run. Priors are flat within the limits of the
-    library and of bounds.
+    The noise is white with the residual variance of the best fit in each run. Priors are flat within the
+    limits of the library and of bounds.
     """
     fit = free_likelihood(decay, result)
     free = fit.parameters.free

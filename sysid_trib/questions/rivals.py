@@ -1,4 +1,4 @@
-"""Competing models of a result: what each predicts of a run, and the information of the run."""
+"""Competing models of a result: their predictions of a run, and the information of the run."""
 
 import json
 from collections.abc import Sequence
@@ -21,14 +21,14 @@ from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY, Model
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import random_force_test
 
-# Models are distinguished where the odds of the right one are so high.
+# Odds of the true model at which models are distinguished.
 ODDS = 10.0
-# Number of draws from each model's run: its parameters and the noise.
+# Number of draws of parameters and noise for each model's run.
 DRAWINGS = 400
 
 
-# A motion and its derivatives over the noise, (sample, 1 + direction + 3): the angle; by one standard error
-# of each direction of the model; and by the start and the sensor's zero, which are unknown.
+# A motion and its derivatives over the noise, (sample, 1 + direction + 3): the angle, its changes by one
+# standard error in each direction of the model, and by the unknown start and sensor's zero.
 RunPrediction = Array
 
 
@@ -41,8 +41,8 @@ class Rival:
     name : str
     model : Model
     directions : (parameter, direction) array of float
-        Of its coefficients, shapes and frequency, in this order; their product with their transpose is the
-        covariance.
+        Directions of its coefficients, shapes and frequency, in this order; their product with their
+        transpose is the covariance.
     probability : float
     """
 
@@ -63,8 +63,8 @@ def predicted(
 ) -> tuple[RunPrediction, float]:
     """Predict a rival after a start (rad, rad/s), in units of the noise, and return its stop time (s).
 
-    The stop time is infinite if the motion goes on. `forcing` : the model with a random force, and its ratio
-    to the noise of a sample; then innovations are predicted.
+    The stop time is infinite if the motion continues. `forcing` : model with a random force, and its ratio to
+    the noise of a sample; then innovations are predicted.
 
     Raises
     ------
@@ -88,18 +88,18 @@ def _own(run: RunPrediction) -> Array:
 
 
 def rivals_of(result: xr.Dataset | xr.DataTree) -> tuple[xr.Dataset, list[Rival], Rival]:
-    """Return the competing models of a result: one of an identification, the last set of a discovery.
+    """Return the competing models of a result: one for an identification, the last set for a discovery.
 
-    Before them the identification that stands for it, behind them the model whose errors are stated: of a
-    search that of its coefficients and shapes together.
+    Return also the identification of these models, and the model with the stated errors: for a search, that
+    of coefficients and shapes together.
 
     Raises
     ------
     UsageError
         Nothing was identified.
     """
-    if isinstance(result, xr.DataTree) and kinds.kind_of(result) == "difference":
-        raise UsageError("This is a comparison of samples, not a model; give a result of identify.")
+    if isinstance(result, xr.DataTree):
+        kinds.check_is_model(result)
     main = judged.main_result(result) if isinstance(result, xr.DataTree) else result
     if main is None or "coefficient" not in main:
         raise UsageError("plan needs a result that identified a model.")
@@ -125,11 +125,11 @@ def _stated(result: xr.Dataset) -> Rival:
 
 
 def _of_discovery(tree: xr.DataTree) -> list[Rival]:
-    """Return the models with each candidate of the last credible set in the place of the last effect."""
+    """Return the models with each candidate of the last credible set in place of the last effect."""
     step, after = tree["steps"].to_dataset().isel(step=-1), tree["after"].to_dataset()
     offered, options = effects.candidates_of(tree), json.loads(tree.attrs["options"])
     rest = [force for force in library_of(after) if force.symbol != step.symbol.item()]
-    # The evidence of an effect falls if its coefficient is not the known physical value.
+    # The evidence of an effect is lower if its coefficient differs from the known physical value.
     misnamed = effects.misnamed_effects(tree)
     known = {f.symbol: f.coefficient for f in offered if f.coefficient and f.symbol not in misnamed}
     records = [tree[group].to_dataset() for group in variables.record_groups(tree)]
@@ -150,8 +150,8 @@ def _of_discovery(tree: xr.DataTree) -> list[Rival]:
 
 
 def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[str, float]:
-    """Return a rival's shape parameters from the search, those of its candidate from the last step."""
-    # A result that an older version saved has no shapes of candidates.
+    """Return a rival's shape parameters from the search, with those of its candidate from the last step."""
+    # Results of an older version contain no shapes of candidates.
     shapes = library.shape_values() | shape_values_of(after, library)
     for name in shapes.keys() & set(step.get("competing_shape_parameter", xr.DataArray([])).values.tolist()):
         value = step.competing_shape.sel(competing_shape_parameter=name).item()
@@ -162,7 +162,7 @@ def _shapes(step: xr.Dataset, after: xr.Dataset, library: ForceLibrary) -> dict[
 def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], probability: float) -> Rival:
     """Return a competing model with the covariance of its parameters from the records.
 
-    A shape has a Gaussian prior whose density is that of even ones over its range, as in the evidence.
+    A shape has a Gaussian prior with the density of a uniform prior over its range, as in the evidence.
     """
     model, library = schema.model_of(result), library_of(result)
     shapes = [(name.partition("."), value) for name, value in model.shapes.items()]
@@ -187,7 +187,7 @@ def _by_records(name: str, result: xr.Dataset, records: Sequence[xr.Dataset], pr
 
 
 def covariance_after(run: RunPrediction) -> Array:
-    """Return covariance of the directions after a run, its start and zero unknown; before it that is one."""
+    """Return the directions' covariance after a run with unknown start and zero, relative to that before."""
     own = _own(run)
     return np.asarray(np.linalg.inv(np.eye(own.shape[1]) + own.T @ own))
 
@@ -199,8 +199,8 @@ def _explained_space(run: RunPrediction) -> Array:
 
 
 def _sharpened(rival: Rival, run: RunPrediction) -> float:
-    """Return half the fall of the log determinant of the covariance of the shapes in a run, negative."""
-    # The frequency is the last of its parameters.
+    """Return half the decrease of the log determinant of the shapes' covariance in a run, negative."""
+    # The frequency is the last of the parameters.
     shapes, after = rival.directions[len(rival.model.coefficients) : -1], covariance_after(run)
     was, becomes = (np.linalg.slogdet(shapes @ c @ shapes.T)[1] for c in (np.eye(len(after)), after))
     return float(0.5 * (becomes - was))
@@ -210,7 +210,7 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
     """Return the log weights of competing models after a run, (truth, drawing, rival)."""
     rng, (rivals, runs) = np.random.default_rng(0), zip(*pairs, strict=True)
     apart = [np.column_stack([run[:, 0] - runs[0][:, 0], run[:, 1:]]) for run in runs]
-    # The part outside of these columns is noise that all models share.
+    # The part outside of these columns is noise that all models have in common.
     axes = random_force_test.orthonormal(np.column_stack(apart))
     inside = [axes.T @ run for run in apart]
     spaces = [_explained_space(run) for run in inside]
@@ -228,7 +228,7 @@ def log_odds(pairs: Sequence[tuple[Rival, RunPrediction]]) -> Array:
 
 
 def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
-    """Return the expected entropy (nats) after a run, and the probability of odds for the right model."""
+    """Return the expected entropy (nats) after a run, and the probability of the odds for the true model."""
     logs = logs - logs.max(axis=2, keepdims=True)
     posterior = np.exp(logs) / np.exp(logs).sum(axis=2, keepdims=True)
     entropy = -np.sum(posterior * np.log(np.maximum(posterior, 1e-300)), axis=2).mean(axis=1)
@@ -241,5 +241,5 @@ def informed(probabilities: Array, logs: Array) -> tuple[float, float]:
 def parting_of(truth: RunPrediction, run: RunPrediction) -> Array:
     """Return the discrimination D of a run up to each time, (sample,), between two motions."""
     residual, space = truth[:, 0] - run[:, 0], _explained_space(run)
-    # r' V^-1 r by the identity of Woodbury.
+    # r' V^-1 r by Woodbury's identity.
     return np.maximum(0.0, np.cumsum(residual * (residual - space @ (space.T @ residual))))

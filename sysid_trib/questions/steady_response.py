@@ -1,4 +1,4 @@
-"""The forced response of an identified model, with bands, checked by simulations."""
+"""Forced response of an identified model, with bands, checked by simulations."""
 
 from dataclasses import replace
 
@@ -7,12 +7,12 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from sysid_trib.arrays import Array, Index, Mask
-from sysid_trib.cycles import averaged_motion as steady
 from sysid_trib.cycles.smooth_curve import simultaneous_factor
 from sysid_trib.errors import SimulationError, UsageError
 from sysid_trib.forces.force import Channel, Force, ForceLibrary
 from sysid_trib.forces.selection import is_free_to_move
 from sysid_trib.motion_fit.bands import parameters_of
+from sysid_trib.questions import averaged_motion as steady
 from sysid_trib.records.inputs import PER_KIND, KnownInput
 from sysid_trib.records.roles import INPUT
 from sysid_trib.results import models, schema, signal_scale, variables
@@ -21,10 +21,10 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.trajectory import trajectory
 
 SWEEPS = ("up", "down", "unstable")
-# Draws of the parameters for a band of 95 %.
+# Number of parameter draws for a 95 % band, and its quantiles.
 PARAMETER_DRAWS, BAND_QUANTILES = 200, (0.025, 0.975)
-# Number of simulated motions in each sweep, and of samples a period. The simulation lasts until the transient
-# has fallen to this part; the amplitude is that of the last periods.
+# Number of simulated motions per sweep, and of samples per period. A simulation lasts until the transient has
+# decayed to this fraction; the amplitude is that of the last periods.
 CHECKED, SAMPLES_A_PERIOD, TRANSIENT_PART, LAST_PERIODS = 4, 40, 1e-3, 20
 SHORTEST_PERIODS, LONGEST_PERIODS = 60, 1500
 # Variables at each frequency, and of each simulation.
@@ -46,16 +46,17 @@ def forced_response(
     Parameters
     ----------
     result : Dataset or DataTree
-        An identification, of a decay or of a driven record; of a whole result its preferred one.
+        An identification of a decay or of a driven record; for a whole result, its preferred one.
     drive : float or (frequency,) array of float
-        Amplitude of the input, in its unit; of a model without one the deflection that it would have at rest,
-        in the unit of the signal.
+        Amplitude of the input, in its unit. For a model without inputs, the static deflection, in the unit of
+        the signal.
     frequencies : (frequency,) array of float, rad/s
-        Increasing.
+        Increasing frequencies.
     driven_by : str
-        Which input, where the model has several.
+        Name of the driving input, if the model has several.
     base : bool
-        Of a model without inputs: `drive` is the displacement of a base, from which the signal is counted.
+        For a model without inputs: whether `drive` is the displacement of a base, relative to which the
+        signal is measured.
     seed : int
         Seed of the draws for the bands.
 
@@ -63,26 +64,26 @@ def forced_response(
     -------
     Dataset
         Over `sweep` (`up`, `down`, `unstable`) and `frequency` (rad/s): `amplitude` in the unit of the
-        signal, nan where there is no such motion (or dry friction holds), with `amplitude_low` and
-        `amplitude_high`, the ends of 95 % bands, and `whole_low` and `whole_high`, those of bands that hold
-        a sweep as a whole; `phase` (rad) ahead of the drive.
-        `frequency_ratio(frequency)`, over that at small amplitudes.
-        Over `check` motions that were simulated: `check_frequency`, `check_amplitude`, `simulated_amplitude`.
-        `left_open`: the largest part by which these differ, which the bands hold.
+        signal, nan if there is no such motion (or dry friction holds the body), with `amplitude_low` and
+        `amplitude_high`, the ends of 95 % bands, and `whole_low` and `whole_high`, those of bands for a whole
+        sweep; `phase` (rad), the phase lead over the drive. `frequency_ratio(frequency)`, relative to the
+        frequency at small amplitudes. Over `check`, simulated motions: `check_frequency`, `check_amplitude`,
+        `simulated_amplitude`. `left_open`: the largest relative difference of these amplitudes, which the
+        bands include.
 
     Raises
     ------
     UsageError
-        A drive or frequencies that are none, an input that the model does not have, or that a force holds
-        other than as a sum with the others.
+        The drive or the frequencies are invalid, the model does not have the input, or the input is not an
+        added term of a force.
     DecayError
-        No damping bounds the response.
+        No damping limits the response.
 
     Notes
     -----
-    Describing functions (`cycles.averaged_motion`): the first harmonic alone. Bands are of parameters
-    drawn with their covariance, which allows for errors of the model as the result states them; beyond the
-    amplitudes of the record they hold if the forces have the same form there.
+    The response is computed with describing functions (`averaged_motion`), so with the first harmonic
+    only. Bands are from parameters drawn with their covariance, which includes the model errors stated in the
+    result. Beyond the amplitudes of the record they are valid if the forces have the same form there.
     """
     w = np.asarray(frequencies, dtype=float)
     if w.ndim != 1 or not len(w) or not np.all(np.isfinite(w)) or w[0] <= 0.0 or np.any(np.diff(w) <= 0.0):
@@ -126,12 +127,12 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
         curves[at] = _picked(there, sweeps(len(w), row, there, rises))
     checks = _checks(model, w, drive, amplitude, phase)
     there = np.abs(checks[2] / checks[1] - 1.0)
-    # A simulated motion that is farther off, as a part of itself, has left its branch.
+    # A simulated motion with a larger relative difference has left its branch.
     left_open = float(np.max(there[there < 0.2], initial=0.0))
-    # If no draw has a motion there is no motion, and no band.
+    # If no draw has a motion, there is no motion and no band.
     curves[:, np.isnan(curves).all(axis=0)] = 0.0
     low, high = np.nanquantile(curves, BAND_QUANTILES, axis=0)
-    # The error of the lines is the same in each draw; all have the difference from the simulations.
+    # The interpolation error is the same in each draw; all include the difference from the simulations.
     exact, wider = amplitude / by_lines, (1.0 - left_open, 1.0 + left_open)
     ends = zip((low, high, *_as_a_whole(curves, low, high)), 2 * wider, strict=True)
     bands = [exact * end * part for end, part in ends]
@@ -147,7 +148,7 @@ def _response(result: xr.Dataset, given: xr.Dataset, name: str, base: bool, seed
 def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Index:
     """Return the motions of a sweep up, of one down, and an unstable one, (3, frequency); -1 if none.
 
-    A sweep begins with the smallest stable motion, and goes on with the nearest one.
+    A sweep starts with the smallest stable motion, and continues with the nearest one.
     """
     of_each = np.split(np.arange(len(frequency)), np.searchsorted(frequency, np.arange(1, count)))
     chosen = np.full((3, count), -1)
@@ -165,7 +166,7 @@ def sweeps(count: int, frequency: Index, amplitude: Array, stable: Mask) -> Inde
 
 
 def _picked(values: Array, numbers: Index) -> Array:
-    """Return values (motion,) by their numbers, nan where that is -1."""
+    """Return values (motion,) by their indices, nan for index -1."""
     return np.asarray(np.append(values, np.nan)[numbers])
 
 
@@ -174,7 +175,7 @@ def _as_a_whole(curves: Array, low: Array, high: Array) -> tuple[Array, Array]:
     middle = np.nanmedian(curves, axis=0)
     width = np.where(curves > middle, high - middle, middle - low)
     apart = (curves - middle) / np.where(width > 0.0, width, np.inf)
-    # The quantile of few draws may be a little below the pointwise one.
+    # The quantile of few draws may be slightly below the pointwise one.
     factor = np.array([max(1.0, simultaneous_factor(of_sweep)) for of_sweep in apart.swapaxes(0, 1)])[:, None]
     return middle + factor * (low - middle), middle + factor * (high - middle)
 
@@ -205,7 +206,7 @@ def _forcings(model: Model, name: str, ratio: Array) -> Array:
 
 
 def _refuse_mixed(force: Force, channel: Channel, rise: float) -> None:
-    """Refuse a force in which an input is not added to the others, or not in proportion."""
+    """Raise an error for a force to which an input is not a proportional, added term."""
     points = {k: force.test_points[k] for k in "xv"}
     for factor in (1.0, 2.0):
         there, here = (force.value(**points, hidden={channel.name: factor * given}) for given in (1.0, 0.0))
@@ -234,7 +235,7 @@ def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array
         there = np.flatnonzero(np.isfinite(amplitude[sweep]))
         if not len(there):
             continue
-        # The largest motion, except at the very end of its branch, and others that are evenly spaced.
+        # Check the largest motion, except at the very end of its branch, and others that are evenly spaced.
         apart = there[np.linspace(0, len(there) - 1, CHECKED + 1).round().astype(int)[1:-1]]
         largest = there[np.argmax(amplitude[sweep, there])]
         for at in {*apart.tolist(), int(np.clip(largest - 3 * (1 - 2 * sweep), there[0], there[-1]))}:
@@ -244,7 +245,7 @@ def _checks(model: Model, w: Array, drive: Array, amplitude: Array, phase: Array
 
 
 def _simulated(model: Model, w: float, drive: complex, motion: tuple[float, float]) -> float:
-    """Return first harmonic's amplitude after a start on a steady motion has settled; nan if it does not."""
+    """Return the amplitude of the first harmonic after a start on a steady motion has settled; else nan."""
     amplitude, phase = motion
     ratio = np.array([w / model.reference_frequency])
     described_at = steady.describing_functions(model.forces, model.shapes, ratio)

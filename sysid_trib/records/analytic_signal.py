@@ -23,8 +23,8 @@ def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
 
     Notes
     -----
-    An amplitude that decays within the half period, which a half-sine does not follow, does no harm here;
-    harmonics of the motion average out over the half period, as they do there.
+    A decay of the amplitude within the half period, which a half-sine does not follow, causes no error here;
+    harmonics of the motion average out over the half period, as for half-sines.
     """
     grid, log_amplitude, phase = _analytic_signal(time, angle, halves)
     count = halves.sign.size
@@ -32,31 +32,32 @@ def analytic_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Ar
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s = grid - middle[half]
     level, slope = _lines(s, phase, half, count)
-    # The phase is zero at the first extremum and grows by pi from one to the next.
+    # The phase is zero at the first extremum and increases by pi from one extremum to the next.
     late = (np.pi * np.arange(count) - level) / slope
     log_level, log_slope = _lines(s, log_amplitude, half, count)
     extremum = np.exp(log_level + log_slope * late)
     samples = halves.duration * (time.size - 1) / (time[-1] - time[0])
-    # N times the variance of the mean of N demodulated samples over half a period, at unit noise. One half
-    # period by itself has 1.77; it shares 7 % with either neighbour, and a slow variation over many of them
-    # has 2.
+    # N times the variance of the mean of N demodulated samples over half a period, for unit noise. A single
+    # half period has 1.77; it shares 7 % with each neighbour, and a slow variation over many half periods has
+    # 2.
     error: Array = np.sqrt(2.0 / samples)
     return np.copysign(extremum, halves.sign), middle + late, error, error / (extremum * slope)
 
 
 def _analytic_signal(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array]:
-    """Return even times from the first crossing to the last, logarithm of the amplitude, unwrapped phase."""
+    """Return uniform times from the first crossing to the last, log amplitude, and unwrapped phase."""
     crossing = halves.crossing
     span = crossing[-1] - crossing[0]
     count = max(8 * halves.sign.size, round(span * (time.size - 1) / (time[-1] - time[0])))
     grid = crossing[0] + (np.arange(count) + 0.5) * span / count
-    # Steady amplitude first: this removes the leakage of a decaying one from the record's start to its end.
+    # Make the amplitude steady first: this removes the leakage of a decay from the record's start to its end.
     trend = _log_trend(halves, grid)
     steady = CubicSpline(time, angle)(grid) * np.exp(-trend) * halves.sign[0]
-    # Odd about both ends, as the motion itself is about a zero crossing, except for its decay.
+    # Extend the signal as an odd function about both ends: apart from its decay, it is odd about a zero
+    # crossing.
     signal = scipy.signal.hilbert(np.concatenate([steady, -steady[::-1]]))[:count]
     phase = np.unwrap(np.angle(signal))
-    # The branch on which the first extremum has the phase zero.
+    # Choose the branch on which the first extremum has the phase zero.
     first = grid < crossing[1]
     phase -= 2.0 * np.pi * np.round(np.mean(phase[first]) / (2.0 * np.pi))
     return grid, np.log(np.abs(signal)) + trend, phase

@@ -16,7 +16,7 @@ from sysid_trib.records.unit_tables import STANDARD_GRAVITY
 
 
 def time_factor(table: tables.FileTable, time: Column, given: str | None) -> tuple[str | None, float, str]:
-    """Return a time column's unit, factor to s, and reason if not stated; None if nothing states it.
+    """Return a time column's unit, factor to s, and the reason if assumed; None if nothing states it.
 
     Raises
     ------
@@ -51,9 +51,9 @@ def _contradicted(column: Column, stated: str, option: str, given: object, known
 
 
 def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
-    """Return the time unit that agrees with the steps in a column `dt (s)`, and the reason; or None.
+    """Return the time unit that agrees with the steps in a column `dt (s)`, and the reason; else None.
 
-    Stamps of these years that count from a known date tell their unit too.
+    Stamps of these years that count from a known date show their unit too.
     """
     stamps = time.numbers[np.isfinite(time.numbers)]
     steps = np.diff(stamps)
@@ -69,9 +69,9 @@ def _by_steps(table: tables.FileTable, time: Column) -> tuple[str | None, str]:
     for text, low, high in (("ms", 6.3e11, 4.1e12), ("us", 6.3e14, 4.1e15), ("ns", 6.3e17, 4.1e18)):
         if low < middle < high:
             return text, f"time in {text}: it counts from 1970"
-    # Days that spreadsheets count from 1900 and MATLAB from the year 0, and stamps that count from 1970.
+    # Ranges of day numbers: days from 1900 as in spreadsheets, and from the year 0 as in MATLAB.
     for low, high in ((32874.0, 73051.0), (726834.0, 767011.0)):
-        # Seconds of the years 1990 to 2100.
+        # The years 1990 to 2100.
         if 0.0 < usual < 1e-2 and low < stamps.min() and stamps.max() < high:
             return "d", "time in days: its numbers are dates, as of Excel or MATLAB"
     return None, "unit of time not stated: taken as s, though its stamps are whole" * are_whole(stamps)
@@ -85,23 +85,23 @@ def unit_of(
     Raises
     ------
     UsageError
-        The header says another unit, or another quantity, than the user.
+        The header states another unit, or another quantity, than the user.
     RecordError
-        An amplitude that no oscillation has in this unit.
+        No oscillation has such an amplitude in this unit.
     """
     signals = [c for c in table.columns if c not in table.times]
     place = signals.index(column) if column in signals else None
     stated = column.unit or lab.signal_unit(lab.noted_unit(table.notes, place, len(signals)))
     given = lab.signal_unit(how.units or "")
     if given and how.signal and given.quantity in lab.POSITIONS:
-        # "deg" of a rate is deg/s.
+        # For a rate, "deg" means deg/s.
         given = replace(given, quantity=how.signal)
     if given and stated and stated.known and not _agree(stated, given):
         known = "" if given.known else f", which is unknown (known are {lab.OFFERED_UNITS})"
         raise _contradicted(column, stated.text, "units", how.units, known)
     if given and not given.known and given.quantity == "angle":
-        # In whatever it is, no coefficient would have its size.
-        wrong = f"{table.source}: --units '{how.units}' is no known unit of an angle"
+        # With an unknown unit of an angle, no coefficient would have the correct size.
+        wrong = f"{table.source}: --units '{how.units}' is not a known unit of an angle"
         raise UsageError(f"{wrong}; give {lab.OFFERED_ANGLES}.")
     unit = given or stated
     why = ""
@@ -124,7 +124,7 @@ def unit_of(
     if not unit.known:
         known = f"unknown (known are {lab.OFFERED_UNITS})"
         why = f"unit {unit.text} is {known}: coefficients are in this unit"
-    # Two whole turns to either side are more than an oscillation.
+    # More than two whole turns to either side are not an oscillation.
     swing = 0.5 * float(np.ptp(values)) * unit.factor
     if unit.quantity == "angle" and swing > 4.0 * np.pi and unit.text.lower().startswith("rad"):
         wrong = f"{table.source}: an amplitude of {swing:.3g} rad (column {column.name}) is too much"
@@ -148,7 +148,7 @@ def _assumed_unit(
     meant: str | None,
     gravity: bool = True,
 ) -> tuple[lab.SignalUnit, str]:
-    """Return the unit of a signal that nothing states, and the evidence for it.
+    """Return the assumed unit of a signal whose unit is not stated, and the evidence for it.
 
     Parameters
     ----------
@@ -158,26 +158,26 @@ def _assumed_unit(
     time, values : (sample,) array of float, s and the column's unit
         The signal without bad samples.
     meant : str, optional
-        The quantity, if it is known.
+        The measured quantity, if it is known.
     gravity : bool
-        Whether it may be a pendulum.
+        Whether the body may be a pendulum.
 
     Raises
     ------
     UsageError
-        An angle that may be in rad or in degrees, of a body that is no pendulum.
+        An angle may be in rad or in degrees, and the body is not a pendulum.
 
     Notes
     -----
     A bob on a circle of radius L about its pivot swings at w^2 = g/L: the unit of L is that in which g is
-    9.81 m/s^2. No pendulum swings farther than pi: a larger angle is in degrees.
+    9.81 m/s^2. A pendulum does not swing farther than pi: a larger angle is in degrees.
     """
     half = 0.5 * float(np.ptp(np.percentile(values, [0.1, 99.9])))
     radius = _circle_radius(table, signal)
     if radius is not None and meant in (None, "", "displacement"):
         text, why = _on_circle(time, values, radius)
     elif meant == "displacement" or (not meant and half > 180.0):
-        # In degrees: a signal that is not named as an angle and swings farther is no angle.
+        # In degrees: a signal that swings farther and is not named as an angle is not an angle.
         text = "au"
         why = "coefficients are in its unit, au"
     elif meant in (None, "", "angle"):
@@ -188,7 +188,7 @@ def _assumed_unit(
         text = "deg/s" if far > np.pi else "rad/s"
         why = f"taken as {text}, which makes the swing {far:.3g} {text.removesuffix('/s')}"
     else:
-        # An accelerometer that rests shows gravity: near 1 in g, near 9.8 in m/s^2.
+        # An accelerometer at rest shows gravity: near 1 in g, near 9.8 in m/s^2.
         rest = float(np.median(values))
         text = "g" if 0.5 < abs(rest) < 1.2 else "m/s^2"
         since = f", since it swings about {rest:.3g}, as gravity would" if text == "g" else ""
@@ -198,8 +198,8 @@ def _assumed_unit(
     return unit, f"unit not stated: {why}"
 
 
-# An axis that points down shows gravity within this part, in a sensor that is not calibrated; the three axes
-# of one sensor show it together within a smaller part.
+# Relative error of gravity on an axis that points down, for a sensor that is not calibrated; and for the
+# three axes of one sensor together.
 OF_GRAVITY = 0.055
 OF_GRAVITY_ON_AXES = 0.02
 
@@ -207,7 +207,7 @@ OF_GRAVITY_ON_AXES = 0.02
 def _gravity_on_axes(table: tables.FileTable, column: Column, signals: list[Column], values: Array) -> str:
     """Return the reason for an accelerometer axis in m/s^2 (gravity on three axes), or nothing."""
     axes = [c for c in signals if c.is_numeric and not c.stated and c.cells.size == column.cells.size]
-    # More columns are gravity in some way by chance.
+    # Among more columns, some combination may have the size of gravity by chance.
     if len(axes) != 3 or column not in axes:
         return ""
     rests = [float(np.nanmedian(values if axis is column else axis.values)) for axis in axes]
@@ -224,7 +224,7 @@ def _ask_at_gravity(column: Column, values: Array) -> None:
     Raises
     ------
     UsageError
-        An accelerometer would, and an angle hardly.
+        An accelerometer would swing about 9.8; an angle hardly would.
     """
     rest = float(np.median(values))
     if abs(abs(rest) / STANDARD_GRAVITY - 1.0) <= OF_GRAVITY:
@@ -240,8 +240,8 @@ def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
     """Return the unit of an angle with this range, and the reason."""
     if half > np.pi:
         return "deg", f"in degrees, since an angle does not swing to {half:.3g} rad"
-    # rad; from this amplitude on a pendulum's frequency shows whether it is one in rad: it rises as it
-    # decays, by more than a quarter of what it should.
+    # rad; from this amplitude on the frequency shows whether a pendulum's angle is in rad: it must rise
+    # during the decay, by at least a quarter of the expected shift.
     if half > 1.0 and (moves := _frequency_shift(time, values)) is not None:
         seen, of_pendulum = moves
         if abs(seen) < 0.25 * of_pendulum:
@@ -253,17 +253,17 @@ def _of_angle(time: Array, values: Array, half: float) -> tuple[str, str]:
     return "rad", "taken as rad"
 
 
-# rad; a wire or a spring is not turned by more than this many radians to either side.
+# rad; a wire or a spring does not twist by more than this to either side.
 MOST_TURNED = 4.0 * np.pi
 
 
 def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
-    """Assume the unit of the angle of a body without gravity, which may turn further than a pendulum.
+    """Assume the unit of an angle of a body without gravity, which may turn farther than a pendulum.
 
     Raises
     ------
     UsageError
-        It may be in either unit.
+        The angle may be in either unit.
     """
     if half > MOST_TURNED:
         return "deg", f"in degrees, since a body does not swing to {half:.3g} rad"
@@ -277,7 +277,7 @@ def _of_angle_without_gravity(signal: Column, half: float) -> tuple[str, str]:
 
 
 def _frequency_shift(time: Array, values: Array) -> tuple[float, float] | None:
-    """Return the rise of the frequency over a decay, as a part of it, and that of a pendulum in rad.
+    """Return the relative rise of the frequency over a decay, and that of a pendulum with the angle in rad.
 
     Return None if there is no decay.
     """
@@ -305,7 +305,7 @@ def _circle_radius(table: tables.FileTable, signal: Column) -> float | None:
             continue
         radius = np.hypot(values.astype(float), second.astype(float))
         middle = float(np.nanmean(radius))
-        # The radius of a circle scatters by less than this, and either coordinate by more.
+        # The radius of a circle scatters by less than this, and each coordinate by more.
         scatter = 2e-3 * middle
         if middle > 0.0 and np.nanstd(radius) < scatter < min(np.nanstd(values), np.nanstd(second)):
             return middle
@@ -317,7 +317,7 @@ def _on_circle(time: Array, values: Array, radius: float) -> tuple[str, str]:
     periods = half_periods.dominant_periods(time, values)
     gravity = radius * (2.0 * np.pi / periods[0]) ** 2 if periods else 0.0
     for text, metres in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3)):
-        # Gravity comes out right, within this part.
+        # The frequency gives gravity within this relative error.
         if abs(gravity * metres / STANDARD_GRAVITY - 1.0) < 0.05:
             return text, (
                 f"in {text}, since it moves on a circle of radius {radius:.4g} and swings "

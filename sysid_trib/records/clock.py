@@ -1,4 +1,4 @@
-"""The clock behind time stamps: uniform and rounded, jittering, doubled, set back, with rows missing."""
+"""The clock behind time stamps: rounded, with jitter, repeated, set back, or with missing rows."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -12,11 +12,11 @@ from sysid_trib.records import column, half_periods, signal
 UNEVEN_PART = 1e-9
 # Stamps are decimal numbers: the step of their rounding is a power of ten.
 MOST_DIGITS = 9
-# Steps of the rounding within which stamps are a line's, cut off or rounded; its slope is known to a little
-# less, and less well where the steps differ.
+# Number of rounding steps within which stamps lie on a line, truncated or rounded, with an uncertain slope;
+# and the same for unequal steps.
 WITHIN = 1.02
 WITHIN_UNEQUAL = 1.5
-# A row follows at once if it comes within this part of the mean step; in packets most do.
+# A row of a packet follows within this fraction of the mean step; in packets most rows do.
 AT_ONCE = 0.5
 GIVE_RATE = "give the sampling rate instead, --sampling-rate HZ (sampling_rate= in Python)."
 
@@ -29,7 +29,7 @@ CLOCKS: dict[column.ClockKind, str] = {
     "stamps": "in seconds from an instant of its own",
     "rows": "by its sampling rate from its first row",
 }
-# s since 1970: stamps of the years 1990 to 2100 count from there.
+# s since 1970, for stamps of the years 1990 to 2100.
 COUNTED_FROM_1970 = 6.3e8, 4.1e9
 
 
@@ -39,16 +39,16 @@ class Origin(NamedTuple):
     Attributes
     ----------
     kind : ClockKind
-        By which clock it counts.
+        Clock from which the origin is counted.
     instant : int, ns
-        By that clock.
+        Time of the origin by this clock.
     """
 
     kind: column.ClockKind
     instant: int = 0
 
     def later(self, seconds: float) -> "Origin":
-        """Return the origin so much later."""
+        """Return the origin moved by some seconds."""
         return Origin(self.kind, self.instant + round(seconds * 1e9))
 
 
@@ -58,15 +58,15 @@ class Clock(NamedTuple):
     Attributes
     ----------
     time : (sample,) array of float, s
-        Rising.
+        Increasing times.
     rows : (sample,) array of int
-        Rows of the file that they belong to.
+        Row of the file for each time.
     breaks : tuple of float, s
-        Times at which the clock was set back: what comes after is a piece of its own.
+        Times at which the clock was set back: a separate piece starts after each.
     seen : tuple of str
         Observations on the clock.
     counted_from : float, s
-        By the stamps, what the record calls 0 s.
+        Time by the stamps that is 0 s in the record.
     """
 
     time: Array
@@ -92,26 +92,26 @@ def read_clock(
     Parameters
     ----------
     stamps : (row,) array of float
-        In the unit of the file; nan where one is missing.
+        Stamps in the unit of the file; nan for missing ones.
     factor : float
         Factor of that unit, in s.
     source : str
         Name of the file, for messages.
     values : (row,) array of float
-        The signal, by which rows prove to be even where stamps are repeated or come in packets.
+        The signal, which shows that rows are equidistant although stamps are repeated or come in packets.
     numbered : (row,) array of int, optional
-        Numbers of the samples, where some are lost; the rows' own otherwise.
+        Numbers of the samples, if some are lost; by default those of the rows.
 
     Raises
     ------
     RecordError
-        The rows are in no order of time, or too few.
+        The rows are not in order of time, or there are too few.
     """
     rows = np.flatnonzero(np.isfinite(stamps))
     given = stamps[rows]
     if given.size < 2:
         raise RecordError(f"{source}: a single sample is not a record.")
-    sentences: list[str] = []
+    given, sentences = _without_overflow(given)
     back = np.zeros(0, dtype=np.int64)
     steps = np.diff(given)
     even = None
@@ -130,26 +130,48 @@ def read_clock(
     if back.size:
         where = ", ".join(f"{given[b - 1] * factor:.6g} s" for b in back[:3])
         sentences.append(f"the clock is set back after {where}: used as {back.size + 1} pieces")
-    # s; of shorter steps numbers lose their digits.
+    # s; shorter steps lose their digits.
     if factor * float(np.mean(np.abs(np.diff(given)))) < 1e-100:
         apart = f"{factor * (given[1] - given[0]):.3g} s apart: no clock has such steps"
         raise RecordError(f"{source}: samples are {apart}; give their unit, --time-units, or {GIVE_RATE}")
     time, said = even or _without_rounding(given, decimal_step(given))
     time = time * factor
-    # s; stamps that started longer ago (epoch seconds) are counted from the first: no digit is lost to them.
+    # s; if stamps start later than this (such as epoch seconds), count from the first one: no digit is lost.
     counted_from = float(time[0]) if abs(time[0]) > 1e6 else 0.0
     if counted_from:
         sentences.append(f"counted from the first stamp, {given[0]:.10g}")
         time = time - time[0]
     still = np.flatnonzero(np.diff(time) <= 0.0)
     if still.size:
-        # Numbers so much larger than their steps that these are lost in their digits.
+        # The numbers are so much larger than their steps that the steps are lost in rounding.
         row = int(rows[still[0] + 1]) + 1
         wrong = f"{source}: its times do not rise by as much as their digits show, first in row {row}"
         raise RecordError(f"{wrong}; correct them, or {GIVE_RATE}")
     rate = f"{1.0 / signal.usual_step(np.diff(time)):.6g} Hz {'on average' if 'jitter' in said else 'clock'}"
     breaks = tuple(float(time[b]) for b in back)
     return Clock(time, rows, breaks, (*sentences, f"{rate} ({said})" if said else rate), counted_from)
+
+
+def _without_overflow(given: Array) -> tuple[Array, list[str]]:
+    """Return stamps of a counter that starts anew at the end of its range as one clock, and a sentence."""
+    steps = np.diff(given)
+    back = np.flatnonzero(steps < 0.0)
+    if not back.size or np.any(given < 0.0) or np.any(given != np.round(given)):
+        return given, []
+    usual = float(np.median(steps))
+    for bits in (16, 24, 32):
+        turn = 2.0**bits
+        lasts = turn + steps[back]
+        # A counter starts anew within a few steps of its end.
+        if given.max() < turn and np.all((lasts > 0.0) & (lasts <= 10.0 * usual)):
+            times = "once" if back.size == 1 else f"{back.size} times"
+            said = (
+                f"the clock starts anew {times} after {turn:.0f}, as a counter of {bits} bits: put together"
+            )
+            starts = np.zeros(given.size)
+            starts[back + 1] = turn
+            return given + np.cumsum(starts), [said]
+    return given, []
 
 
 def are_whole(stamps: Array) -> bool:
@@ -159,26 +181,27 @@ def are_whole(stamps: Array) -> bool:
 
 
 def check_period(time: Array, values: Array, whole: bool, source: str, remedy: str) -> None:
-    """Raise an error that asks for the unit of times if seconds give an implausible period.
+    """Raise an error that asks for the unit of times if seconds would give an implausible period.
 
     Parameters
     ----------
     time, values : (sample,) array of float
-        The signal; times as they stand.
+        The signal, and its times as they are.
     whole : bool
         Whether the stamps are whole numbers.
     source : str
-        Source that the error names.
+        Source, for the error.
     remedy : str
         Option to give.
 
     Raises
     ------
     RecordError
-        With the period, and what to give.
+        The period is implausible; the message states it and the option to give.
     """
     periods = half_periods.dominant_periods(time, values)
-    # s; no laboratory has longer periods, or of whole stamps, which often are ms or us, or shorter ones.
+    # s; no laboratory has longer or shorter periods. For whole stamps, which often are ms or us, the limit is
+    # lower.
     longest = 60.0 if whole else 1000.0
     if periods and not 5e-5 < periods[0] < longest:
         raise RecordError(
@@ -188,7 +211,7 @@ def check_period(time: Array, values: Array, whole: bool, source: str, remedy: s
 
 
 def _rising(given: Array, source: str) -> tuple[Array, Index]:
-    """Return stamps that rise throughout, and where the clock was set back: from there they are shifted."""
+    """Return stamps that increase throughout, shifted where the clock was set back, and these rows."""
     steps = np.diff(given)
     back = np.flatnonzero(steps < 0.0) + 1
     if back.size > min(column.MOST_SET_BACK, given.size // 20):
@@ -203,7 +226,7 @@ def _rising(given: Array, source: str) -> tuple[Array, Index]:
 
 
 def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
-    """Return the uniform clock whose rounded stamps these are, also with missing rows; else the stamps."""
+    """Return the uniform clock whose rounded stamps these are, even with missing rows; else the stamps."""
     steps = np.diff(given)
     usual = signal.usual_step(steps)
     if usual <= 0.0:
@@ -214,21 +237,21 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
     lack = f"{missing} row{'s' * (missing > 1)} missing" if missing else ""
     if np.all(np.abs(steps - usual * counts) <= UNEVEN_PART * usual + 4e-16 * np.abs(given).max()):
         return given, lack
-    # A line through all stamps; its steps are counted again by this line.
+    # Fit a line through all stamps; then count its steps again along this line.
     for _ in range(3):
         slope, start = np.polyfit(index, given, 1)
         if slope <= 0.0:
             return given, ""
         counts = np.maximum(1.0, np.round(steps / slope))
         index = np.concatenate(([0.0], np.cumsum(counts)))
-    # Within the rounding the first stamp is as good a start as any: it is kept.
+    # Within the rounding, the first stamp is a valid start: keep it.
     line = start + slope * index
-    # Within one step of their last digit, whether it was rounded or cut off.
+    # Accept deviations within one step of the last digit, whether it was rounded or truncated.
     if np.ptp(given - line) <= WITHIN * rounding + 1e-12 * abs(slope):
         rounded = f"stamps rounded to {rounding:g}"
         return line + (given[0] - line[0]), f"{rounded}; {lack}" if lack else rounded
     worst = float(np.max(np.abs(steps - counts * slope)))
-    # Part of a step; less is not worth a word.
+    # Relative to a step; a smaller jitter is not mentioned.
     if worst < 1e-4 * slope:
         return given, lack
     jitter = f"stamps jitter by up to {100.0 * worst / slope:.2g} % of a step, and are used as they are"
@@ -236,21 +259,21 @@ def _without_rounding(given: Array, rounding: float) -> tuple[Array, str]:
 
 
 def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | None:
-    """Return the times of rows that are one step apart, and what their stamps are; None if they are not.
+    """Return the times of equidistant rows, and a description of their stamps; None if they are not.
 
     Parameters
     ----------
     given : (row,) array of float
-        Stamps.
+        Time stamps.
     rows : (row,) array of int
-        Their numbers in the file.
+        Numbers of the rows in the file.
     values : (row,) array of float
-        The signal: a clock that stands still for half a period does not show that its rows are even.
+        The signal. If the clock stands still for half a period, it does not show that rows are equidistant.
     """
     index = (rows - rows[0]).astype(float)
     for step, said in roundings(given):
-        # No line is weighted by stamps that are next to zero where others are not.
-        # Use the largest stamp: a step of a smaller one is no digit of a clock.
+        # Weights need stamps of comparable size. Compare with the largest stamp: smaller steps are below its
+        # digits.
         if np.min(step) < 1e-100 * np.max(np.abs(given)):
             continue
         line = _line(index, given, step)
@@ -264,13 +287,13 @@ def even_rows(given: Array, rows: Index, values: Array) -> tuple[Array, str] | N
 
 
 def roundings(given: Array) -> Iterator[tuple[float | Array, str]]:
-    """Yield possible rounding steps of stamps, coarsest last: decimals, significant digits, float32."""
+    """Yield possible rounding steps of stamps, the coarsest last: decimals, significant digits, float32."""
     step = decimal_step(given)
     if step:
         yield step, f"stamps rounded to {step:g}"
     size = np.abs(np.where(given == 0.0, np.min(np.abs(given[given != 0.0]), initial=1.0), given))
     decade = 10.0 ** np.floor(np.log10(size) + 1e-12)
-    # Digits that are counted from the first one that is not zero.
+    # Significant digits, counted from the first nonzero digit.
     for digits in range(3, 8):
         unit = decade * 10.0 ** (1 - digits)
         if np.all(np.abs(given / unit - np.round(given / unit)) < 1e-6):
@@ -292,26 +315,26 @@ def decimal_step(given: Array) -> float:
 
 
 def _line(index: Array, given: Array, step: float | Array) -> Array:
-    """Return the line through stamps; those that are rounded more count less."""
+    """Return the line through stamps; more strongly rounded stamps have less weight."""
     weights = np.broadcast_to(1.0 / np.asarray(step), given.shape)
     return np.asarray(np.polyval(np.polyfit(index, given, 1, w=weights), index))
 
 
 def _shows_period(step: float | Array, line: Array, values: Array) -> bool:
-    """Return true if a clock with such steps moves within half a period."""
+    """Return true if a clock with such steps advances within half a period."""
     periods = half_periods.dominant_periods(line, values)
     return bool(periods) and bool(np.max(step) < 0.5 * periods[0])
 
 
 def _in_packets(given: Array, line: Array, values: Array) -> bool:
-    """Return true if rows come in packets, and the signal moves as much between packets as within them."""
+    """Return true if rows come in packets and the signal changes as much between packets as within them."""
     steps = np.diff(given)
     moves = np.abs(np.diff(values))
     at_once = steps < AT_ONCE * (line[1] - line[0])
     if not np.mean(at_once) > 0.5 or np.all(at_once) or np.any(steps < 0.0):
         return False
-    # Rows that are lacking add up; those that are late do not.
-    # Longest steps by which packets are late, and most by which the long and the short steps differ.
+    # Missing rows accumulate, late ones do not: limit the deviation from the line, in longest steps; and
+    # compare the signal's changes between and within packets.
     if np.ptp(given - line) > 1.5 * steps.max() or not _shows_period(steps.max(), line, values):
         return False
     ratio = np.median(steps[~at_once]) / max(float(np.median(steps[at_once])), 1e-300)

@@ -1,4 +1,4 @@
-"""A column of a file: its name, unit and numbers, of texts, dates and times of the day too."""
+"""A column of a file: its name, unit and numbers, also from texts, dates and times of the day."""
 
 import re
 from dataclasses import dataclass
@@ -15,33 +15,33 @@ from sysid_trib.records import units as lab
 from sysid_trib.records.signal import LARGEST_NUMBER
 from sysid_trib.records.unit_tables import LAB_WORDS
 
-# The clock by which a column counts (see `clock.CLOCKS`).
+# Clock from which a column counts (see `clock.CLOCKS`).
 ClockKind = Literal["dates", "universal", "day", "stamps", "rows"]
-# A clock that is set back this often is none: the rows are in no order.
+# If the clock is set back more often than this, the rows are not in order of time.
 MOST_SET_BACK = 20
 MISSING_TEXTS = frozenset(LAB_WORDS["missing"])
 DAY = 86400.0
-# The minus sign of Swedish and Norwegian settings.
+# Minus sign in Swedish and Norwegian settings.
 MINUS = "\u2212"
-# `Z`, `+01:00`, `UTC` behind a date.
+# `Z`, `+01:00` or `UTC` after a date.
 _ZONE = re.compile(r"\d\s*(?:Z|UTC|GMT|[+-]\d\d:?\d\d)$", re.IGNORECASE)
 _CLOCK_TIME = re.compile(r"(?:(\d+):)?(\d+):(\d+(?:\.\d*)?)(?::(\d+))?(?:\s*([ap])\.?m\.?)?", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
 class Column:
-    """A column of a file, or one that a formula makes of its columns.
+    """A column of a file, or one computed by a formula from its columns.
 
     Attributes
     ----------
     name : str
-        As the file has it.
+        Name as in the file.
     cells : (row,) array
         Numbers, texts, dates, or times of the day.
     source : str
         Name of the file, for messages.
     base, stated : str
-        Name in lower case without its unit, and that unit; nothing where the file states none.
+        Name in lower case without its unit, and the unit; empty if the file states none.
     """
 
     name: str
@@ -52,23 +52,24 @@ class Column:
 
     @classmethod
     def of_file(cls, name: str, cells: Any, source: str, unit: str = "") -> "Column":
-        """Return a column by its header, and the unit that the file states apart from it."""
+        """Return a column from its header and a unit that the file states separately."""
         base, in_header = lab.split_header(name)
-        # With the capitals that the header has: `mT`, where `split_header` says `mt`.
+        # Keep the capitals of the header: `mT`, although `split_header` returns `mt`.
         at = name.lower().rfind(in_header)
         in_header = name[at : at + len(in_header)] if at >= 0 else in_header
-        # In the machine's own byte order: not all later functions accept the other one.
+        # Convert to the native byte order, because some later functions accept no other.
         cells = cells.astype(cells.dtype.newbyteorder("="), copy=False)
         return cls(name, cells, source, base, unit or in_header)
 
     @cached_property
     def numbers(self) -> Array:
-        """Finite numbers, of dates and clock times in s; nan where a value is missing.
+        """Finite numbers, with dates and clock times in s; nan for missing values.
 
         Raises
         ------
         RecordError
-            A text that is no number, or an infinite value, with its row (from 1, below the header).
+            A text is not a number, or a value is infinite; the message states its row (from 1, below the
+            header).
         """
         values = self.cells
         if self.holds_instants:
@@ -105,7 +106,7 @@ class Column:
 
     @cached_property
     def first_instant(self) -> tuple[ClockKind, int]:
-        """Clock by which its numbers count (see `clock.CLOCKS`), and its first instant (ns)."""
+        """Clock from which its numbers count (see `clock.CLOCKS`), and its first instant (ns)."""
         if not self.is_dated or self.cells.dtype.kind == "m":
             return "stamps", 0
         if self.holds_instants:
@@ -139,11 +140,11 @@ class Column:
 
     @cached_property
     def signal(self) -> tuple[Array, str]:
-        """Its numbers with nan in place of -999 and its like, and a sentence on them.
+        """Its numbers with nan in place of sentinels such as -999, and a sentence on them.
 
-        A sentinel is one of theirs that no other value comes near.
+        A sentinel is one of the usual values, if no other value comes near it.
         """
-        # Marks of loggers for a missing value: at least twice as large as any other value.
+        # Values that loggers write for missing data: at least twice as large as any other value.
         for sentinel in (-999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -999.25):
             marked = self.numbers == sentinel
             others = np.abs(self.numbers[~marked & np.isfinite(self.numbers)])
@@ -159,73 +160,73 @@ class Column:
 
     @cached_property
     def amplitude(self) -> float:
-        """Largest way to either side, but for a few samples."""
+        """Largest deviation to either side, apart from a few samples."""
         return 0.5 * float(np.ptp(np.nanpercentile(self.values, [0.5, 99.5])))
 
     @property
     def unit_text(self) -> str:
-        """Name of the unit that the file states of it; nothing where it states none."""
+        """Name of the unit that the file states; empty without one."""
         return self.unit.text if self.unit else ""
 
     @property
     def unit(self) -> lab.SignalUnit | None:
-        """Unit that the file states of it; None where it states none."""
+        """Unit that the file states; None without one."""
         return lab.signal_unit(self.stated)
 
     @property
     def quantity(self) -> str:
-        """Measured quantity by its unit, or else by the usual meaning of its name; may be empty."""
+        """Measured quantity from its unit, or else from the usual meaning of its name; may be empty."""
         return self.unit.quantity if self.unit and self.unit.known else lab.names_quantity(self.base)
 
     @cached_property
     def is_numeric(self) -> bool:
-        """True if it could hold a signal: numbers, most of the first ones."""
-        # Rows of a column by which its kind is judged.
+        """True if it could contain a signal: most of its first cells are numbers."""
+        # Number of first rows that determine the kind of a column.
         first = self.cells[:1000].tolist()
         plain = self.is_plain or self.cells.dtype.kind == "b"
         return plain or (not self.is_dated and sum(map(is_number, first)) * 2 > len(first))
 
     @cached_property
     def is_dated(self) -> bool:
-        """True if it holds dates, durations or times of the day, `12:00:01.250`."""
+        """True if it contains dates, durations or times of the day, such as `12:00:01.250`."""
         first = [value for value in self.cells[:5] if value == value and value is not None]
         dated = [isinstance(v, (datetime, clock_time)) or (isinstance(v, str) and ":" in v) for v in first]
         return self.cells.dtype.kind in "Mm" or (bool(dated) and all(dated))
 
     @property
     def is_level(self) -> bool:
-        """True if it holds levels in dB, by its unit or its name."""
+        """True if it contains levels in dB, by its unit or its name."""
         return lab.is_level(self.stated) or (not self.stated and lab.is_level(self.base))
 
     @property
     def is_plain(self) -> bool:
-        """True if the file has it as numbers."""
+        """True if the file stores it as numbers."""
         return self.cells.dtype.kind in "fiu"
 
     @property
     def is_empty(self) -> bool:
-        """True if it holds nothing, as that of the times where a logger leaves them out."""
+        """True if it is empty, as a time column that a logger does not fill."""
         return self.cells.dtype.kind == "f" and not np.isfinite(self.cells).any()
 
     @cached_property
     def is_time(self) -> bool:
-        """True if it is one of times by its header; `t run 2`, `host time (s)` only if it rises."""
+        """True if its header is that of a time; a name such as `t run 2` counts only if the column rises."""
         unit = lab.plain_unit(self.stated)
         if lab.is_time(self.base, unit) or self.is_dated:
             return True
         like = re.match(r"(?:time|t|zeit)\b", self.base) is not None
-        # `plate t`, of a group of columns
+        # A time column of a group, such as `plate t`.
         of_group = self.base.endswith((" time", " t", " zeit"))
         return self.rises and (unit in lab.TIME_UNITS and of_group if unit else like or of_group)
 
     @property
     def counts_rows(self) -> bool:
-        """True if its header is that of a number of the row, such as `frame`."""
-        return self.base in LAB_WORDS["counter"]
+        """True if its header is that of a row number, such as `frame`."""
+        return self.base in LAB_WORDS["counter"] or self.stated in LAB_WORDS["counted"]
 
     @cached_property
     def rises(self) -> bool:
-        """True if it never falls, and rises at all."""
+        """True if it never decreases, and increases somewhere."""
         if not self.is_plain:
             return False
         steps = np.diff(self.cells[np.isfinite(self.cells)].astype(float))
@@ -233,18 +234,18 @@ class Column:
 
     @property
     def starts_anew(self) -> bool:
-        """True if it rises and starts anew where it began, for each of a few runs."""
+        """True if it rises and returns to its start a few times, once for each run."""
         if not self.is_plain or not np.isfinite(self.cells).all():
             return False
         column = self.cells.astype(float)
         back = np.flatnonzero(np.diff(column) <= 0.0) + 1
-        # Part of the range of times: runs below each other begin as near to each other as this.
+        # Runs below each other start within this fraction of the range of times.
         begins = np.abs(column[back] - column[0]) <= 0.01 * np.ptp(column)
         return bool(0 < back.size <= MOST_SET_BACK and begins.all())
 
 
 def is_missing(text: str) -> bool:
-    """Return true if a text is a missing value: empty, a usual word, or neither letter nor digit."""
+    """Return true if a text is a missing value: empty, a usual word, or without letters and digits."""
     plain = text.strip().lower()
     return plain in MISSING_TEXTS or not any(map(str.isalnum, plain))
 
@@ -259,31 +260,44 @@ def is_number(value: object) -> bool:
 
 
 def _of_the_day(texts: list[str]) -> Array | None:
-    """Return seconds of times, `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`, or None."""
+    """Return seconds of times, `14:02:33.120`, `02:33.12` (m:s), `2:02:33 PM`, `00:02:33:120`, or None.
+
+    Behind a third colon are thousandths; of two digits in every row hundredths, or frames.
+    """
     matches = [_CLOCK_TIME.fullmatch(text) for text in texts]
     if not all(matches):
         return None
-    seconds = np.array([_seconds(match) for match in matches if match])
-    # A new day starts where the clock goes back by more than half a day.
+    parts = _parts_of_a_second([match[4] for match in matches if match and match[4]])
+    seconds = np.array([_seconds(match, parts) for match in matches if match])
+    # A new day starts where the clock jumps back by more than half a day.
     return seconds + DAY * np.cumsum(np.diff(seconds, prepend=seconds[0]) < -0.5 * DAY)
 
 
-def _seconds(match: "re.Match[str]") -> float:
-    hours, minutes, seconds, thousandths, half = match.groups()
+def _parts_of_a_second(texts: list[str]) -> int:
+    """Return the number of parts behind a third colon that make a second."""
+    if {len(text) for text in texts} != {2}:
+        return 1000
+    count = 1 + max(map(int, texts))
+    # Frames of video, if every one is there.
+    return count if count in (24, 25, 30, 50, 60) and len({*texts}) == count else 100
+
+
+def _seconds(match: "re.Match[str]", parts: int) -> float:
+    hours, minutes, seconds, last, half = match.groups()
     hour = int(hours or 0)
     if half:
         hour = hour % 12 + (12 if half.lower().startswith("p") else 0)
-    return 3600.0 * hour + 60.0 * int(minutes) + float(seconds) + 1e-3 * int(thousandths or 0)
+    return 3600.0 * hour + 60.0 * int(minutes) + float(seconds) + int(last or 0) / parts
 
 
 def _of_dates(texts: list[str]) -> Array | None:
-    """Return seconds since the first of some dates, `2024-03-01 12:00:01:250` too; None if they are none."""
+    """Return seconds since the first of some dates, also `2024-03-01 12:00:01:250`; None if they are none."""
     dates = _as_dates(texts)
     return None if dates is None else np.asarray((dates - dates[0]).total_seconds(), dtype=float)
 
 
 def _as_dates(texts: list[str]) -> pd.DatetimeIndex | None:
-    """Parse dates in UTC; those without a time zone as if they were in it. None if they are none."""
+    """Parse dates in UTC; dates without a time zone are read as UTC. Return None if they are no dates."""
     texts = [re.sub(r"(:\d\d:\d\d):(?=\d+$)", r"\1.", text) for text in texts]
     for style in ("ISO8601", "mixed"):
         try:

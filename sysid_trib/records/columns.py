@@ -13,6 +13,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import RecordError, SysidTribError, UsageError
 from sysid_trib.records import clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
+from sysid_trib.records.no_decay import LIKE_BEATS, Cause, NoDecay
 from sysid_trib.records.reading import Reading
 from sysid_trib.records.tables import LISTED, FileTable
 from sysid_trib.records.unwrapping import unwrapped
@@ -27,25 +28,39 @@ class ChosenColumns(NamedTuple):
         Its times, if there are any.
     signal : Column
     reason : str
-        Why it is this signal; empty where there is no other.
+        Reason for the choice of this signal; empty if there is no other column.
+    copies : tuple of str
+        Names of columns with the same numbers.
     """
 
     time: Column | None
     signal: Column
     reason: str
+    copies: tuple[str, ...] = ()
 
 
-# Advice where several modes oscillate together.
+# Advice where no column is a free decay: several modes oscillate together, the motion may be driven, or there
+# are too few samples.
 ONE_MODE = (
     "separate one mode, from all sensors together (--mode 1, or one_mode in Python), or record only one mode."
 )
+MAYBE_DRIVEN = (
+    "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
+    "the drive off, and record the free decay."
+)
+RECORD_LONGER = "record longer."
 
 
 class TriedColumn(NamedTuple):
-    """Swing of a column, or the reason why it has none."""
+    """Swing of a column, or the reason why it has none, if that is known."""
 
-    swing: equilibrium.Swing | None
-    reason: str
+    swing: equilibrium.Swing | None = None
+    reason: NoDecay | None = None
+
+    @property
+    def why(self) -> str:
+        """Text of the reason; empty if nothing is known."""
+        return self.reason.text if self.reason else ""
 
 
 # Columns that could be the signal.
@@ -86,18 +101,22 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
         signals, acting = _without_drives(signals, times, table)
     if not signals:
         _refuse_levels(numeric)
+        _refuse_texts([column for column in table.columns if column not in times], table.source)
         raise RecordError(f"{table.source}: there is no column for the angle, only the time.")
+    _refuse_long_format(table, times)
     if not (how.sampling_rate or table.rate or times):
         # Without a clock it cannot be seen which column swings.
         raise RecordError(table.no_clock)
     runs = _runs(table, signals, times)
     if not runs:
+        distinct = _distinct(signals)
         try:
-            return [_chosen(table, signals, times, how)]
+            chosen = _chosen(table, distinct, times, how)
         except (RecordError, UsageError):
             if not (driven or acting):
                 raise
-        return [_chosen_of_driven(table, signals, times, acting)]
+            chosen = _chosen_of_driven(table, distinct, times, acting)
+        return [chosen._replace(copies=_copies_of(chosen.signal, signals))]
     first = runs[0][1]
     at = first.index(_chosen(table, first, times, how).signal) if len(first) > 1 else 0
     pairs = [(time, group[at]) for time, group in runs]
@@ -106,6 +125,29 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
     still = ", ".join(signal.name for _, signal in pairs if signal not in swings)
     why = f"runs side by side, {still} left out: no decay" if still else "runs side by side"
     return [ChosenColumns(time, signal, why) for time, signal in pairs if signal in swings]
+
+
+def _distinct(signals: list[Column]) -> list[Column]:
+    """Return columns, of those with the same numbers the one that is named best."""
+    ranked = sorted(signals, key=lambda c: (c.quantity != "angle", not c.unit_text))
+    kept: list[Column] = []
+    for column in ranked:
+        if not any(_are_copies(column, other) for other in kept):
+            kept.append(column)
+    return [column for column in signals if column in kept]
+
+
+def _copies_of(signal: Column, signals: list[Column]) -> tuple[str, ...]:
+    """Return the names of other columns with the same numbers as a signal."""
+    return tuple(other.name for other in signals if other is not signal and _are_copies(other, signal))
+
+
+def _are_copies(first: Column, other: Column) -> bool:
+    """Return true if two columns of numbers, which move, are the same."""
+    if not (first.is_plain and other.is_plain) or first.cells.size != other.cells.size:
+        return False
+    same = np.array_equal(first.cells.astype(float), other.cells.astype(float), equal_nan=True)
+    return bool(same and first.amplitude > 0.0)
 
 
 def _refuse_levels(columns: list[Column]) -> None:
@@ -120,6 +162,40 @@ def _refuse_levels(columns: list[Column]) -> None:
         )
 
 
+def _refuse_texts(columns: list[Column], source: str) -> None:
+    """Raise an error for columns of texts where numbers were expected."""
+    texts = [c for c in columns if not c.is_plain and not c.is_dated and c.cells.size]
+    if not texts:
+        return
+    shown = ", ".join(f"{c.name} (such as {str(c.cells[0])[:20]!r})" for c in texts[:LISTED])
+    raise RecordError(
+        f"{source}: there is no column of numbers for the signal, only texts: {shown}; write the signal as "
+        "decimal numbers."
+    )
+
+
+def _refuse_long_format(table: FileTable, times: list[Column]) -> None:
+    """Raise an error for a table whose rows are values of several sensors in turn, named in a column."""
+    for labels in table.columns:
+        if labels.is_plain or labels.is_dated or labels.cells.dtype.kind not in "OUS" or not times:
+            continue
+        rows = pd.DataFrame({"of": pd.Series(labels.cells).astype(str)})
+        named = rows["of"].unique()
+        # More texts are remarks.
+        if not 2 <= named.size <= LISTED or times[0].cells.size != len(rows):
+            continue
+        rows["time"] = times[0].cells
+        # All sensors are read at each time, and each of them once.
+        of_several = rows["time"].duplicated(keep=False).mean() > 0.5
+        in_turn = rows["of"].ne(rows["of"].shift()).mean() > 0.5
+        if of_several and in_turn and not rows.duplicated().any():
+            raise RecordError(
+                f"{table.source}: its rows are values of several sensors in turn (column {labels.name}: "
+                f"{', '.join(named)}); write one column per sensor and one row per time (a pivot table), or "
+                "keep the rows of one sensor."
+            )
+
+
 def own_time(table: FileTable, signal: Column) -> Column | None:
     """Return the time column that belongs to a column; None if there is none."""
     return _time_of(table, signal, [time for time in table.times if time is not signal])
@@ -129,6 +205,9 @@ def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | 
     """Return the time column of the same number, `Time_id[2]` of `Y_id[2][0]`; else the next before it."""
     order = table.columns
     fitting = [time for time in times if time.cells.size == signal.cells.size] or times
+    # `runs[1].t` is that of `runs[1].theta`.
+    group = signal.name.rpartition(".")[0]
+    fitting = [time for time in fitting if group and time.name.rpartition(".")[0] == group] or fitting
     # Common part of the names after the first word.
     rest = {c: re.sub(r"^[^\W\d_]+", "", c.name.rpartition(".")[2]) for c in (signal, *fitting)}
     mates = [time for time in fitting if "[" in time.name and rest[signal].startswith(rest[time])]
@@ -177,7 +256,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     # Columns that are looked at.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
     swings = {signal: swing for signal, swing in made.items() if swing is not None}
-    # If each of them contains a text, the error says where.
+    # If each of them contains a text, the error states where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
     if not lab.names_quantity(chosen.base):
         _ask_of_closed_loop(chosen, [c for c in swings if c is not chosen])
@@ -219,7 +298,7 @@ def _chosen_of_driven(
     if len(pool) == 1:
         return ChosenColumns(_time_of(table, pool[0], times), pool[0], f"of {len(signals)} columns")
     drive = f'; column {acting[0].name} drives it: add --input "{acting[0].name}"' if acting else ""
-    listed = _listed(pool, dict.fromkeys(pool, TriedColumn(None, "")))
+    listed = _listed(pool, dict.fromkeys(pool, TriedColumn()))
     raise UsageError(
         f"{table.source}: {listed} could each be the signal; name one, "
         f'such as --angle "{pool[0].name}" (angle= in Python){drive}.'
@@ -248,8 +327,9 @@ def _swing_of(column: Column, time: Column | None) -> TriedColumn | None:
             good = np.isfinite(values[rows])
             turn = 360.0 if np.nanmax(np.abs(values)) > 10.0 else 2.0 * np.pi
             whole, _, _ = unwrapped(unwrapped(values[rows][good], turn)[0])
-            return TriedColumn(*free_decay.swing_within(times[good], whole))
-    return TriedColumn(None, "")
+            swing = free_decay.swing_within(times[good], whole)
+            return TriedColumn(reason=swing) if isinstance(swing, NoDecay) else TriedColumn(swing)
+    return TriedColumn()
 
 
 def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, str]:
@@ -284,18 +364,7 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         times = f"{largest.amplitude / second.amplitude:.2g}"
         return largest, f"it swings {times} times as far as any other"
     if not any(swings[c].swing for c in pool):
-        pool = named or pool
-        reasons = "; ".join(f"{c.name}: {swings[c].reason}" for c in pool[:LISTED] if swings[c].reason)
-        several_modes = re.search("two modes beat|several modes|rises again", reasons) is not None
-        beat = several_modes and "driven" not in reasons and any(_loses_amplitude(c) for c in pool)
-        driven = (
-            "is it driven? Then name signal and drive (--angle COLUMN --input COLUMN); otherwise switch "
-            "the drive off, and record the free decay."
-        )
-        raise RecordError(
-            f"{source}: none of {len(pool)} columns swings as a free decay{f' ({reasons})' * bool(reasons)}; "
-            f"{ONE_MODE if beat else driven}"
-        )
+        raise _no_decay_in(named or pool, swings, source)
     swing = swings[largest].swing
     several = modes.modes(swing.time, swing.signal) if swing else []
     if len(several) > 1:
@@ -336,6 +405,21 @@ def _ask_of_closed_loop(chosen: Column, others: list[Column]) -> None:
         )
 
 
+def _no_decay_in(pool: list[Column], swings: Swings, source: str) -> RecordError:
+    """Return the error that no column is a free decay, with the reasons, and the advice that follows."""
+    listed = [column for column in pool[:LISTED] if swings[column].reason]
+    causes = {reason.cause for column in listed if (reason := swings[column].reason)}
+    if causes == {Cause.FEW_SAMPLES}:
+        advice = RECORD_LONGER
+    elif causes & LIKE_BEATS and any(_loses_amplitude(column) for column in pool):
+        advice = ONE_MODE
+    else:
+        advice = MAYBE_DRIVEN
+    reasons = "; ".join(f"{column.name}: {swings[column].why}" for column in listed)
+    said = f" ({reasons})" if reasons else ""
+    return RecordError(f"{source}: none of {len(pool)} columns swings as a free decay{said}; {advice}")
+
+
 def _loses_amplitude(column: Column) -> bool:
     """Return true if the last quarter of a column swings less than half as far as the first."""
     values = column.numbers[np.isfinite(column.numbers)]
@@ -348,13 +432,13 @@ def _loses_amplitude(column: Column) -> bool:
 def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
     """Raise an error that asks for the signal if a column that is no clean decay is far larger."""
     for other in moving:
-        swing, reason = swings[other]
+        tried = swings[other]
         alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)
         # A column larger than the oscillating one by this factor is not noise: ask about it.
-        if alike and swing is None and other.amplitude > 50.0 * swinging.amplitude:
+        if alike and tried.swing is None and other.amplitude > 50.0 * swinging.amplitude:
             raise UsageError(
                 f"{other.source}: {other.name} moves {other.amplitude / swinging.amplitude:.2g} times as far "
-                f"as {swinging.name}, but is no free decay ({reason}): cut that out, or name the column, "
+                f"as {swinging.name}, but is no free decay ({tried.why}): cut that out, or name the column, "
                 f'--angle "{swinging.name}" (angle= in Python).'
             )
 

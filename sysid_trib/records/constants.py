@@ -11,7 +11,7 @@ from sysid_trib.errors import UsageError, did_you_mean
 from sysid_trib.records.roles import CONSTANT, ROLE
 from sysid_trib.records.tables import FileTable
 
-# A constant may vary by this part of its size, as a number that was rounded.
+# Relative variation of a constant due to rounding.
 CONSTANT_BUT_ROUNDED = 1e-9
 _NOTED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*[=:]\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)", re.I)
 
@@ -19,19 +19,19 @@ _NOTED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*[=:]\s*(?P<value>[-+]?(\d+\.?\d*
 def with_constants(
     record: xr.Dataset, table: FileTable, rows: Index, wanted: Mapping[str, str | float]
 ) -> xr.Dataset:
-    """Return a record with its known constants as inputs that do not vary.
+    """Return a record with its known constants as constant inputs.
 
     Parameters
     ----------
     record : Dataset
         `angle(time)`.
     table : FileTable
-        That it is from.
+        Table of the record.
     rows : (time,) array of int
         Rows of the table, one for each time.
     wanted : mapping of str to str or float
-        By the name that formulas hold: a number, or where the file has it, the name of a column that does not
-        vary or of a number that the file states once (`kp = 100` in a comment, a scalar of MATLAB).
+        Wanted constants by their names in formulas. Each is a number, or the name of a constant column, or of
+        a number that the file states once (`kp = 100` in a comment, a scalar of MATLAB).
 
     Raises
     ------

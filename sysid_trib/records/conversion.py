@@ -18,7 +18,7 @@ class UnitSize(NamedTuple):
 PREFIXES = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "G": 1e9}
 NEWTON = {"kg": 1, "m": 1, "s": -2}
 VOLT = {"kg": 1, "m": 2, "s": -3, "A": -1}
-# Units that have prefixes: sizes in SI, and powers of their base units.
+# Units with prefixes: sizes in SI, and powers of their base units.
 WITH_PREFIXES: dict[str, UnitSize] = {
     "m": UnitSize(1.0, {"m": 1}),
     "s": UnitSize(1.0, {"s": 1}),
@@ -34,20 +34,20 @@ WITH_PREFIXES: dict[str, UnitSize] = {
     "rad": UnitSize(1.0, {"rad": 1}),
     "bar": UnitSize(1e5, {"kg": 1, "m": -1, "s": -2}),
 }
-# Units that have none.
+# Units without prefixes.
 WITHOUT_PREFIXES: dict[str, UnitSize] = {
     "min": UnitSize(60.0, {"s": 1}),
     "in": UnitSize(0.0254, {"m": 1}),
     "lbf": UnitSize(4.4482216152605, NEWTON),
     "kgf": UnitSize(STANDARD_GRAVITY, NEWTON),
     "gf": UnitSize(1e-3 * STANDARD_GRAVITY, NEWTON),
-    # The unit g of signals, not a gram.
+    # The unit g of signals is gravity, not a gram.
     "g": UnitSize(STANDARD_GRAVITY, {"m": 1, "s": -2}),
     "mg": UnitSize(1e-3 * STANDARD_GRAVITY, {"m": 1, "s": -2}),
     "rpm": UnitSize(RADIANS["rev"] / 60.0, {"rad": 1, "s": -1}),
     **{name: UnitSize(size, {"rad": 1}) for name, size in RADIANS.items() if name != "rad"},
 }
-# Names that are written out.
+# Names that are spelt out.
 SPELT = {
     "newton": "N",
     "newtons": "N",
@@ -66,7 +66,7 @@ def factor_between(given: str, wanted: str) -> float | None:
     Parameters
     ----------
     given, wanted : str
-        In any usual spelling, products with `*`, a dot or a blank, quotients with `/`; capitals count.
+        Units in any usual spelling: products with `*`, a dot or a blank, quotients with `/`; case matters.
     """
     if given.strip() == wanted.strip():
         return 1.0
@@ -78,7 +78,7 @@ def factor_between(given: str, wanted: str) -> float | None:
 
 
 def _parsed(text: str) -> UnitSize | None:
-    """Parse a unit into its size and powers; None of one that is not known."""
+    """Parse a unit into its size and powers; return None if it is unknown."""
     # `N-m` is a product.
     text = re.sub(r"(?<=[^\W\d_])-(?=[^\W\d_])", "*", text)
     over = text.replace("μ", "µ").replace("²", "^2").replace("**", "^").replace("(", " ").replace(")", " ")
@@ -100,7 +100,7 @@ def _parsed(text: str) -> UnitSize | None:
 
 
 def _known(name: str) -> UnitSize | None:
-    """Look up a unit without powers, with a prefix or without; a torque without a sign, `Nmm`, too."""
+    """Look up a unit without powers, with or without a prefix, also a torque without a sign, `Nmm`."""
     name = SPELT.get(name.lower(), name)
     name = ANGLE_UNITS.get(name.lower(), POSITION_UNITS.get(name.lower(), name) if len(name) > 2 else name)
     if name in WITHOUT_PREFIXES:

@@ -15,7 +15,7 @@ from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.integration import Piece, as_position
 from sysid_trib.records.signal import unit_of_signal
 
-# Part of a half period to which the extremum before the first zero crossing is known.
+# Relative accuracy of the extremum before the first zero crossing, in half periods.
 EXTREMUM_ERROR = 0.003
 
 
@@ -57,9 +57,9 @@ def free_part(swing: Swing) -> Swing:
 def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     """Return the extremum before the first zero crossing, or 0 if the record is free before it, too.
 
-    Before that extremum a hand may hold the body, or move it to its release. Free motion takes a quarter
-    period from the extremum to the crossing, a little more where it decays, and before the extremum it is the
-    mirror image of what follows, up to the decay, whatever the elastic forces.
+    Before that extremum, a hand may hold the body or move it to its release. Free motion takes a quarter
+    period from the extremum to the crossing, slightly more if it decays. Before the extremum, it is the
+    mirror image of the motion after it, apart from the decay, for any elastic forces.
     """
     time = swing.time
     run = swing.run
@@ -67,10 +67,10 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
     duration = swing.halves.duration[run]
     if duration.size < 4:
         return 0
-    # Half periods of the same sign: an error of the equilibrium makes them as long.
+    # Half periods of the same sign: an error of the equilibrium changes their durations equally.
     half_period = duration[1] + np.clip(duration[1] - duration[3], -0.1 * duration[1], 0.1 * duration[1])
     decay = max(0.0, float(np.log(peak[0] / peak[2])) / 2.0)
-    # Time of the cosine with a decaying amplitude; its extremum comes a little sooner.
+    # Time of a cosine with a decaying amplitude; its extremum comes slightly earlier.
     middle = swing.halves.crossing[run.start] - 0.5 * half_period
     extremum = middle - half_period * np.arctan(decay / np.pi) / np.pi
     away = middle - smoothed[smoothed < extremum]
@@ -88,17 +88,17 @@ def _release(swing: Swing, smoothed: Array, centred: Array) -> int:
 
 
 def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
-    """Return true if an end of the record mirrors, through a zero crossing, the swing next to it.
+    """Return true if an end of the record mirrors the next swing at a zero crossing.
 
-    Free motion under odd forces is, up to the decay; motion held, driven or stopped by hand or by friction is
-    not.
+    Free motion under odd forces does, apart from the decay. Motion that a hand or friction holds, drives or
+    stops does not.
     """
     halves = swing.halves
     run = swing.run
     peak = swing.peaks
     duration = halves.duration[run]
     crossing = halves.crossing[run.start] if leading else halves.crossing[run.stop]
-    # Two half periods further the sign is the same: an error of the equilibrium does not look like decay.
+    # The sign is the same two half periods further: an error of the equilibrium does not look like a decay.
     near, further = (0, 2) if leading else (-1, -3)
     outside = time < crossing if leading else time > crossing
     away = np.abs(time[outside] - crossing)
@@ -115,7 +115,7 @@ def _mirrors(time: Array, angle: Array, swing: Swing, *, leading: bool) -> bool:
 
 
 def _find_stop(swing: Swing) -> tuple[int, float]:
-    """Return the first sample of the stuck tail, and its time; nan if the motion faded or went on."""
+    """Return the first sample of the stuck tail, and its time; nan if the motion faded or continued."""
     time = swing.time
     angle = swing.signal - swing.equilibrium
     halves = swing.halves
@@ -126,12 +126,12 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
     if last - first < 5:
         return time.size, np.nan
     rest = float(np.median(angle[first + 2 * (last - first) // 3 : last]))
-    # In the rest itself there may be no noise at all, and on the way to it no repeated value.
+    # At rest the noise may vanish, and before rest there may be no repeated value.
     noise = half_periods.noise_level(time[first:last], angle[first:last])
-    # In parts of the largest swing: samples this near to rest do not move, in a record without noise.
+    # As a fraction of the largest swing: samples this near to rest do not move in a record without noise.
     still = 3e-9 * float(swing.peaks.max())
     allowed = max(4.5 * noise, 1.2 * swing.oscillation.step, still)
-    # Motion that a single sample's noise hides still shows in the averages: a sample long after is noise.
+    # A motion hidden in the noise of single samples still shows in averages; much later samples are noise.
     oscillation = swing.oscillation
     least = max(oscillation.floor, oscillation.step, still)
     shown = np.abs(oscillation.signal - swing.equilibrium - rest) > least
@@ -142,8 +142,8 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
     stop = max(int(away[-1]) + 1 if away.size else 0, int(np.searchsorted(time, moves)))
     if stop >= last or time[stop] > end + 5.0 * duration or time[last - 1] - time[stop] < duration:
         return time.size, np.nan
-    # Fading below the noise looks the same unless the next extremum would have been seen, or the rest is off
-    # centre.
+    # Fading below the noise looks the same, unless the next extremum would have been visible, or the body
+    # rests off centre.
     peak = swing.peaks
     expected = peak[-1] ** 2 / peak[-2]
     centred = 3.0 * float(np.nan_to_num(swing.standard_error))
@@ -153,21 +153,21 @@ def _find_stop(swing: Swing) -> tuple[int, float]:
 
 
 def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
-    """Return the decay as a part of its record, on the record's own samples where nothing was changed.
+    """Return the decay as a part of its record, with the record's own samples where nothing was changed.
 
     Parameters
     ----------
     record : Dataset
-        With `angle(time)`, and the rate or acceleration that is to be integrated (attribute `measured`).
+        Record with `angle(time)`, and the rate or acceleration to be integrated (attribute `measured`).
     swing : Swing
-        Found in the angle, or in what was measured.
+        Swing in the angle, or in the measured signal.
     said : str
-        Earlier changes of the samples.
+        Sentence on earlier changes of the samples.
 
     Returns
     -------
     Dataset
-        As `free_decay` returns it.
+        Decay in the form of `free_decay`.
     """
     time = swing.time[swing.free]
     signal = swing.signal[swing.free] - swing.equilibrium
@@ -182,8 +182,8 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
         variables = {"measured": xr.DataArray(signal, at, "measured_time", attrs=own_attrs)}
         period = swing.oscillation.period
         signal = as_position(time, signal, period, record.attrs)
-        # Samples of a period that are kept of an integrated signal: after integration almost no noise remains
-        # above them.
+        # Number of samples per period kept of an integrated signal: integration leaves almost no noise at
+        # higher frequencies.
         every = max(1, int(period / 32 * (time.size - 1) / (time[-1] - time[0])))
         every = every if record.attrs["integrations"] else 1
         time = time[::every]
@@ -200,7 +200,7 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
 
 
 def _on_own_samples(record: xr.Dataset, time: Array, *, bare: bool) -> xr.Dataset:
-    """Return record's part at these times, with all its variables; of other times their coordinate alone."""
+    """Return the record's part at these times with all variables; at other times the coordinate only."""
     first = int(np.searchsorted(record["time"].to_numpy(), time[0]))
     part = record.isel(time=slice(first, first + time.size))
     if np.array_equal(part["time"].to_numpy(), time) and not bare:
@@ -212,8 +212,9 @@ def _sentence(swing: Swing, units: str, said: str) -> str:
     time = swing.time[swing.free]
     cut = " and ".join(text for text in (swing.before, swing.after) if text)
     kept = f"kept {time[0]:.6g} s to {time[-1]:.6g} s ({time.size} samples)"
-    error = f" ± {swing.standard_error:.2g}" if np.isfinite(swing.standard_error) else " as given"
-    middle = f"centred on {swing.equilibrium:.6g}{error} {units}"
+    known = np.isfinite(swing.standard_error)
+    size = f"{swing.equilibrium:.6g} ± {swing.standard_error:.2g}" if known else f"{swing.equilibrium:.6g}"
+    middle = f"equilibrium {size} {units}{'' if known else ' as given'}, subtracted"
     done = "".join(f"; {text}" for text in (said, swing.mended) if text)
     return f"Free decay: {kept}; cut {cut or 'nothing'}{done}; {middle}."
 
@@ -224,13 +225,13 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing
     Raises
     ------
     DecayError
-        The refusal, which says why it is no proven decay, if nothing swings.
+        Nothing swings: this is the refusal, which states why the piece is not a proven decay.
     """
     time, signal, mended = piece
     swing = find_swing(time, signal, value)
     if swing is None:
         raise refusal
-    # Half periods from which a stop for good can be seen.
+    # Number of half periods from which a final stop can be detected.
     if swing.peaks.size >= 3 and swing.peaks[-1] <= swing.peaks[0]:
         seen = free_part(swing)
         if np.isfinite(seen.stop_time):
@@ -243,7 +244,7 @@ def short_decay(piece: Piece, value: float | None, refusal: DecayError) -> Swing
 
 
 def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, float] | None:
-    """Return the constant below a damped sine, and its standard error; None if there is no damped sine."""
+    """Return the constant of a damped sine, and its standard error; None if there is no damped sine."""
     w = 2.0 * np.pi / period
     size = float(np.std(signal))
     at = w * (time - time[0])
@@ -255,7 +256,7 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
         return np.asarray(constant + fall * (cosine * np.cos(ratio * at) + sine * np.sin(ratio * at)))
 
     fits = []
-    # Exponents, over the frequency, from which the damped sine is fitted.
+    # First values of the decay exponent over the frequency, for the fit of the damped sine.
     for exponent in -0.02, 0.02, 0.2, 0.6:
         columns = np.stack([motion(at, *unit, exponent, 1.0) for unit in np.eye(3)], axis=1)
         start = np.linalg.lstsq(columns, y, rcond=None)[0]
@@ -264,7 +265,7 @@ def _damped_sine(time: Array, signal: Array, period: float) -> tuple[float, floa
         except (RuntimeError, ValueError):
             continue
     residuals = [float(np.std(y - motion(at, *values))) for values, _ in fits]
-    # Largest residual of a damped sine, relative to the motion: otherwise there is no swing.
+    # Largest relative residual of a damped sine; otherwise there is no swing.
     if not fits or min(residuals) > 0.5:
         return None
     values, covariance = fits[int(np.argmin(residuals))]

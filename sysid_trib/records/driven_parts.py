@@ -15,21 +15,21 @@ from sysid_trib.records.roles import ROLE, input_label
 from sysid_trib.records.saturation import refuse_saturated
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
-# Fewest samples and fewest periods of a part of a record that is used.
+# Least number of samples and of periods of a part that is used.
 FEWEST_IN_PART, SHORTEST_RUN = 20, 2.0
-# If more of the steps are long, the clock is uneven, and no sample is missing.
+# If more steps than this fraction are long, the clock is uneven and no sample is missing.
 MOST_GAPS = 0.1
-# Degree of the spline through the samples that are there.
+# Degree of the spline through the available samples.
 DEGREE = 7
-# An input is smooth if its range is more than so many times its noise; otherwise none of its samples is an
+# An input is smooth if its range exceeds this multiple of its noise; otherwise none of its samples is an
 # outlier.
 RANGE_OVER_NOISE = 15.0
-# An outlier deviates from the cubic through its neighbours by so many times the deviation of any other
-# sample.
+# An outlier deviates from the cubic through its neighbours by at least this multiple of the deviation of any
+# other sample.
 LEAP = 3.0
-# Samples at either end that have too few others beyond them to be filled: a bad one there is cut off.
+# Number of samples at either end that have too few neighbours to be filled: a bad one is cut off.
 AT_END = 4
-# Outliers and gaps that a sentence lists.
+# Largest number of outliers and gaps that a sentence lists.
 MOST_SPELLED_OUT = 3
 
 
@@ -40,32 +40,33 @@ def driven_parts(
     keep_outliers: bool = False,
     across_gaps: bool = False,
 ) -> list[xr.Dataset]:
-    """Divide a driven record within a window at its gaps; each part states what was done (`free_decay`).
+    """Divide a driven record within a window at its gaps; each part states its changes (`free_decay`).
 
     Parameters
     ----------
     record : Dataset
-        `angle(time)` with inputs; another one, or one that was parted before, comes back as it is.
+        `angle(time)` with inputs; a record without inputs, or one that was divided before, is returned
+        unchanged.
     window : (float or None, float or None), s
-        First and last time; open where None.
+        First and last time; None leaves an end open.
     keep_outliers : bool
-        Whether single samples that leap out of the signal, or of a smooth input, are kept.
+        Whether single samples that jump out of the signal, or of a smooth input, are kept.
     across_gaps : bool
-        Whether the record is needed as one: its inputs are then to be known in the gaps as well.
+        Whether the record is needed as one part: its inputs must then be known in the gaps as well.
 
     Returns
     -------
     list of Dataset
-        An outlier, and what is missing for a quarter of a period or less, is filled from the samples near it.
-        A longer gap parts the record.
+        Outliers, and gaps of a quarter of a period or less, are filled from the samples near them. A longer
+        gap divides the record.
 
     Raises
     ------
     DecayError
-        The window holds too few samples, the signal is flat or cut off by its sensor, or no part between gaps
-        is long enough.
+        The window contains too few samples, the signal is flat or clipped by its sensor, or no part between
+        gaps is long enough.
     UsageError
-        An input is not known in a gap.
+        An input is unknown in a gap.
     """
     if "free_decay" in record.attrs or not inputs_of(record):
         return [record]
@@ -116,12 +117,12 @@ def driven_parts(
     return [_described(_own_quantity_apart(filled), [*said, *also]) for filled, also in whole]
 
 
-# The measured quantity of a driven record whose angle is its integral, and its times, as methods take them.
+# Names of the measured quantity of a driven record whose angle is its integral, and of its own times.
 MEASURED_ITSELF, OWN_TIMES = "measured", "measured_time"
 
 
 def _own_quantity_at_samples(record: xr.Dataset) -> xr.Dataset:
-    """Put a measured rate or acceleration over the times of the record, as the angle is."""
+    """Put a measured rate or acceleration on the time axis of the record, like the angle."""
     own = record.get(MEASURED_ITSELF)
     if own is None or not np.array_equal(own.coords.get(OWN_TIMES, ()), record.time.values):
         return record
@@ -129,7 +130,7 @@ def _own_quantity_at_samples(record: xr.Dataset) -> xr.Dataset:
 
 
 def _own_quantity_apart(part: xr.Dataset) -> xr.Dataset:
-    """Put a measured rate or acceleration over times of its own."""
+    """Put a measured rate or acceleration on a separate time axis."""
     own = part.get(MEASURED_ITSELF)
     if own is None or own.dims != ("time",):
         return part
@@ -140,19 +141,19 @@ def _own_quantity_apart(part: xr.Dataset) -> xr.Dataset:
 
 
 def _signal_names(record: xr.Dataset) -> list[str]:
-    """Return the names of the measured quantities: the rate or acceleration itself if it is compared."""
+    """Return the names of the measured quantities: the rate or acceleration itself, if it is compared."""
     if MEASURED_ITSELF in record:
         return [MEASURED_ITSELF]
     return [str(name) for name in ("angle", record.attrs.get("measured")) if name in record]
 
 
 def _shown(record: xr.Dataset, name: str) -> str:
-    """Return the name of a variable in a sentence: the measured rate or acceleration by its own name."""
+    """Return the name of a variable in a sentence: its own name for a measured rate or acceleration."""
     return str(record.attrs.get("measured", name)) if name == MEASURED_ITSELF else name
 
 
 def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
-    """Fill the outliers of a record from the samples near them, and say it."""
+    """Fill the outliers of a record from the samples near them, and report it."""
     record, said = _without_bad_ends(record)
     inputs = inputs_of(record)
     for name in (*_signal_names(record), *inputs):
@@ -180,7 +181,7 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
 
 
 def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
-    """Cut off the first or last samples where one of these leaps, and say it."""
+    """Cut off the first or last samples if one of them jumps, and report it."""
     time, count = record.time.values.astype(float), record.sizes["time"]
     low, high, said = 0, count, list[str]()
     inputs = inputs_of(record)
@@ -201,28 +202,28 @@ def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
 
 
 def _outliers(time: Array, values: Array) -> Index:
-    """Find single samples that leap out of a signal whose frequency may change."""
+    """Find single samples that jump out of a signal whose frequency may change."""
     if time.size < FEWEST_IN_PART:
         return np.zeros(0, dtype=np.int64)
     spikes = cleaning.spikes(time, values)
     calm = np.delete(np.arange(time.size), spikes)
-    # Use as many knots as samples allow: a driven motion can be faster than its period suggests.
+    # Use as many knots as the samples allow: a driven motion can be faster than its period suggests.
     shortest = cleaning.KNOTS * cleaning.SAMPLES_PER_INTERVAL * usual_step(np.diff(time))
     both = np.union1d(spikes, calm[cleaning.outliers(time[calm], values[calm], shortest)]).astype(np.int64)
     return both[(both >= AT_END) & (both < time.size - AT_END)]
 
 
 def _is_smooth(time: Array, values: Array, known: KnownInput) -> bool:
-    """Return true if an input moves smoothly most of the time: no noise, no pulses, no steps."""
+    """Return true if an input changes smoothly most of the time: no noise, no pulses, no steps."""
     reach = float(np.ptp(np.percentile(values, [10.0, 90.0])))
     followed = known.between in ("smooth", "cubic")
     return followed and reach > RANGE_OVER_NOISE * half_periods.noise_level(time, values)
 
 
 def _significant(time: Array, values: Array, bad: Index) -> Index:
-    """Return the outliers that leap far more than any other sample is off its neighbours.
+    """Return the outliers whose deviation from their neighbours is far larger than any other sample's.
 
-    A motion that sticks and slips, an input with kinks, or one that is hardly resolved, is off throughout.
+    With stick-slip motion, with a kinked input or with poor resolution, all samples deviate.
     """
     for _ in range(2):
         if not bad.size:
@@ -247,7 +248,7 @@ def _between(time: Array, values: Array, wanted: Array) -> Array:
 
 
 def _gaps(time: Array, period: float, breaks: Array) -> Index:
-    """Find the samples that come after a gap of over a quarter of a period, or a clock set back."""
+    """Find the samples after a gap longer than a quarter of a period, or after a clock set back."""
     steps = np.diff(time)
     usual = usual_step(steps)
     long = np.flatnonzero(steps > max(LONGEST_FILLED * period, PARTED_STEP * usual)) + 1
@@ -263,12 +264,12 @@ def _listed_gaps(time: Array, gaps: Index) -> str:
 
 
 def _is_at_samples(values: xr.DataArray) -> bool:
-    """Return true if a variable is an input over the times of the record itself."""
+    """Return true if a variable is an input on the time axis of the record itself."""
     return values.attrs.get("role") == ROLE and values.dims == ("time",)
 
 
 def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
-    """Fill the few samples that are missing within a part, and say it."""
+    """Fill the few missing samples within a part, and report it."""
     time = record.time.values.astype(float)
     steps = np.diff(time)
     usual = usual_step(steps)
@@ -287,7 +288,7 @@ def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
         name = str(key)
         if values.dims != ("time",) or values.dtype.kind not in "fiu":
             continue
-        # A measured sample is unchanged.
+        # A measured sample stays unchanged.
         given = values.values.astype(float)
         between = known[name].of(new - time[0]) if name in known else _between(time, given, new)
         filled = np.empty(whole.size)
@@ -300,7 +301,7 @@ def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
 
 
 def _described(record: xr.Dataset, said: Sequence[str]) -> xr.Dataset:
-    """Add to a part the sentence on it."""
+    """Add to a part the sentence on its changes."""
     time, known = record.time.values, inputs_of(record)
     units, kinds = list[str](), dict[str, list[str]]()
     for name, given in known.items():

@@ -1,4 +1,4 @@
-"""Columns that drive a motion: by their names and units they are inputs, and no signal."""
+"""Columns that drive a motion: names and units show that they are inputs, not signals."""
 
 import re
 from collections.abc import Iterable
@@ -10,12 +10,10 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.unit_tables import LAB_WORDS
 
 _WORDS = LAB_WORDS["drives"]
-# Fraction of zero steps of an input that is held between changes.
-MOSTLY_HELD = 0.5
 
 
 def is_named_as_drive(column: Column) -> bool:
-    """Return true if name or unit of a column is that of an input: a torque, a voltage, a command."""
+    """Return true if the name or unit of a column is that of an input: a torque, a voltage, a command."""
     if is_wanted(column):
         return True
     tokens = _tokens(column)
@@ -25,18 +23,18 @@ def is_named_as_drive(column: Column) -> bool:
 
 
 def is_wanted(column: Column) -> bool:
-    """Return true if a column is the wanted motion, such as a goal position, which is no force."""
+    """Return true if a column is the wanted motion, such as a goal position, which is not a force."""
     return bool(_tokens(column) & {*_WORDS["wanted"]})
 
 
 def _tokens(column: Column) -> set[str]:
-    """Return words of a name in lower case: `pwm` and `duty` of `PWM duty`, `u` of `data.u[0]` and `u1`."""
+    """Return the words of a name in lower case: `pwm`, `duty` for `PWM duty`; `u` for `data.u[0]`, `u1`."""
     last = re.sub(r"\[\d+\]", "", column.base).rpartition(".")[2]
     return {*re.findall(r"[^\W\d_]+", last)}
 
 
 def moves(column: Column) -> bool:
-    """Return true if a column contains numbers that change, and is no clock or counter."""
+    """Return true if a column contains changing numbers and is not a clock or counter."""
     try:
         values = column.values
     except SysidTribError:
@@ -46,7 +44,7 @@ def moves(column: Column) -> bool:
 
 
 def drives_among(columns: Iterable[Column], signal: Column) -> list[Column]:
-    """Return the columns that may drive a signal, of its length: forces before wanted motions."""
+    """Return the columns that may drive a signal, with its length: forces before wanted motions."""
     driving = [
         column
         for column in columns
@@ -57,8 +55,3 @@ def drives_among(columns: Iterable[Column], signal: Column) -> list[Column]:
         and moves(column)
     ]
     return sorted(driving, key=is_wanted)
-
-
-def is_held(values: np.ndarray) -> bool:
-    """Return true if an input is constant from sample to sample most of the time, like a square wave."""
-    return bool(np.mean(np.diff(values) == 0.0) > MOSTLY_HELD)

@@ -14,13 +14,13 @@ from sysid_trib.records.signal import checked_signal
 BINOMIAL = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 DRIFT_BLOCKS = 8
 SHORT_BINOMIAL = np.array([1.0, 2.0, 1.0]) / 4.0
-# Half periods that are summed at once: of a hundred samples each, their terms fit into the cache of a core.
+# Half periods summed at once: with a hundred samples each, their terms fit into the cache of a core.
 HALF_PERIODS_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
 class Swing:
-    """The regular part of an oscillation, split about its equilibrium, and what is cut of its piece.
+    """The regular part of an oscillation, split about its equilibrium, and the parts cut from its piece.
 
     Attributes
     ----------
@@ -75,8 +75,8 @@ def find_swing(time: Array, signal: Array, equilibrium: float | None = None) -> 
     travels = max(swings, key=lambda swing: float(swing.peaks.sum()), default=None)
     if travels is None:
         return None
-    # Mains hum has a long travel of small movements: the swing is the motion several times as large as the
-    # line of the most travel, in some half periods.
+    # Mains hum has a long travel of small movements. The swing is the motion whose amplitude is, in some half
+    # periods, several times that of the line with the longest travel.
     period = travels.oscillation.period
     far = 2.0 * _largest(travels)
     larger = [s for s in swings if s.peaks.size >= 5 and s.oscillation.period > period and _largest(s) > far]
@@ -95,17 +95,17 @@ def with_half_periods(
     Parameters
     ----------
     decay : Dataset
-        `angle(time)`. Several parts of the program ask for the half periods of the same one: the last ones
-        are kept.
+        `angle(time)`. The half periods of the last decays are cached, because several parts of the program
+        need them.
     fewest : int
-        How many are needed; an envelope needs three.
+        Least number of half periods; an envelope needs three.
     equilibrium : float or None, rad
-        None has it found.
+        Equilibrium; with None it is estimated.
 
     Raises
     ------
     DecayError
-        Fewer than these.
+        There are fewer half periods.
     """
     checked_signal(decay)
     time = decay.time.values.astype(float)
@@ -129,17 +129,17 @@ def _whole_half_periods(
 
 
 def _settle(time: Array, signal: Array, period: float, equilibrium: float | None) -> Swing:
-    """Split and centre in turn: the split depends on the centre and the centre on the split."""
+    """Split and centre alternately: the split depends on the centre and the centre on the split."""
     oscillation = half_periods.smooth(time, signal, period)
     centre = _centre_of_travel(oscillation) if equilibrium is None else equilibrium
     error = np.nan
     halves, run = _split(oscillation, centre)
-    # First by the smoothed points, which is quick, then by all.
+    # Start with the smoothed points, which is fast, then use all samples.
     for source_time, source in ((oscillation.time, oscillation.signal),) * 3 + ((time, signal),) * 2:
         if equilibrium is not None or run.stop - run.start < 4:
             break
         extrema = centre + signed_extrema(source_time, source - centre, halves.select(run))
-        # The cosine rests on four times as many samples as an averaged point, unevenly.
+        # The cosine uses four times as many samples as an averaged point, with unequal weights.
         centre, error = robust_mean(extrema, 0.6 * oscillation.smoothed_noise)
         halves, run = _split(oscillation, centre)
     return Swing(time, signal, oscillation, halves, run, centre, error, slice(0, time.size))
@@ -151,7 +151,7 @@ def _split(oscillation: half_periods.Oscillation, centre: float) -> tuple[half_p
 
 
 def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
-    """Return the median weighted by the distance travelled: holding, resting and sticking do not count."""
+    """Return the median weighted by the distance travelled, in which holding and resting do not count."""
     middle = 0.5 * (oscillation.signal[1:] + oscillation.signal[:-1])
     distance = np.abs(np.diff(oscillation.signal))
     order = np.argsort(middle)
@@ -162,7 +162,7 @@ def _centre_of_travel(oscillation: half_periods.Oscillation) -> float:
 def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods) -> Array:
     """Return the extremum of each half period of a roughly centred signal: a cosine fits its middle part.
 
-    A remaining offset passes with gain one, up to the cosine's curvature.
+    A remaining offset is transmitted with gain one, apart from the cosine's curvature.
     """
     duration = halves.duration
     local = np.convolve(np.pad(duration, 1, mode="edge"), SHORT_BINOMIAL, "valid")
@@ -180,7 +180,7 @@ def signed_extrema(time: Array, signal: Array, halves: half_periods.HalfPeriods)
 
 
 def samples_between(low: Index, high: Index) -> tuple[Index, Index, Index]:
-    """Return the samples of all half periods: their numbers, half periods, and the first of each."""
+    """Return the samples of all half periods: their indices, their half periods, and each first one."""
     count = high - low
     half = np.repeat(np.arange(count.size), count)
     first = np.cumsum(count) - count
@@ -190,10 +190,10 @@ def samples_between(low: Index, high: Index) -> tuple[Index, Index, Index]:
 def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Array:
     """Return sums of cos cos, cos sin, sin sin, cos y and sin y over half periods that start at `first`."""
     sums = np.empty((5, len(first)))
-    # In blocks: the intermediate arrays stay in the cache, however long the record is.
+    # Work in blocks: the intermediate arrays then stay in the cache for any length of the record.
     for start in range(0, len(first), HALF_PERIODS_AT_ONCE):
         begin = first[start : start + HALF_PERIODS_AT_ONCE]
-        # A half period without samples takes the first sample of the next one.
+        # A half period without samples uses the first sample of the next one.
         last = start + len(begin)
         end = len(phase) if last == len(first) else max(first[last], begin[-1] + 1)
         part = slice(begin[0], end)
@@ -210,10 +210,10 @@ def harmonic_sums(phase: Array, value: Array, weight: Array, first: Index) -> Ar
 def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
     """Return the mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema, and its standard error.
 
-    Where the envelope curves, these terms alternate about the equilibrium by a quarter of its second
-    difference; the difference between extrema of one sign shows by how much: it is taken off (which makes the
-    weights 1 4 6 4 1) and the term counts less by it. Outlying terms count less as well (Huber). The error is
-    not less than what ``noise``, that of an extremum, leaves.
+    If the envelope is curved, these terms alternate about the equilibrium by a quarter of its second
+    difference. The difference between extrema of one sign shows this amount: it is subtracted (which makes
+    the weights 1 4 6 4 1) and reduces the weight of the term. Outlying terms have less weight too (Huber).
+    The error is at least that due to ``noise``, the noise of an extremum.
     """
     kernel = BINOMIAL if extrema.size >= 5 else SHORT_BINOMIAL
     terms = np.convolve(extrema, kernel, "valid")
@@ -230,7 +230,7 @@ def robust_mean(extrema: Array, noise: float) -> tuple[float, float]:
         limit = 1.5 * 1.4826 * float(np.median(deviation))
         total = weights * limit / np.maximum(deviation, limit) if limit > 0.0 else weights
         mean = float(np.average(terms, weights=total))
-    # Neighbouring terms share extrema: the error follows from the weight that each extremum has in the end.
+    # Neighbouring terms share extrema: the error follows from the final weight of each extremum.
     influence = float(np.sqrt(np.sum(np.convolve(total / total.sum(), kernel) ** 2)))
     scatter = np.sqrt(np.average((terms - mean) ** 2, weights=total) * terms.size / max(terms.size - 1, 1))
     error = float(scatter / np.sqrt(np.sum(kernel**2))) * influence

@@ -1,4 +1,4 @@
-"""Readers of many formats: vectors by their names, with units and notes; the content decides the format."""
+"""Readers of many formats: vectors by their names, with units and notes; the content shows the format."""
 
 import json
 import warnings
@@ -11,15 +11,16 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.errors import RecordError
-from sysid_trib.records.text import read_text, table_in
+from sysid_trib.records import archives
+from sysid_trib.records.text import TextTable, read_text, table_in
 
-# Attributes of HDF5 that contain a unit.
+# HDF5 attributes that contain a unit.
 UNIT_ATTRIBUTES = ("units", "unit")
-# Vectors of fewer numbers are no signal.
+# Vectors with fewer numbers are not a signal.
 FEWEST_OF_A_RECORD = 20
-# Objects of MATLAB without a signal.
+# MATLAB objects without a signal.
 WITHOUT_NUMBERS = ("string", "categorical", "datetime", "duration", "function_handle", "containers.Map")
-# Texts of a list that are taken as a note.
+# Most texts of a list that are read as a note.
 MOST_TEXTS = 100
 
 
@@ -29,40 +30,46 @@ class Contents(NamedTuple):
     Attributes
     ----------
     columns : dict of str to array_like
-        By name, in the order of the file.
+        Columns by name, in the order of the file.
     units : dict of str to str
-        Units of columns, where the file states them apart from the names.
+        Units of columns, if the file states them separately from the names.
     notes : sequence of str
         Comment lines, and texts and scalars as `name = value`.
+    said : sequence of str
+        Sentences on what was left out.
     """
 
     columns: dict[str, Any]
     units: dict[str, str]
     notes: Sequence[str]
+    said: Sequence[str] = ()
 
 
 def reader_of(path: Path) -> Callable[[Path], Contents]:
-    """Return the reader of a file, by its first bytes.
+    """Return the reader of a file, chosen by its first bytes.
 
     Raises
     ------
     RecordError
-        It is empty, or a workbook of the old format.
+        The file is empty, or a workbook of the old format.
     """
     with path.open("rb") as file:
         head = file.read(1024)
-    # HDF5 may begin after a block of 512 bytes.
+    # HDF5 data may start after a block of 512 bytes.
     head = head[512:] if head[512:516] == b"\x89HDF" else head
     if not head.strip():
         raise RecordError(f"{path.name}: the file is empty.")
     if head.startswith(b"\xd0\xcf\x11\xe0"):
         raise RecordError(f"{path.name}: a workbook of the old format (.xls); save it as .xlsx or CSV.")
+    archives.refuse_other_kinds(path, head)
+    if head.startswith(b"PK") and archives.single_file(path) is not None:
+        raise RecordError(f"{path.name}: this is an archive in another one; {archives.UNPACK}.")
     readers = {
         (b"\x89HDF", b"MATLAB 7.3"): read_netcdf if path.suffix in (".nc", ".nc4", ".cdf") else read_hdf5,
         (b"MATLAB 5.0",): read_matlab,
         (b"\x93NUMPY",): read_numpy,
         (b"CDF",): read_netcdf,
-        # Bytes of an archive in which the name of its first member is.
+        # Bytes of an archive that contain the name of its first member.
         (b"PK",): read_numpy if b".npy" in head[:128] else read_excel,
         (b"PAR1",): read_parquet,
         (b"TDSm",): read_tdms,
@@ -74,10 +81,10 @@ def reader_of(path: Path) -> Callable[[Path], Contents]:
 
 
 def read_lines(path: Path) -> Contents:
-    """Return tables in text, and JSON."""
+    """Return the tables of a text or JSON file."""
     content = _json_content(path)
     if content is None:
-        return _from_frame(*read_text(path))
+        return _from_table(read_text(path))
     return Contents(dict(_json_columns(content)), {}, _notes(content))
 
 
@@ -95,9 +102,29 @@ def _json_content(path: Path) -> Any:
     return None
 
 
+# Keys under which a channel of JSON has its name and its unit.
+CHANNEL_NAMES = ("name", "label", "channel", "title", "id")
+CHANNEL_UNITS = ("unit", "units")
+
+
+def _json_channel(value: Any) -> tuple[str, Any] | None:
+    """Return the name, with the unit, and the numbers of a channel; None if a value is none."""
+    if not isinstance(value, dict):
+        return None
+    vectors = [item for item in value.values() if isinstance(item, list) and len(item) > 1]
+    name = next((value[key] for key in CHANNEL_NAMES if isinstance(value.get(key), str)), "")
+    unit = next((value[key] for key in CHANNEL_UNITS if isinstance(value.get(key), str)), "")
+    if len(vectors) != 1 or not name or any(isinstance(item, list | dict) for item in vectors[0]):
+        return None
+    return (f"{name} ({unit})" if unit else name), np.asarray(vectors[0])
+
+
 def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
     """Yield columns of objects, of rows of objects or cells, or of a plain list, named like `run.theta`."""
-    if isinstance(value, dict):
+    channels = [_json_channel(item) for item in value] if isinstance(value, list) else [None]
+    if channels and None not in channels:
+        yield from filter(None, channels)
+    elif isinstance(value, dict):
         names = value.get("columns")
         rows = value.get("data")
         if isinstance(names, list) and isinstance(rows, list) and all(isinstance(row, list) for row in rows):
@@ -110,12 +137,21 @@ def _json_columns(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
                 yield from _json_columns(item, f"{name}.{key}" if name else key)
     elif isinstance(value, list) and value:
         objects, rows = (all(isinstance(item, kind) for item in value) for kind in (dict, list))
+        if objects and all(any(isinstance(part, list) for part in item.values()) for item in value):
+            for index, item in enumerate(value):
+                yield from _json_columns(item, f"{name or 'data'}[{index}]")
+            return
         frame = pd.json_normalize(value) if objects else pd.DataFrame(value)
         # Rows, or a few columns.
         frame = frame.T if rows and len(frame) < frame.shape[1] else frame
         for key, column in frame.items():
             place = f"{name or 'data'}[{key}]" if rows else name or "data"
             yield f"{name}.{key}".removeprefix(".") if objects else place, column.to_numpy()
+
+
+def _from_table(table: TextTable) -> Contents:
+    """Return the columns of a table in a text."""
+    return _from_frame(table.frame, table.names, table.notes)._replace(said=table.said)
 
 
 def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[str] = ()) -> Contents:
@@ -127,22 +163,45 @@ def _from_frame(frame: pd.DataFrame, names: list[str] | None, notes: Sequence[st
 
 
 def read_excel(path: Path) -> Contents:
-    """Return the sheet with the most rows of numbers, read as text."""
-    tables = []
-    for sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).values():
+    """Return the sheet with the most rows of numbers, and sheets with the same columns as further runs."""
+    tables: dict[str, TextTable] = {}
+    for name, sheet in pd.read_excel(path, header=None, engine="openpyxl", sheet_name=None).items():
         cells = sheet.dropna(how="all").dropna(axis=1, how="all").to_numpy()
         texts = [["" if cell != cell else " ".join(str(cell).split()) for cell in row] for row in cells]
         with suppress(RecordError):
-            tables.append(table_in("\n".join(map("\t".join, texts)), path))
+            tables[str(name)] = table_in("\n".join(map("\t".join, texts)), path)
     if not tables:
         raise RecordError(f"{path.name}: no rows of numbers were found on its sheets.")
-    return _from_frame(*max(tables, key=lambda table: len(table[0])))
+    main = max(tables, key=lambda name: len(tables[name].frame))
+    runs = {name: table for name, table in tables.items() if table.names == tables[main].names is not None}
+    others = [name for name, table in tables.items() if name not in (main, *runs) and _is_long(table)]
+    said = [f"sheet {main} is used, sheet{'s' * (len(others) > 1)} {', '.join(others)} left out"]
+    contents = _from_table(tables[main]) if len(runs) < 2 else _side_by_side(runs)
+    return contents._replace(said=[*contents.said, *said * bool(others)])
+
+
+def _is_long(table: TextTable) -> bool:
+    """Return true if a table could be a record."""
+    return len(table.frame) >= FEWEST_OF_A_RECORD and table.frame.shape[1] > 1
+
+
+def _side_by_side(runs: Mapping[str, TextTable]) -> Contents:
+    """Return the columns of several sheets, each of a run, with the name of the sheet before theirs."""
+    columns: dict[str, Any] = {}
+    notes: list[str] = []
+    said: list[str] = []
+    for number, (sheet, table) in enumerate(runs.items(), 1):
+        contents = _from_table(table)
+        columns |= {f"Run {number}: {name}": cells for name, cells in contents.columns.items()}
+        notes += contents.notes
+        said += [f"sheet {sheet}: {text}" for text in contents.said]
+    return Contents(columns, {}, notes, [f"each sheet a run ({', '.join(runs)})", *said])
 
 
 def read_parquet(path: Path) -> Contents:
     """Return the columns of a Parquet file."""
     frame = pd.read_parquet(path)
-    # Times may be its index.
+    # The times may be the index of the table.
     frame = frame.reset_index(drop=isinstance(frame.index, pd.RangeIndex))
     return _from_frame(frame, list(map(str, frame.columns)))
 
@@ -158,7 +217,9 @@ def read_netcdf(path: Path) -> Contents:
     with xr.open_dataset(path, engine=engine, decode_times=False, **named) as dataset:
         columns = {str(name): item.to_numpy() for name, item in dataset.variables.items() if item.ndim == 1}
         units = {name: str(dataset[name].attrs.get("units", "")) for name in columns}
-    return Contents(columns, units, ())
+        scalars = {name: item.to_numpy().item() for name, item in dataset.variables.items() if item.ndim == 0}
+        notes = _notes({str(name): fact for name, fact in {**dataset.attrs, **scalars}.items()})
+    return Contents(columns, units, notes)
 
 
 def read_matlab(path: Path) -> Contents:
@@ -167,7 +228,7 @@ def read_matlab(path: Path) -> Contents:
     from scipy.io.matlab import MatReadWarning
 
     with warnings.catch_warnings():
-        # The reader knows no names of objects.
+        # The reader does not know the names of objects.
         warnings.simplefilter("ignore", MatReadWarning)
         loaded = loadmat(path, simplify_cells=True)
     content = {k: v for k, v in loaded.items() if not k.startswith("__")}
@@ -177,12 +238,12 @@ def read_matlab(path: Path) -> Contents:
 
 
 def _is_object(value: Any) -> bool:
-    """Return true if a value is an object of MATLAB, of which its files say no more than the class."""
+    """Return true if a value is a MATLAB object, of which the file states only the class."""
     return isinstance(value, np.ndarray) and value.dtype.names == ("s0", "s1", "s2", "arr")
 
 
 def _classes_in(value: Any) -> Iterator[str]:
-    """Yield the classes of the objects in a file of MATLAB."""
+    """Yield the classes of the objects in a MATLAB file."""
     if _is_object(value):
         yield str(_plain(value["s2"].ravel()[0]))
     elif isinstance(value, dict):
@@ -194,16 +255,16 @@ def _classes_in(value: Any) -> Iterator[str]:
 
 
 def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any]) -> None:
-    """Raise an error for a file of MATLAB whose numbers are in objects, which only MATLAB can read.
+    """Raise an error for a MATLAB file whose numbers are in objects, which only MATLAB can read.
 
     Raises
     ------
     RecordError
-        With how to save what they hold.
+        The numbers are in objects; the message states how to save them.
     """
     kinds = [kind for kind in kinds if kind not in WITHOUT_NUMBERS]
     vectors = [values for values in columns.values() if np.size(values) >= FEWEST_OF_A_RECORD]
-    # The times alone, as Simulink's `tout`, are no record.
+    # Times alone, such as Simulink's `tout`, are not a record.
     if not kinds or len(vectors) > 1 or any(np.any(np.diff(values) < 0) for values in vectors):
         return
     held = ", ".join(dict.fromkeys(kinds))
@@ -222,7 +283,7 @@ def _check_objects(path: Path, kinds: Sequence[str], columns: Mapping[str, Any])
 
 
 def read_numpy(path: Path) -> Contents:
-    """Return vectors in the array of a .npy, or in the arrays of an .npz; what they pickled is not read."""
+    """Return vectors in the array of a .npy, or in the arrays of an .npz; pickled objects are not read."""
     loaded = np.load(path, allow_pickle=False)
     arrays = {"data": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
     scalars = {name: array.item() for name, array in arrays.items() if array.size == 1}
@@ -262,7 +323,7 @@ def _flatten(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def read_hdf5(path: Path) -> Contents:
-    """Return the vectors in the datasets of an HDF5 file, MATLAB's 7.3 among them."""
+    """Return the vectors in the datasets of an HDF5 file, including MATLAB's 7.3."""
     import h5py
 
     units: dict[str, str] = {}
@@ -301,7 +362,7 @@ def _plain(value: Any) -> Any:
 
 
 def _named_columns(values: Any, attrs: Any) -> Any:
-    """Return the columns of a table by the names that an attribute of it lists; else the table."""
+    """Return the columns of a table by the names in one of its attributes; else the table."""
     for names in attrs.values():
         if np.ndim(values) == 2 and np.ndim(names) == 1 and np.asarray(names).dtype.kind in "OSU":
             for table in (values, values.T):

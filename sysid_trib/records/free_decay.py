@@ -1,6 +1,5 @@
 """The free decays within a record: from the release to the stop, about their equilibrium."""
 
-import re
 from contextlib import suppress
 from dataclasses import replace
 
@@ -9,19 +8,22 @@ import xarray as xr
 
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
-from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes
+from sysid_trib.records import cleaning, free_motion_checks as checks, half_periods, modes, no_decay
 from sysid_trib.records.decay import decay_dataset, free_part, short_decay
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.in_memory import one_record
 from sysid_trib.records.integration import Piece, uniform_pieces
+from sysid_trib.records.no_decay import NoDecay, NoDecayError
 from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import checked_signal
 from sysid_trib.records.unwrapping import new_frames, pulses
 
-# In any unit; the squares of still smaller numbers underflow.
+# In any unit; the squares of smaller numbers underflow.
 SMALLEST_SWING = 1e-150
-# The rest of a record is searched for another decay if it has this part of the first amplitude, the same
-# period, and some periods.
+# A record of a decay has at least this number of samples.
+FEWEST_OF_A_DECAY = 20
+# The rest of a record is searched for another decay if it has this fraction of the first amplitude, the same
+# period, and several periods.
 SMALLEST_FURTHER = 0.2
 
 
@@ -39,29 +41,30 @@ def free_decay(
     Parameters
     ----------
     record : Dataset, DataArray, pandas Series or DataFrame, dict, (t, angle), or (sample, 2) array
-        With ``angle(time)``; times in s, or dates.
+        Record with ``angle(time)``; times in s, or dates.
     window : s
-        Times between which to look; None for the record's end.
+        Times between which decays are searched; None for an end of the record.
     equilibrium : in the unit of the angle, or "auto"
         ``auto``: the robust mean of (b[i-1] + 2 b[i] + b[i+1])/4 over signed extrema. It is not the rest
         position, which dry friction may put anywhere in the stick band.
     keep_outliers : bool
-        Whether single samples that leap out of the swing and back are kept.
+        Whether single samples that jump out of the swing and back are kept.
 
     Returns
     -------
     Dataset
-        The record from the release to the stop, ``angle`` centred, times unchanged where they are even within
-        2 %; scalars ``equilibrium`` and ``equilibrium_standard_error`` (nan if given), ``stop_time`` if it
-        stopped for good; attrs ``free_decay``: a sentence on what was cut or mended. A record that is free
-        from its first sample on loses none.
+        The record from the release to the stop, with centred ``angle`` and times unchanged if they are
+        uniform within 2 %. Scalars: ``equilibrium`` and ``equilibrium_standard_error`` (nan if given), and
+        ``stop_time`` for a final stop. Attribute ``free_decay``: a sentence on the samples cut or mended. No
+        sample is cut from a record that is free from its first sample on.
 
     Raises
     ------
     UsageError
-        The window is no interval.
+        The window is not an interval.
     DecayError
-        Less than three periods, or flat, only noise, not decaying, growing, clipped, pulses.
+        The record has fewer than three periods, or it is flat, only noise, not decaying, growing, clipped, or
+        pulsed.
     """
     decays = free_decays(record, window=window, equilibrium=equilibrium, keep_outliers=keep_outliers)
     longest = max(decays, key=lambda decay: float(np.abs(np.diff(decay.angle.values)).sum()))
@@ -79,37 +82,37 @@ def free_decays(
     keep_outliers: bool = False,
     as_it_is: bool = False,
 ) -> list[xr.Dataset]:
-    """Return every free decay of a record, in order: parted by gaps, by hands, or by a new release.
+    """Return every free decay of a record, in order: divided by gaps, by hands, or by a new release.
 
     Parameters
     ----------
     record : Dataset, DataArray, pandas Series or DataFrame, or (sample, 2) array
-        With ``angle(time)`` (see `as_record`).
+        Record with ``angle(time)`` (see `as_record`).
     window : (float, float), s
-        Times between which to look; None for the record's end.
+        Times between which decays are searched; None for an end of the record.
     equilibrium : float, or "auto"
-        As in `free_decay`.
+        Equilibrium, as in `free_decay`.
     keep_outliers : bool
-        Whether single samples that leap out of the swing and back are kept.
+        Whether single samples that jump out of the swing and back are kept.
     as_it_is : bool
-        Whether a motion that is too short, too damped or growing to prove itself a free decay is taken whole,
-        about the constant of the damped sine that fits it best; for forces that are known.
+        Whether a motion that is too short, too damped or growing for a proven free decay is used as a whole,
+        about the constant of the best damped sine. This is for known forces.
 
     Returns
     -------
     list of Dataset
-        Each as `free_decay` returns it.
+        Each decay in the form of `free_decay`.
 
     Raises
     ------
     UsageError, DecayError
-        As `free_decay`.
+        As in `free_decay`.
     """
     record = one_record(record, "free_decay")
     checked_signal(record, *filter(None, [getattr(record, "attrs", {}).get("measured")]))
     source = str(record.attrs.get("source", "record"))
     inside = _in_window(record, window, source)
-    # A measured rate or acceleration shows the swing best: its noise is white.
+    # A measured rate or acceleration shows the swing best, because its noise is white.
     measured = inside[inside.attrs.get("measured", "angle")]
     time = inside["time"].to_numpy().astype(float)
     angle = measured.to_numpy().astype(float)
@@ -127,12 +130,12 @@ def free_decays(
     refused = ""
     try:
         decays = _decays_of(pieces, value, source)
-    except DecayError as refusal:
+    except NoDecayError as refusal:
         if not as_it_is:
             raise
         longest = max(pieces, key=lambda piece: piece[0].size)
         decays = [short_decay(longest, value, refusal)]
-        refused = re.split(";|, at least", str(refusal).removeprefix(f"{source}: "))[0].rstrip(".")
+        refused = refusal.reason.what
         said.append(f"used uncut, because you named the forces; it is no complete free decay ({refused})")
     if len(pieces) > 1:
         said.append(f"gaps part the record into {len(pieces)} pieces, {len(decays)} of them decays")
@@ -143,7 +146,7 @@ def free_decays(
 def _pieces(
     time: Array, angle: Array, keep_outliers: bool = False, breaks: Array | tuple[()] = ()
 ) -> tuple[list[Piece], list[str]]:
-    """Return pieces on a uniform clock of the samples that are kept, and sentences on the others."""
+    """Return pieces of the kept samples on a uniform clock, and sentences on the other samples."""
     kept, said = _kept_samples(time, angle, keep_outliers)
     time = time[kept]
     angle = angle[kept]
@@ -153,7 +156,7 @@ def _pieces(
 
 
 def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index, list[str]]:
-    """Return the indices of the samples that are kept, and sentences on the others."""
+    """Return the indices of the kept samples, and sentences on the others."""
     kept = np.arange(time.size)
     said = []
     frames = new_frames(angle)
@@ -175,18 +178,18 @@ def _kept_samples(time: Array, angle: Array, keep_outliers: bool) -> tuple[Index
 
 
 def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Swing]:
-    """Return the decays of all pieces; where there is none, the reason why the longest is none."""
+    """Return the decays of all pieces; without a decay, raise the reason for the longest piece."""
     longest = max(pieces, key=lambda piece: piece[0].size)
     waiting = [longest, *(piece for piece in pieces if piece is not longest)]
     decays: list[Swing] = []
-    refusals: list[DecayError] = []
+    refusals: list[NoDecayError] = []
     while waiting and len(decays) < 60:
         piece = waiting.pop(0)
         if piece is not longest and not _may_hold_another(*piece[:2], decays):
             continue
         try:
             swing = _swing(*piece, value, source)
-        except DecayError as refusal:
+        except NoDecayError as refusal:
             refusals.append(refusal)
             continue
         decay, reason = _free(swing, source)
@@ -200,7 +203,7 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
         if decays and (not _alike(decay, decays[0]) or checks.is_held(decay, decays[0])):
             continue
         decays.append(decay)
-        # Search after it and before it.
+        # Search after the decay and before it.
         ends = slice(decay.free.stop, None), slice(decay.free.start)
         waiting = [*(Piece(decay.time[end], decay.signal[end], decay.mended) for end in ends), *waiting]
     if not decays:
@@ -208,27 +211,18 @@ def _decays_of(pieces: list[Piece], value: float | None, source: str) -> list[Sw
     return sorted(decays, key=lambda decay: decay.time[decay.free.start])
 
 
-# Refusals that several modes may be the cause of.
-_OF_MODES = re.compile(r"rises again|half period|does not decay|grows")
-
-
-def _naming_modes(refusal: DecayError, piece: Piece, source: str) -> DecayError:
+def _naming_modes(refusal: NoDecayError, piece: Piece, source: str) -> NoDecayError:
     """Add the frequencies of simultaneous modes to an error, if there are several."""
-    said = str(refusal).removeprefix(f"{source}: ")
-    several = modes.modes(*piece[:2]) if _OF_MODES.search(said) else []
+    several = modes.modes(*piece[:2]) if refusal.reason.cause in no_decay.MAYBE_OF_MODES else []
     if len(several) < 2:
         return refusal
-    reason = re.split(r";|, at least", said)[0].rstrip(".")
-    return DecayError(
-        f"{source}: several modes swing at once, {modes.listed(several)} ({reason}); separate "
-        "one of them (--mode 1, or one_mode in Python), or record only one."
-    )
+    return NoDecayError(source, no_decay.several_modes(modes.listed(several), refusal.reason))
 
 
 def _may_hold_another(time: Array, signal: Array, decays: list[Swing]) -> bool:
     """Return true if a piece is long enough, and moves far enough, for a decay like the first one."""
-    if time.size < 20 or not decays:
-        return time.size >= 20
+    if time.size < FEWEST_OF_A_DECAY or not decays:
+        return time.size >= FEWEST_OF_A_DECAY
     period = decays[0].oscillation.period
     far = np.ptp(signal) >= SMALLEST_FURTHER * np.ptp(decays[0].signal)
     return bool(far and time[-1] - time[0] >= 4.0 * period)
@@ -240,15 +234,12 @@ def _alike(swing: Swing, first: Swing) -> bool:
 
 
 def _swing(time: Array, signal: Array, mended: str, value: float | None, source: str) -> Swing:
-    """Return the swing of a piece after its clipped part, or the reason why it has none."""
+    """Return the swing of a piece after its clipped part; raise the reason if it has none."""
     if pulses(signal):
-        wrong = (
-            f"{source}: the signal rests at one level and leaves it in pulses, like that of a light barrier"
-        )
-        raise DecayError(f"{wrong}: it is no displacement, and has no decay; choose another column.")
+        raise NoDecayError(source, no_decay.pulses())
     swing = find_swing(time, signal, value)
     if swing is None:
-        raise DecayError(f"{source}: no oscillation is visible above the noise; check column and window.")
+        raise NoDecayError(source, no_decay.no_oscillation())
     first, clipped = checks.end_of_clipping(swing, source)
     if first:
         mended = "; ".join(text for text in (mended, clipped) if text)
@@ -256,18 +247,18 @@ def _swing(time: Array, signal: Array, mended: str, value: float | None, source:
     return replace(swing, mended=mended)
 
 
-def _free(swing: Swing, source: str) -> tuple[Swing | None, DecayError | None]:
+def _free(swing: Swing, source: str) -> tuple[Swing | None, NoDecayError | None]:
     """Return the free part of a swing, or the reason why it has none."""
     try:
         return free_part(checks.after_the_largest(checks.after_the_drive(swing), source)), None
-    except DecayError as refusal:
+    except NoDecayError as refusal:
         return None, refusal
 
 
 def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     """Return the parts of a piece between half periods that its sensor shows wrongly.
 
-    Nothing where there are none, or where they keep no decay from being found from its start on.
+    The result is empty if there are none, or if a decay can be found from its start on despite them.
     """
     if decay is not None and decay.run.start == swing.run.start:
         return []
@@ -286,7 +277,7 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     )
     bounds = np.flatnonzero(np.diff(left_out)) + 1
     parts = [part for part in np.split(np.arange(swing.time.size), bounds) if not left_out[part[0]]]
-    # The reason is that of the part that most resembles a decay.
+    # Use the reason of the part that most resembles a decay.
     longest = max(range(len(parts)), key=lambda at: parts[at].size)
     mended = [swing.mended] * len(parts)
     mended[longest] = "; ".join(text for text in (swing.mended, said) if text)
@@ -294,22 +285,24 @@ def _without_wrong_swings(swing: Swing, decay: Swing | None) -> list[Piece]:
     return [Piece(swing.time[part], swing.signal[part], text) for part, text in pairs]
 
 
-def swing_within(time: Array, signal: Array) -> tuple[Swing | None, str]:
-    """Return the swing of a signal if it is a free decay, else None and the reason; in any unit and time.
+def swing_within(time: Array, signal: Array) -> Swing | NoDecay:
+    """Return the swing of a signal if it is a free decay, else the reason; in any unit and time.
 
     Parameters
     ----------
     time : (sample,) array of float
-        Rising.
+        Increasing times.
     signal : (sample,) array of float
     """
-    if signal.size < 20 or np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
-        return None, "it does not move"
+    if signal.size < FEWEST_OF_A_DECAY:
+        return no_decay.few_samples(signal.size, FEWEST_OF_A_DECAY)
+    if np.ptp(signal) <= max(1e-12 * np.max(np.abs(signal)), SMALLEST_SWING):
+        return no_decay.still()
     try:
         swings = _decays_of(_pieces(time, signal)[0], None, "")
-    except DecayError as error:
-        return None, str(error).removeprefix(": ").partition(";")[0].rstrip(".")
-    return max(swings, key=lambda swing: float(swing.peaks.sum())), ""
+    except NoDecayError as error:
+        return error.reason
+    return max(swings, key=lambda swing: float(swing.peaks.sum()))
 
 
 def _given(equilibrium: float | str) -> float:
@@ -326,7 +319,7 @@ def _in_window(record: xr.Dataset, window: tuple[float | None, float | None], so
         raise UsageError(f"window {window[0]}:{window[1]}: its start must come before its end.")
     time = record["time"].to_numpy()
     inside = record.sel(time=slice(start, stop))
-    if (count := inside.sizes["time"]) < 20:
+    if (count := inside.sizes["time"]) < FEWEST_OF_A_DECAY:
         asked = ":".join("" if end is None else f"{end:g}" for end in window)
         where = f"the window {asked} (the record runs from {time[0]:g} s to {time[-1]:g} s); widen it."
         if window == (None, None):

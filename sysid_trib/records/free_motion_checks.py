@@ -1,20 +1,21 @@
-"""Checks of a free decay: long enough, falling, never pushed, not clipped, not stopped by a hand."""
+"""Checks of a free decay: long enough, decreasing, not pushed, not clipped, not stopped by a hand."""
 
 from dataclasses import replace
 
 import numpy as np
 
 from sysid_trib.arrays import Array, Index
-from sysid_trib.errors import DecayError
+from sysid_trib.records import no_decay
 from sysid_trib.records.equilibrium import Swing
+from sysid_trib.records.no_decay import NoDecayError
 
-# Three full periods: five whole half periods and a part of one at either end.
+# Three full periods: five whole half periods and a fraction of one at either end.
 FEWEST_EXTREMA = 5
 # Least number of half periods in which a drive holds the amplitude.
 DRIVEN_HALF_PERIODS = 8
 # Least number of half periods in which a beat rises.
 FEWEST_RISING = 5
-# Between its maxima the amplitude of a beat falls by this part of the largest one at least.
+# Between its maxima, the amplitude of a beat falls by at least this fraction of the largest one.
 TROUGH = 0.3
 PACE_TOLERANCE = 0.03
 
@@ -22,7 +23,7 @@ PACE_TOLERANCE = 0.03
 def _held(peak: Array, scatter: float) -> tuple[int, float]:
     """Return the half periods until the amplitude leaves the range of a drive, and this range."""
     held = float(np.median(peak[:DRIVEN_HALF_PERIODS]))
-    # Part of the amplitude within which a drive holds it.
+    # Relative range of the amplitude within which a drive holds it.
     allowed = 0.03 * held + scatter
     away = np.abs(peak - held) > allowed
     return int(np.argmax(away)) if away.any() else peak.size, allowed
@@ -35,7 +36,7 @@ def _falls_away(peak: Array, count: int, allowed: float) -> bool:
 
 
 def after_the_drive(swing: Swing) -> Swing:
-    """Leave out what comes before the decay if the amplitude is held until there, as a drive holds it."""
+    """Cut the time before a decay in which a drive holds the amplitude."""
     run = swing.run
     if run.stop - run.start < DRIVEN_HALF_PERIODS + FEWEST_EXTREMA:
         return swing
@@ -45,10 +46,6 @@ def after_the_drive(swing: Swing) -> Swing:
     if not (followed and _falls_away(peak[end - 1 :], end, allowed)):
         return swing
     return replace(swing, run=slice(run.start + end - 1, run.stop))
-
-
-# Advice for a record that is no decay.
-AS_IT_IS = "name the forces that act (--forces) to use it uncut"
 
 
 def is_held(swing: Swing, decay: Swing) -> bool:
@@ -61,20 +58,16 @@ def is_held(swing: Swing, decay: Swing) -> bool:
 
 
 def after_the_largest(swing: Swing, source: str) -> Swing:
-    """Leave out what comes before the largest extremum, and refuse what does not decay after it."""
+    """Cut the time before the largest extremum; raise an error if the amplitude does not decay after it."""
     run = swing.run
     time = swing.time
     per_half_period = 0.5 * swing.oscillation.period * (time.size - 1) / (time[-1] - time[0])
     # Each half-sine has two unknowns.
     if per_half_period < 2.5:
-        raise DecayError(f"{source}: only {per_half_period:.2g} samples in a half period; sample faster.")
+        raise NoDecayError(source, no_decay.coarse_sampling(per_half_period))
     count = run.stop - run.start
     if count < FEWEST_EXTREMA:
-        raise DecayError(
-            f"{source}: only {count} whole half period{'s' * (count != 1)} of steady oscillation (period "
-            f"about {swing.oscillation.period:.3g} s), at least five are needed, in a record of three "
-            f"periods; record longer or widen the window, or {AS_IT_IS}."
-        )
+        raise NoDecayError(source, no_decay.few_half_periods(count, swing.oscillation.period))
     peak = swing.extrema
     scatter = swing.scatter
     largest = int(np.argmax(peak))
@@ -86,37 +79,29 @@ def after_the_largest(swing: Swing, source: str) -> Swing:
         _refuse_rise_and_fall(peak, scatter, source)
     if count - first < FEWEST_EXTREMA and largest:
         growth = 100.0 * ((peak[largest] / peak[0]) ** (2.0 / largest) - 1.0)
-        wrong = f"{source}: the oscillation grows by {growth:.2g} % a period; a free decay is needed"
-        raise DecayError(f"{wrong}, or {AS_IT_IS}.")
+        raise NoDecayError(source, no_decay.grows(growth))
     if not falling:
         change = -200.0 * fall / peak[first] / (count - first)
-        wrong = (
-            f"{source}: the oscillation does not decay: its amplitude, {peak[first]:.3g} at first, changes "
-            f"by {change:+.2g} % a period"
-        )
-        raise DecayError(f"{wrong}; is it driven? Name what drives it (--input), or give a free decay.")
+        raise NoDecayError(source, no_decay.does_not_decay(peak[first], change))
     swing = _without_rises(peak[first:], replace(swing, run=slice(run.start + first, run.stop)), source)
     _refuse_beats(swing, source)
     return swing
 
 
 def _refuse_rise_and_fall(peak: Array, scatter: float, source: str) -> None:
-    """Refuse an amplitude that falls and rises as far again: beats, unless it began from rest."""
+    """Raise an error for an amplitude that falls and rises again as far: beats, unless it began from rest."""
     trough = int(np.argmin(peak))
     before = peak[: trough + 1].max()
     after = peak[trough:].max()
     least = TROUGH * peak.max()
     if min(before, after) - peak[trough] > least + 2.0 * scatter and peak[0] > least:
-        raise DecayError(
-            f"{source}: the amplitude falls from {before:.3g} to {peak[trough]:.3g} and rises again to "
-            f"{after:.3g}: two modes beat; record one alone, or choose the window of one decay."
-        )
+        raise NoDecayError(source, no_decay.falls_and_rises(before, peak[trough], after))
 
 
 def _refuse_beats(swing: Swing, source: str) -> None:
-    """Refuse the fall of a beat: the amplitude falls to nothing, ever faster, and rises again as gradually.
+    """Raise an error for the fall of a beat: the amplitude falls to zero, ever faster, and rises again.
 
-    Where two modes are as strong as each other the sign changes at the node, which ends the run there.
+    If two modes are equally strong, the sign changes at the node, which ends the run there.
     """
     run = swing.run
     peak = swing.halves.peak
@@ -126,58 +111,57 @@ def _refuse_beats(swing: Swing, source: str) -> None:
     if quarter < 1 or rise.size < FEWEST_RISING:
         return
     lasts = swing.halves.duration[run.stop : run.stop + rise.size] / (0.5 * swing.oscillation.period)
-    # In most half periods the motion continues, and in most of them it rises.
+    # In most half periods the motion continues, and in most of them its amplitude rises.
     swings_on = np.mean((lasts > 0.4) & (lasts < 2.5)) > 0.7
-    # Its fall does not slow down: that of the last quarter is no less than this part of that of the first.
+    # The fall does not slow down: in the last quarter it is at least this fraction of that in the first.
     hollow = fall[-quarter - 1] - fall[-1] < 0.8 * (fall[0] - fall[quarter])
     top = int(np.argmax(rise))
     gradual = top >= FEWEST_RISING - 1 and np.mean(np.diff(rise[: top + 1]) > 0.0) > 0.8
     if swings_on and not hollow and gradual and rise[top] > 0.5 * fall[0]:
         instant = swing.halves.crossing[run.stop]
-        raise DecayError(
-            f"{source}: the amplitude falls from {fall[0]:.3g} to {fall[-1]:.3g} at {instant:.4g} s and "
-            f"rises again to {rise[top]:.3g} as gradually: two modes beat; record one alone, or choose "
-            "the window of one decay."
-        )
+        raise NoDecayError(source, no_decay.beats(fall[0], fall[-1], instant, rise[top]))
 
 
 def _without_rises(peak: Array, swing: Swing, source: str) -> Swing:
-    """Refuse an amplitude that rises again, comparing extrema of one sign: a push, or two modes that beat.
+    """Raise an error if the amplitude rises again, for extrema of one sign: a push, or two beating modes.
 
-    A decay that is shaken on at its end, small, and larger again, ends before that.
+    If a small motion at the end of a decay is shaken and becomes larger again, the decay ends before it.
     """
     rises = []
     for side in (0, 1):
         same = peak[side::2]
-        lowest = np.minimum.accumulate(same)
-        larger = np.flatnonzero(same > 1.1 * lowest + 2.0 * swing.oscillation.floor)
-        rises += [(side + 2 * int(larger[0]), float(lowest[larger[0]]))] if larger.size else []
+        larger = _first_rise(same, swing)
+        if larger is not None:
+            rises.append((side + 2 * larger, float(same[:larger].min())))
     if not rises:
         return swing
     rise, lowest_before = min(rises)
     level = float(peak[rise:].max())
     stop = int(np.argmax(peak <= level))
-    # A motion after a decay below this part of its largest amplitude has another cause.
+    # A motion after a decay below this fraction of the largest amplitude has another cause.
     if level <= 0.25 * peak[0] and stop >= FEWEST_EXTREMA:
         return replace(swing, run=slice(swing.run.start, swing.run.start + stop))
     instant = swing.halves.crossing[swing.run.start + rise]
-    raise DecayError(
-        f"{source}: the amplitude rises again at {instant:.4g} s, from {lowest_before:.3g} to "
-        f"{peak[rise]:.3g}; a free decay does not: two modes beat, or it was pushed; end the "
-        "window before, or start it after."
-    )
+    raise NoDecayError(source, no_decay.rises_again(instant, lowest_before, peak[rise]))
 
 
-# A half period is wrong if it differs from its neighbours on both sides by this part, while they continue to
-# decay.
+def _first_rise(peak: Array, swing: Swing) -> int | None:
+    """Return the first extremum of one sign that is larger than one before it; None if there is none."""
+    lowest = np.minimum.accumulate(peak)
+    larger = np.flatnonzero(peak > 1.1 * lowest + 2.0 * swing.oscillation.floor)
+    return int(larger[0]) if larger.size else None
+
+
+# A half period is wrong if its amplitude differs by this fraction from its neighbours on both sides, while
+# these continue to decay.
 WRONG_PART = 0.08
-# Most half periods that are wrong, of so many, and at least; they are no more than a swing or two in a row.
+# Wrong half periods are at most one in this number, and at least this number is allowed; few are consecutive.
 WRONG_OF = 30
 FEWEST_WRONG = 4
 
 
 def wrong_swings(swing: Swing) -> Index:
-    """Return half periods that a sensor shows wrongly, as a tracker that follows something else for a swing.
+    """Return half periods that a sensor shows wrongly, such as a tracker that follows another object.
 
     Parameters
     ----------
@@ -186,8 +170,8 @@ def wrong_swings(swing: Swing) -> Index:
     Returns
     -------
     (wrong,) array of int
-        Their numbers in `swing.halves`. The amplitude is off what those on both sides say, and these are as
-        if nothing had been: after a push they are not.
+        Indices of the wrong half periods in `swing.halves`. Their amplitude differs from that of the
+        neighbours on both sides, while the neighbours continue to decay; after a push they do not.
     """
     none = np.zeros(0, dtype=np.int64)
     run = swing.run
@@ -199,7 +183,7 @@ def wrong_swings(swing: Swing) -> Index:
     scatter = (4.0 * swing.oscillation.smoothed_noise + 0.5 * swing.oscillation.step) / peak
     good = np.ones(count, dtype=bool)
     for _ in range(max(FEWEST_WRONG, count // WRONG_OF) + 1):
-        # The good ones nearest on either side, of one side of the swing, since its middle may be off.
+        # Compare with the nearest good half periods of the same sign, because the middle may be wrong.
         off = np.zeros(count)
         for side in (0, 1):
             kept = np.flatnonzero(good[side::2])
@@ -212,11 +196,14 @@ def wrong_swings(swing: Swing) -> Index:
         good[int(np.argmax(far))] = False
     else:
         return none
+    # The sensor alone is not wrong if the others are no single decay.
+    if any(_first_rise(peak[side::2][good[side::2]], swing) is not None for side in (0, 1)):
+        return none
     return np.flatnonzero(~good) + run.start
 
 
 def _deviation_from_decay(level: Array) -> Array:
-    """Return the deviation of logarithms from their neighbours where these decay; else 0."""
+    """Return the deviation of log amplitudes from their neighbours if these decay; else 0."""
     off = np.zeros(level.size)
     before = level[1:-3]
     after = level[3:-1]
@@ -233,14 +220,14 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     Returns
     -------
     int
-        0 where nothing is clipped.
+        First sample; 0 if nothing is clipped.
     str
         Description of the samples left out, with the reason.
 
     Raises
     ------
-    DecayError
-        Too little is left.
+    NoDecayError
+        Too few half periods remain.
     """
     time = swing.time
     last = -1
@@ -253,17 +240,16 @@ def end_of_clipping(swing: Swing, source: str) -> tuple[int, str]:
     if last < 0:
         return 0, ""
     if swing.run.stop - last - 1 < FEWEST_EXTREMA:
-        wrong = f"{source}: its half periods are clipped at {' or '.join(limits)}, to the end"
-        raise DecayError(f"{wrong}; record with a wider range.")
+        raise NoDecayError(source, no_decay.clipped(limits))
     first = int(np.searchsorted(time, swing.halves.crossing[last + 1]))
     cut = f"the first {time[first] - time[0]:.4g} s, clipped at {' and '.join(limits)}, left out"
     return first, cut
 
 
 def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
-    """Return half periods of one sign that reach the extreme value, if some stay there too long; that value.
+    """Return clipped half periods of one sign, which stay too long at the extreme value, and this value.
 
-    Exactly, or within the noise, which may come after what clips.
+    They stay there exactly, or within the noise, which may be added after clipping.
     """
     halves = swing.halves
     run = swing.run
@@ -283,12 +269,12 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
 
     # Samples at the end of the sensor's range, exactly or within this number of noise levels.
     for width in (1e-9 * height, 6.0 * noise):
-        # A cosine stays within so much of its top for this part of a half period.
+        # Fraction of a half period for which a cosine stays within this distance of its top.
         usual_width = max(width, swing.oscillation.step)
         usual = 2.0 / np.pi * np.arccos(max(0.0, 1.0 - usual_width / height)) * samples
         at_limit = near_limit(width)
-        # A broad top has many more samples somewhat below it (a parabola half of those within four times the
-        # width), a flat one next to none; one flat top of a sign may be chance.
+        # A broad top has many samples slightly below it (a parabola has half of those within four times the
+        # width), a flat top almost none. A single flat top may be chance.
         tops = (at_limit > 1.5 * usual + 1) & (at_limit > 0.75 * near_limit(4.0 * usual_width))
         if np.any(tops & inside) and np.count_nonzero(tops) >= 2:
             return np.flatnonzero((at_limit > 0) & (inside | tops)), limit
@@ -298,7 +284,7 @@ def _clipped(swing: Swing, side: int) -> tuple[Index, float]:
 def before_the_hand(swing: Swing) -> slice | None:
     """Return the run up to the last free half period; None if no hand ends the swing.
 
-    For a record that goes on after its run of half periods otherwise than the swing would.
+    This is for a record that continues differently after its run of half periods.
     """
     run = swing.run
     end = run.stop
@@ -307,14 +293,14 @@ def before_the_hand(swing: Swing) -> slice | None:
         if _disturbed(swing, half):
             end = half
             break
-    # Friction's own arrest also breaks the pace, but at a small amplitude.
+    # The arrest by friction also breaks the pace, but at a small amplitude.
     if end - run.start < 5 or _nearly_stopped(swing, end - 1):
         return None
     return slice(run.start, end)
 
 
 def _disturbed(swing: Swing, half: int) -> bool:
-    """Return true if amplitude or duration leave the course of the half periods of the same sign before."""
+    """Return true if amplitude or duration deviate from the trend of half periods of the same sign before."""
     peak = swing.halves.peak
     duration = swing.halves.duration
     noise = 4.0 * swing.oscillation.smoothed_noise + swing.oscillation.step
@@ -328,8 +314,8 @@ def _disturbed(swing: Swing, half: int) -> bool:
 
 
 def _nearly_stopped(swing: Swing, half: int) -> bool:
-    """Return true if the amplitude, at its pace, is about to end or to be lost in the noise."""
+    """Return true if the amplitude, at its present rate, soon ends or is lost in the noise."""
     peak = swing.halves.peak
     pace = (peak[half - 4] - peak[half]) / 4.0
-    # Friction alone stops a swing that, at its last pace, would end within this number of half periods.
+    # Friction alone stops a swing that would end, at its last rate, within this number of half periods.
     return bool(peak[half] < 4.0 * pace + 4.0 * swing.oscillation.floor)

@@ -10,7 +10,7 @@ from scipy.ndimage import maximum_filter1d
 from sysid_trib.arrays import Array, Index
 
 POINTS_PER_PERIOD = 24
-"""Points a period keeps after smoothing: enough for its crossings, few enough to be quick."""
+"""Number of points per period after smoothing: enough for zero crossings, few enough for speed."""
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class Oscillation:
     Attributes
     ----------
     time, signal : (point,)
-        The averaged signal; a twentyfourth of a period apart where the sampling allows.
+        The averaged signal, with points a twenty-fourth of a period apart if the sampling allows.
     period : s
         Dominant period.
     step : float
@@ -28,7 +28,7 @@ class Oscillation:
     smoothed_noise : float
         White noise of one averaged point.
     samples : int
-        That are averaged in a point.
+        Number of samples averaged in a point.
     """
 
     time: Array
@@ -40,7 +40,7 @@ class Oscillation:
 
     @property
     def floor(self) -> float:
-        """Amplitude below which noise or quantisation could feign a half period."""
+        """Amplitude below which noise or quantisation could imitate a half period."""
         return max(5.0 * self.smoothed_noise, 0.75 * self.step)
 
 
@@ -79,10 +79,10 @@ class HalfPeriods:
 
 
 def noise_level(time: Array, signal: Array) -> float:
-    """Return the white noise of one sample, from sixth differences, in which a smooth motion vanishes.
+    """Return the white noise of one sample, from sixth differences, which a smooth motion does not affect.
 
-    Jittered times get divided differences: taken for even, they would turn motion into noise. Single spikes
-    and the kinks of dry friction are left out.
+    Jittered times require divided differences; equal steps would turn motion into noise. Single spikes and
+    the kinks of dry friction are left out.
     """
     if signal.size < 12:
         return 0.0
@@ -103,7 +103,7 @@ def _divided_difference(time: Array, signal: Array) -> Array:
     near, values = ([array[at : at + count] for at in range(7)] for array in (time, signal))
     difference = np.zeros(count)
     squares = np.zeros(count)
-    # One point after the other: all spacings of a long record at once take a gigabyte.
+    # One point after another: all spacings of a long record at once would take a gigabyte.
     for at in range(7):
         weight = 1.0 / math.prod(near[at] - near[other] for other in range(7) if other != at)
         difference += weight * values[at]
@@ -112,7 +112,7 @@ def _divided_difference(time: Array, signal: Array) -> Array:
 
 
 def quantisation_step(signal: Array) -> float:
-    """Return the smallest spacing between values; that of continuous values is negligible by itself.
+    """Return the smallest spacing between values; for continuous values it is negligible.
 
     Spacings below a millionth of the range are rounding of the quantised values, not their step.
     """
@@ -123,16 +123,16 @@ def quantisation_step(signal: Array) -> float:
 
 
 def noise_of_record(time: Array, signal: Array) -> float:
-    """Return the noise of one sample: white, or that of the quantisation where it is larger."""
+    """Return the noise of one sample: white noise, or that of quantisation if it is larger."""
     return max(noise_level(time, signal), quantisation_step(signal) / np.sqrt(12.0))
 
 
 def dominant_periods(time: Array, signal: Array) -> list[float]:
-    """Return periods of the strongest line by its rate and, if others, by the rate's root and by itself.
+    """Return periods of the strongest line in the rate and, if others, in the rate's root and the signal.
 
-    Holding by hand, lifting and rest are slow: the rate suppresses them, but it lifts mains hum. Empty if no
-    line stands out of the spectrum's median, as it does not in noise. Where none does in the whole, a swing
-    that is soon damped away may in the part in which most happens.
+    Holding by hand, lifting and rest are slow: the rate suppresses them, but amplifies mains hum. The result
+    is empty if no line exceeds the spectrum's median clearly, as in noise. If this holds for the whole
+    record, a soon damped swing may still have a line in the part with most motion.
     """
     good = np.isfinite(signal)
     time = time[good]
@@ -152,17 +152,17 @@ def dominant_periods(time: Array, signal: Array) -> list[float]:
     return []
 
 
-# A record without a strong line is searched in parts that are so many times shorter each, down to so many
-# samples.
+# A record without a strong line is searched in parts that are shorter by this factor each time, down to this
+# number of samples.
 PART = 4
 SHORTEST_PART = 32
 
 
 def _periods_of_lines(signal: Array, interval: float) -> list[float]:
-    """Return the periods of `dominant_periods` of samples with so much time between them."""
+    """Return the periods of `dominant_periods` for samples with this time between them."""
     size = next_fast_len(2 * signal.size, real=True)
     spectrum = np.abs(rfft(signal - np.median(signal), size))[1:]
-    # Few lines are strong: the next steps are done with these only.
+    # Few lines are strong: do the next steps with these only.
     out = np.flatnonzero(~(spectrum < 8.0 * np.median(spectrum)))
     spectrum = spectrum[out]
     index = out + 1
@@ -174,7 +174,7 @@ def _periods_of_lines(signal: Array, interval: float) -> list[float]:
     periods: list[float] = []
     for peak in peaks:
         period = float(size * interval / index[peak])
-        # With times near the smallest number a period may be zero.
+        # With times near the smallest number, a period may become zero.
         if period > 0.0 and not any(0.8 < period / other < 1.25 for other in periods):
             periods.append(period)
     return periods
@@ -197,8 +197,8 @@ def smooth(time: Array, signal: Array, period: float) -> Oscillation:
 def find_half_periods(oscillation: Oscillation, equilibrium: float = 0.0) -> HalfPeriods:
     """Split an oscillation at the zero crossings that lead from one clear side to the other.
 
-    A side is clear beyond a tenth of the local amplitude and beyond noise and quantisation (hysteresis). The
-    middle of several noisy crossings counts.
+    A side is clear beyond a tenth of the local amplitude, and beyond noise and quantisation (hysteresis). Of
+    several noisy crossings, the middle is used.
     """
     time = oscillation.time
     signal = oscillation.signal - equilibrium
@@ -230,9 +230,9 @@ def _middle_crossing(time: Array, signal: Array, before: Index, after: Index) ->
 
 
 def regular_run(halves: HalfPeriods, period: float) -> slice:
-    """Return run of whole half periods with steady durations that covers the most travel, of all of a record.
+    """Return the run of whole half periods with steady durations that covers the longest travel.
 
-    Rest, lifting and holding last too long or too short to belong to it, as does a stuck tail.
+    Rest, lifting, holding and a stuck tail last too long or too short to belong to it.
     """
     half = halves.duration / (0.5 * period)
     fits = (half > 0.4) & (half < 2.5)

@@ -19,27 +19,27 @@ from sysid_trib.records.runs import RecordLike
 EnvelopeCurve: TypeAlias = Literal["half-sines", "analytic-signal"]
 
 IMPULSES = 8
-"""Impulses in each half period that stand for white acceleration."""
+"""Number of impulses in each half period that represent white acceleration."""
 SPAN = 4
-"""Half periods before and after an impulse whose extrema it moves otherwise than for good."""
-# Relative to the amplitude of the swing.
+"""Number of half periods before and after an impulse whose extrema have a transient response."""
+# Size of a test impulse, relative to the amplitude of the swing.
 IMPULSE_SIZE = 1e-5
 
 
 def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[Array, Array, Array, Array]:
     """Fit the extrema of all half periods by half-sines b cos(w (t - t_b)) through three or more at once.
 
-    The results are those of `analytic_extrema`. w is the frequency between the neighbouring extrema, the
-    paper's w_i, found in a few rounds: a w free in each half period would cost precision of b and gain
-    nothing. A sample next to a zero crossing counts by the fraction of its cell inside, so that the fit does
-    not depend on where samples fall.
+    The results are those of `analytic_extrema`. w is the frequency between the neighbouring extrema, w_i in
+    the paper, and is found in a few rounds. Fitting w separately in each half period would reduce the
+    precision of b and gain nothing. A sample next to a zero crossing counts by the fraction of its cell
+    inside, so that the fit does not depend on the positions of the samples.
     """
     sample, half, weight, first = _cells(time, halves)
     middle = 0.5 * (halves.crossing[1:] + halves.crossing[:-1])
     s = time[sample] - middle[half]
     y = angle[sample]
     w: Array = np.pi / halves.duration
-    # The third round moves the frequency by less than 1e-6 of itself.
+    # The third round changes the frequency by less than 1e-6 of its value.
     for _ in range(3):
         phase = w[half] * s
         cc, cs, ss, cy, sy = equilibrium.harmonic_sums(phase, y, weight, first)
@@ -51,7 +51,7 @@ def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[
         inner = 2.0 * np.pi / (instant[2:] - instant[:-2])
         w = np.clip(np.concatenate((inner[:1], inner, inner[-1:])), 0.7 * used, 1.4 * used)
     extremum = np.copysign(np.hypot(p, q), p)
-    # Standard errors of (p, q) at unit noise, carried over to b and its time.
+    # Standard errors of (p, q) at unit noise, propagated to b and its time.
     covariance = np.linalg.inv(normal)
     to_b = np.stack([p, q], axis=-1) / extremum[:, None]
     to_t = np.stack([-q, p], axis=-1) / (extremum**2 * used)[:, None]
@@ -60,7 +60,7 @@ def _half_sine_extrema(time: Array, angle: Array, halves: HalfPeriods) -> tuple[
 
 
 def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index]:
-    """Return samples whose cells touch each half period: number, half period, part inside, first of each."""
+    """Return samples whose cells touch each half period: index, half period, part inside, first of each."""
     edge = np.concatenate(([time[0]], 0.5 * (time[1:] + time[:-1]), [time[-1]]))
     edge[0] -= 0.5 * (time[1] - time[0])
     edge[-1] += 0.5 * (time[-1] - time[-2])
@@ -73,20 +73,20 @@ def _cells(time: Array, halves: HalfPeriods) -> tuple[Index, Index, Array, Index
 
 
 def sample_responses(decay: xr.Dataset, extremum_time: Array) -> sp.csr_matrix:
-    """Compute how each sample moves extrema and times of the half-sines, (2 half periods, sample).
+    """Compute the effect of each sample on extrema and times of the half-sines, (2 half periods, sample).
 
     Parameters
     ----------
     decay : Dataset
         `angle(time)` about its equilibrium, as `envelope` takes it.
     extremum_time : (half_period,) array of float, s
-        Half periods to compute, one after the other.
+        Times of the extrema of consecutive half periods.
 
     Returns
     -------
     sparse array of float
         Derivatives of the extrema (positive), then of their times (s per unit of the signal), to first order.
-        The frequency of each half-sine is held: an extremum hardly depends on it.
+        The frequency of each half-sine is held, because an extremum hardly depends on it.
     """
     time, angle, halves = equilibrium.with_half_periods(decay)
     signed, instant, *_ = _half_sine_extrema(time, angle, halves)
@@ -119,37 +119,37 @@ def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Datas
     Parameters
     ----------
     decay
-        ``angle(time)`` about its equilibrium, as `free_decay` returns it. One without its marks is taken as
-        it is.
+        ``angle(time)`` about its equilibrium, as `free_decay` returns it. A record without its attributes is
+        used as it is.
     curve
         Curve that gives the extrema: ``half-sines``, or the ``analytic-signal`` (see `analytic_extrema`).
 
     Returns
     -------
     Dataset. Over ``half_period``: ``extremum`` (b, positive), ``sign``, ``extremum_time`` (t). Over
-    ``instant``, the half periods but the first and last: ``instant_time`` = t[i], ``amplitude`` = (b[i+1] +
-    b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]), ``frequency`` = 2 pi/(t[i+1] -
-    t[i-1]); each with its ``..._standard_error``. And ``white_noise``, that of one sample. Amplitudes
-    have the unit of the decay.
+    ``instant``, the half periods except the first and last: ``instant_time`` = t[i],
+    ``amplitude`` = (b[i+1] + b[i-1])/2, ``amplitude_rate`` = (b[i+1] - b[i-1])/(t[i+1] - t[i-1]),
+    ``frequency`` = 2 pi/(t[i+1] - t[i-1]); each with its ``..._standard_error``. Scalar: ``white_noise`` of
+    one sample. Amplitudes have the unit of the decay.
 
     Raises
     ------
     DecayError
-        Fewer than three half periods, or too few samples in each.
+        There are fewer than three half periods, or too few samples in each.
     UsageError
-        A curve of another name.
+        There is no curve of this name.
 
     Notes
     -----
-    A half period cut off by an end of the record is left out: what remains of it decays less, so that its
-    half-sine differs from its neighbours' by more than the noise (a fifth missing: its time by 1e-3 half
-    periods).
+    A half period cut off by an end of the record is left out: its remaining part decays less, so that its
+    half-sine differs from the neighbouring ones by more than the noise (with a fifth missing, its time by
+    1e-3 half periods).
 
-    The noise is that of sixth differences, or the quantisation's if that is larger. Where successive extrema
-    (their times) scatter about a smooth course by clearly more than this noise explains (waves, a wandering
-    camera), all their standard errors are raised by that ratio, as the attrs say. They do not cover that a
-    decaying, not quite harmonic half period is no half-sine: b and t then carry an error that varies slowly
-    from one half period to the next, of a few 1e-3 b in the paper's run.
+    The noise is that of sixth differences, or that of quantisation if it is larger. If successive extrema (or
+    their times) scatter about a smooth curve by clearly more than this noise explains (waves, a moving
+    camera), all their standard errors are multiplied by this ratio, as the attributes state. The standard
+    errors do not cover a further error: a decaying, not quite harmonic half period is not a half-sine. This
+    error of b and t varies slowly from one half period to the next, and is a few 1e-3 b in the paper's run.
     """
     if curve not in EXTREMA:
         raise UsageError(f"curve='{curve}' is neither 'half-sines' nor 'analytic-signal'.")
@@ -175,21 +175,21 @@ def envelope(decay: RecordLike, curve: EnvelopeCurve = "half-sines") -> xr.Datas
 
 
 def _scatter_ratio(value: Array, error: Array, decay_ratio: float) -> float:
-    """Return the scatter of values over their errors; 1 where the excess may be chance.
+    """Return the scatter of values over their errors; 1 if the excess may be chance.
 
-    `decay_ratio` : of extrema a period apart. Differences are between half periods of one sign: whatever
-    differs between the two sides cancels in every instant, and is no scatter. They leave nothing of a line
-    (solid friction), of a geometric decay (viscous friction), nor of their sum.
+    `decay_ratio` : ratio of extrema a period apart. Differences are taken between half periods of one sign: a
+    difference between the two sides cancels in every instant and is not scatter. They vanish for a line
+    (solid friction), for a geometric decay (viscous friction), and for the sum of both.
     """
-    # A few differences, which span eight half periods, decide nothing.
+    # A few differences, which span eight half periods, do not determine the scatter.
     if value.size < 15:
         return 1.0
     weights = np.convolve([1.0, 0.0, -2.0, 0.0, 1.0], [1.0, 0.0, -2.0 * decay_ratio, 0.0, decay_ratio**2])
     difference = np.convolve(value, weights, "valid")
     expected = np.sqrt(np.convolve(error**2, weights**2, "valid"))
     ratio = float(1.4826 * np.median(np.abs(difference) / np.maximum(expected, 1e-300)))
-    # White noise scatters by more than 1 + this over sqrt(differences) in one record of a thousand, however
-    # long.
+    # In one record of a thousand, white noise scatters by more than 1 + this over sqrt(differences), for any
+    # length.
     return ratio if ratio > 1.0 + 6.5 / np.sqrt(value.size - 8) else 1.0
 
 
@@ -228,20 +228,20 @@ def _impulse_response(curve: EnvelopeCurve) -> tuple[Array, Array]:
     Returns
     -------
     lasting : (impulse, 2) array of float
-        Of impulses of unit size in v = theta'/w, in the half period after extremum 0, what stays for good:
-        amplitude and phase of the swing.
+        Lasting effect of unit impulses in v = theta'/w, in the half period after extremum 0, on amplitude and
+        phase of the swing.
     passing : (impulse, 2 SPAN, 2) array of float
-        What extrema 1 - SPAN to SPAN differ by from the swing's at their times: before the impulse from the
-        old swing, after it from the new one. The last axis
-        holds the extremum (rad), and its time times amplitude and w (rad).
+        Deviation of extrema 1 - SPAN to SPAN from those of the swing at their times: before the impulse from
+        the old swing, after it from the new one. The last axis contains the extremum (rad), and its time
+        multiplied by amplitude and w (rad).
 
     Notes
     -----
     With x = a cos(phi), v = -a sin(phi), an impulse of v at the phase phi adds -sin(phi) to a, and
-    -cos(phi)/a to the phase. A curve through the half period of the impulse takes part of it, found here by
-    trying.
+    -cos(phi)/a to the phase. A curve through the half period of the impulse contains part of its effect,
+    which is found here by a numerical experiment.
     """
-    # Half periods around the one with the impulse, and samples of each.
+    # Number of half periods around the impulse, and of samples in each.
     around = 10
     samples = 64
     number = np.arange(-around, around + 2)
@@ -273,13 +273,13 @@ def half_period_responses(measured: xr.Dataset) -> tuple[sp.csr_matrix, sp.csr_m
     # White acceleration adds density/2 * time to the variance of theta' = w v, w = pi/duration.
     size = np.sqrt(0.5 * duration**3 / (np.pi**2 * IMPULSES))
 
-    # First for extrema, then for their times.
+    # First the extrema, then their times.
     of_half_period = np.stack([size, size * (duration / np.pi)])
     of_extremum = np.stack([np.ones(count), 1.0 / b])
 
     def matrix(offsets: Index, parts: Array) -> sp.csr_matrix:
         """Return responses (offset, impulse, 2) of the extremum `offset` half periods after an impulse."""
-        # The half period between extrema i - 1 and i has the number i.
+        # The half period between extrema i - 1 and i has the index i.
         half = np.arange(count) + 1 - offsets[:, None]
         which, extremum = np.nonzero((half >= 0) & (half <= count))
         half = half[which, extremum]

@@ -25,14 +25,15 @@ def as_record(given: Any) -> Any:
     Parameters
     ----------
     given : Dataset, DataArray, pandas Series or DataFrame, dict, (t, angle), or (sample, 2) array
-        Over time, or with a column of times; of a DataFrame or dict of columns the column `angle`, or the
-        only one that is one or is there; of an array, whose other dimension counts samples, times and angles.
-        Names say units as in files, `time (ms)`, `angle (deg)`. Anything else comes back as it is.
+        An object over time, or with a column of times. In a DataFrame or dict of columns, the signal is the
+        column `angle`, or the only one that is an angle, or the only one. An array has samples along one
+        dimension; the other contains times and angles. Names may state units as in files, `time (ms)`,
+        `angle (deg)`. Any other object is returned unchanged.
 
     Raises
     ------
     UsageError
-        It is not clear what the signal is, there are no times, or their unit cannot be the right one.
+        The signal is not clear, there are no times, or their unit is implausible.
     """
     if isinstance(given, Mapping) and not isinstance(given, xr.Dataset | xr.DataTree):
         given = pd.DataFrame(dict(given))
@@ -42,7 +43,7 @@ def as_record(given: Any) -> Any:
         name = ANGLE if given.name is None else given.name
         return _of_columns(_of_index(given.index, "Series"), _column(name, given), "Series")
     if isinstance(given, np.ndarray):
-        # A matrix has columns of two dimensions; a value that is masked is missing.
+        # A matrix has columns of two dimensions; masked values are missing.
         plain = np.ma.filled(given.astype(float), np.nan) if np.ma.isMaskedArray(given) else np.asarray(given)
         if plain.ndim == 2 and plain.shape[0] == 2 and plain.shape[1] > 2:
             plain = plain.T
@@ -64,14 +65,14 @@ def as_record(given: Any) -> Any:
 
 
 def is_pair(given: Any) -> bool:
-    """Return true if something is times and angles, two columns of numbers or dates of one length."""
+    """Return true if an object is times and angles: two columns of numbers or dates of equal length."""
     if not isinstance(given, tuple | list) or len(given) != 2:
         return False
     return all(_is_column(part) for part in given)
 
 
 def _is_column(given: Any) -> bool:
-    """Return true if something is a column of numbers or dates, and no record by itself."""
+    """Return true if an object is a single column of numbers or dates instead of a record."""
     if isinstance(given, np.ndarray | xr.DataArray):
         return given.ndim == 1
     if isinstance(given, pd.Series | pd.Index):
@@ -80,12 +81,12 @@ def _is_column(given: Any) -> bool:
 
 
 def _of_pair(times: Any, signal: Any) -> xr.Dataset:
-    """Make the record of times and a signal; what they are called says their units.
+    """Return the record of times and a signal; their names state their units.
 
     Raises
     ------
     UsageError
-        They are not of one length.
+        Their lengths differ.
     """
     if len(times) != len(signal):
         raise UsageError(
@@ -101,14 +102,14 @@ def _of_pair(times: Any, signal: Any) -> xr.Dataset:
 
 
 def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
-    """Return the record that is given, or the list of several, as Datasets with `angle(time)`.
+    """Return the given record, or the list of several, as Datasets with `angle(time)`.
 
     Parameters
     ----------
     given : RecordsLike
         A record as `as_record` takes it, or several of them.
     function : str
-        The function that takes it, for the message.
+        Name of the calling function, for the message.
 
     Returns
     -------
@@ -117,7 +118,7 @@ def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
     Raises
     ------
     UsageError
-        Something else, or a record without times.
+        The argument is another object, or a record without times.
     """
     if _is_record(given):
         return _checked_record(given, function)
@@ -127,14 +128,14 @@ def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
 
 
 def one_record(given: Any, function: str) -> xr.Dataset:
-    """Return the one record that is given, as `as_decays` does.
+    """Return the one given record, as `as_decays` does.
 
     Parameters
     ----------
     given : RecordsLike
         A record as `as_record` takes it.
     function : str
-        The function that takes it, for the message.
+        Name of the calling function, for the message.
 
     Returns
     -------
@@ -143,7 +144,7 @@ def one_record(given: Any, function: str) -> xr.Dataset:
     Raises
     ------
     UsageError
-        Something else, or several records.
+        The argument is another object, or several records.
     """
     records = as_decays(given, function)
     runs = [records] if isinstance(records, xr.Dataset) else records
@@ -153,7 +154,7 @@ def one_record(given: Any, function: str) -> xr.Dataset:
 
 
 def _is_record(given: Any) -> bool:
-    """Return true if something stands for one record."""
+    """Return true if an object represents one record."""
     if isinstance(given, xr.Dataset | xr.DataArray | pd.DataFrame | pd.Series | np.ndarray):
         return True
     if isinstance(given, Mapping) and not isinstance(given, xr.DataTree):
@@ -163,7 +164,7 @@ def _is_record(given: Any) -> bool:
 
 
 def _checked_record(given: Any, function: str) -> xr.Dataset:
-    """Return one record as a Dataset, or say what it is instead."""
+    """Return one record as a Dataset; raise an error that describes any other object."""
     if isinstance(given, str | os.PathLike):
         raise UsageError(
             f"{function} takes a record, not the name of a file; read it: "
@@ -192,7 +193,7 @@ def _kind(given: Any) -> str:
 
 
 def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
-    """Make the record of a DataFrame: its times are a column or the index."""
+    """Return the record of a DataFrame; its times are a column or the index."""
     columns = {name: _column(name, frame.iloc[:, at]) for at, name in enumerate(frame.columns)}
     exact = [column for name, column in columns.items() if name == TIME]
     index_is_time = isinstance(frame.index, pd.DatetimeIndex | pd.TimedeltaIndex) or (
@@ -204,7 +205,7 @@ def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
         raise UsageError(f"Which column holds the times? Name it time; there are {listed}.")
     time = named[0] if named else _of_index(frame.index, "DataFrame")
     others = [column for column in columns.values() if column is not time]
-    # The name as it is, the name without its unit, or the only angle by unit or by name.
+    # Try the name as it is, the name without its unit, and the only angle by unit or by name.
     for pool in (
         [column for column in others if column.name == ANGLE],
         [column for column in others if column.base == ANGLE],
@@ -218,17 +219,17 @@ def _of_frame(frame: pd.DataFrame) -> xr.Dataset:
 
 
 def _names_time(column: Column) -> bool:
-    """Return true if a header is that of times; a short one, `t`, too."""
+    """Return true if a header is that of times, also a short one such as `t`."""
     return column.is_dated or lab.is_time(column.base, lab.plain_unit(column.stated))
 
 
 def _of_index(index: pd.Index, kind: str) -> Column:
-    """Take the times that an index holds.
+    """Return the times in an index.
 
     Raises
     ------
     UsageError
-        It counts the rows, and nothing names it as times.
+        The index counts the rows, and no name shows that it contains times.
     """
     if isinstance(index, pd.MultiIndex):
         raise UsageError(f"The index of this {kind} has several levels; make the times alone its index.")
@@ -244,7 +245,7 @@ def _of_index(index: pd.Index, kind: str) -> Column:
 
 
 def _column(name: Hashable, values: Any) -> Column:
-    """Put values under a name, in which a unit may stand; dates with a time zone become those of UTC."""
+    """Return the column of some values under a name that may contain a unit, with dates in UTC."""
     stated = str(getattr(values, "attrs", {}).get("units", ""))
     if isinstance(values, pd.PeriodIndex):
         values = values.to_timestamp()
@@ -257,13 +258,13 @@ def _column(name: Hashable, values: Any) -> Column:
 
 
 def _of_columns(time: Column, signal: Column, kind: str) -> xr.Dataset:
-    """Make the record of a column of times and one of the signal.
+    """Return the record of a column of times and one of the signal.
 
     Raises
     ------
     UsageError
-        A unit of the times that is unknown, a period that no laboratory has in s, or a signal that is no
-        angle and no displacement.
+        The unit of the times is unknown, no laboratory has such a period in s, or the signal is neither an
+        angle nor a displacement.
     """
     stated = "" if time.is_dated else lab.plain_unit(time.stated)
     if stated and stated not in lab.TIME_UNITS:
@@ -289,7 +290,7 @@ def _of_columns(time: Column, signal: Column, kind: str) -> xr.Dataset:
 
 
 def _of_data_array(given: xr.DataArray) -> xr.Dataset:
-    """Make the record of a DataArray over one dimension; its names say units that its attrs do not state."""
+    """Return the record of a DataArray over one dimension; names may state units that attrs do not."""
     dim = given.dims[0]
     name = ANGLE if given.name is None else given.name
     record = given.rename({dim: TIME}).rename(ANGLE).to_dataset()
@@ -309,12 +310,12 @@ def _of_data_array(given: xr.DataArray) -> xr.Dataset:
 
 
 def _in_numbers(record: xr.Dataset) -> xr.Dataset:
-    """Convert dates of a Dataset to s from the first on, and numbers to the machine's order of bytes.
+    """Convert dates of a Dataset to s from the first on, and numbers to the native byte order.
 
     Raises
     ------
     UsageError
-        Some of its clocks hold dates and others numbers.
+        Some of its clocks contain dates and others numbers.
     """
     clocks = [str(name) for name in record.coords if name == TIME or str(name).endswith("_time")]
     dated = [name for name in clocks if record[name].dtype.kind == "M"]

@@ -1,4 +1,4 @@
-"""Known inputs: what was measured with the motion and drives it, a polynomial from sample to sample."""
+"""Known inputs: measured with the motion, they drive it; polynomials from sample to sample."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,11 +20,11 @@ from sysid_trib.records.roles import INPUT, input_label, input_names
 from sysid_trib.records.signal import checked_signal, unit_of_signal
 
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
-# Suffix of the signal's unit in the unit of an input of a kind.
+# Suffix of the signal's unit in the unit of an input, by its kind.
 PER_KIND = {"displacement": "", "rate": "/s", "acceleration": "/s^2"}
-# The library of the forces of inputs.
+# Name of the library with the forces of inputs.
 SHIPPED = "inputs"
-# Degree of the spline: `smooth` leaves out less than a hundredth of a signal of three samples a period.
+# Degree of the spline. The error of `smooth` is below a hundredth for a signal with three samples a period.
 BETWEEN_SAMPLES = {"linear": 1, "held": 0, "cubic": 3, "smooth": 7}
 
 
@@ -37,15 +37,15 @@ class KnownInput:
     elapsed : (sample,) array of float, s
         Time since the first sample of the record, increasing.
     values : (sample,) array of float
-        At the samples; held beyond the last.
+        Values at the samples; the last value continues beyond the record.
     between : str
-        `linear`, `held` (as what a converter puts out), or a spline: `cubic`, or `smooth` (of degree 7, as of
-        a signal that was measured without aliasing).
+        `linear`, `held` (such as the output of a converter), or a spline: `cubic`, or `smooth` (of degree 7,
+        for a signal that was measured without aliasing).
 
     Raises
     ------
     UsageError
-        Numbers that are not finite, or another word for what is between them.
+        A value is not finite, or `between` is another word.
     """
 
     elapsed: Array
@@ -64,7 +64,7 @@ class KnownInput:
         degree = BETWEEN_SAMPLES[self.between]
         degree = degree if degree < len(self.elapsed) else 1
         spline = make_interp_spline(self.elapsed, self.values, degree)
-        # Without the empty pieces between the knots that are repeated at either end.
+        # Leave out the empty pieces between repeated knots at either end.
         knots = np.unique(spline.t)
         powers = PPoly.from_spline(spline).c[:, degree : -max(1, degree)]
         whole = np.pad(powers, ((0, 0), (1, 1)))
@@ -74,7 +74,7 @@ class KnownInput:
 
     @property
     def bends(self) -> Array:
-        """Times at which another polynomial begins, (knot,), s."""
+        """Times at which the polynomial changes, (knot,), s."""
         return np.asarray(self._polynomials[0].x[1:-1])
 
     def of(self, elapsed: ArrayLike, order: int = 0) -> Array:
@@ -83,7 +83,7 @@ class KnownInput:
         degree = BETWEEN_SAMPLES[self.between]
         inside = np.clip(np.asarray(elapsed, dtype=float), polynomial.x[0], polynomial.x[-1])
         if degree > 1:
-            # A derivative at the last sample is that before it, not that of the held value after it.
+            # A derivative at the last sample is that before it, not that of the value held after it.
             inside = np.where(inside == self.elapsed[-1], np.nextafter(inside, -np.inf), inside)
         values = polynomial(inside)
         if degree <= order:
@@ -93,7 +93,7 @@ class KnownInput:
     def polynomials(self, knots: Array, frequency: float, order: int = 0) -> Array:
         """Return polynomials from each knot (tau = w t) on, by powers of tau since it, (knot, power)."""
         polynomial = self._polynomials[order]
-        # Rounding must not take a knot for the polynomial that ends there.
+        # Rounding must not assign a knot to the polynomial that ends there.
         here = knots / frequency * (1.0 + 8e-16)
         degrees = range(polynomial.c.shape[0])
         powers = [polynomial(here, degree) / math.factorial(degree) for degree in degrees]
@@ -101,12 +101,12 @@ class KnownInput:
 
 
 def named_inputs(given: str | Sequence[str] | Mapping[str, str | int] | None) -> dict[str, str | int]:
-    """Return input columns by names in forces: a single one is `u`, each of several `NAME=COLUMN`.
+    """Return input columns by their names in forces: a single one is `u`, several are `NAME=COLUMN`.
 
     Raises
     ------
     UsageError
-        Several columns without names.
+        There are several columns without names.
     """
     if given is None or isinstance(given, Mapping):
         return dict(given or {})
@@ -144,15 +144,16 @@ def inputs_of(record: xr.Dataset) -> dict[str, KnownInput]:
     Parameters
     ----------
     record : Dataset
-        `angle(time)`, and inputs over `time`, or over a time of their own; attrs of each: `units`, `between`
-        (see `KnownInput`). `input(time)` is an acceleration in the signal's unit over s^2 that acts.
+        `angle(time)`, and inputs over `time` or over times of their own. Attributes of each: `units`,
+        `between` (see `KnownInput`). `input(time)` is an acceleration in the signal's unit over s^2, which
+        acts directly.
 
     Raises
     ------
     UsageError
-        `input` says no unit, or another one: a torque or a voltage is no acceleration.
+        `input` states no unit, or another one: a torque or a voltage is not an acceleration.
     DecayError
-        One is not a finite number at each time, or does not reach over the record.
+        An input is not a finite number at each time, or does not cover the record.
     """
     return {name: _input(record, name) for name in input_names(record)}
 
@@ -170,7 +171,7 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
         )
     start = float(record.time.values[0])
     time = given[str(given.dims[0])].values.astype(float)
-    # Two clocks of large numbers have the same instant up to their rounding.
+    # Rounding within which two clocks with large numbers show the same instant.
     rounding = 1e-3 * float(np.median(np.diff(record.time.values.astype(float))))
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
@@ -182,20 +183,20 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))
 
 
-# Levels of a signal that is switched, such as a square wave: more are the steps of a converter.
+# Most levels of a switched signal, such as a square wave; more are the steps of a converter.
 MOST_LEVELS = 8
 
 
 def usual_between(values: Array) -> str:
     """Return the usual interpolation of an input: smooth, or held if it moves in steps.
 
-    A held input stands still between most samples, and its changes are leaps: of more than a step of the
-    sensor, or from one level to another of a few. A smooth signal in a coarse step, or a pulse, is smooth.
+    A held input is constant between most samples, and its changes are jumps: larger than a step of the
+    sensor, or between a few levels. A smooth signal with coarse steps, or a pulse, is smooth.
     """
     moves = np.diff(values)
     changes = np.flatnonzero(moves)
     if len(changes) == 1 and np.unique(values).size == 2:
-        # A switch that is thrown once.
+        # A switch that is operated once.
         return "held"
     if len(changes) < 2 or 2 * len(changes) > len(moves):
         return "smooth"
@@ -216,10 +217,10 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
     Raises
     ------
     UsageError
-        A force holds an input that the record lacks, the record has one that no force holds, or one is not of
-        the kind that the library says.
+        A force contains an input that the record lacks, the record has an input that no force contains, or an
+        input is not of the kind that the library states.
     DecayError
-        See `inputs_of`.
+        As in `inputs_of`.
     """
     inputs = inputs_of(record)
     refuse_unused(inputs, library, {name: input_label(record, name) for name in inputs})
@@ -250,7 +251,7 @@ def refuse_unused(
     Raises
     ------
     UsageError
-        It would have no effect.
+        The input would have no effect.
     """
     for name in inputs:
         if name != INPUT and name not in library.inputs:
@@ -267,12 +268,12 @@ def refuse_unused(
 
 
 def refuse_inputs(record: xr.Dataset) -> None:
-    """Raise an error for a known input in a function of free motions.
+    """Raise an error if a function of free motions is called with a known input.
 
     Raises
     ------
     UsageError
-        The record has one, other than zero.
+        The record has an input that is not zero.
     """
     names = [name for name, given in inputs_of(record).items() if np.any(given.values)]
     if names:
@@ -283,7 +284,7 @@ def refuse_inputs(record: xr.Dataset) -> None:
         )
 
 
-# An input that varies by less than this part of its size is constant.
+# Relative variation below which an input is constant.
 CONSTANT_WITHIN = 1e-12
 
 
@@ -292,7 +293,7 @@ def is_constant(values: Array) -> bool:
     return bool(np.ptp(values) <= CONSTANT_WITHIN * np.max(np.abs(values), initial=0.0))
 
 
-# A mean of this part of the standard deviation of a rate, or less, is a bias of the sensor.
+# If the mean of a rate is below this fraction of its standard deviation, it is a bias of the sensor.
 BIAS_PART = 0.1
 
 

@@ -22,10 +22,10 @@ class Piece(NamedTuple):
     Attributes
     ----------
     time : (sample,) array of float, s
-        In steps that differ by 2 % at most.
+        Times with steps that differ by at most 2 %.
     signal : (sample,) array of float
     changes : str
-        Changes that made the steps even; empty if they were even.
+        Description of the changes that made the steps uniform; empty if they were uniform.
     """
 
     time: Array
@@ -39,18 +39,18 @@ def uniform_pieces(time: Array, signal: Array, period: float, breaks: tuple[floa
     Parameters
     ----------
     time : (sample,) array of float, s
-        Rising, in any steps.
+        Increasing times, with any steps.
     signal : (sample,) array of float
     period : float, s
-        Period of the oscillation: a gap of more than a quarter of it parts the record.
+        Period of the oscillation: a gap longer than a quarter of it divides the record.
     breaks : tuple of float, s
-        Further times at which a piece starts.
+        Additional times at which a piece starts.
 
     Notes
     -----
-    Where steps differ by more than 2 %, samples on a uniform grid are those of the cubic spline through the
-    measured ones. In a short gap they are those of the polynomial of degree 7 that fits a quarter of a period
-    on either side best. The mean step stays, and so does the density of the noise at low frequency.
+    If steps differ by more than 2 %, samples on a uniform grid are interpolated by the cubic spline through
+    the measured ones. In a short gap they follow the polynomial of degree 7 that best fits a quarter of a
+    period on either side. The mean step is unchanged, and so is the density of the noise at low frequency.
     """
     steps = np.diff(time)
     usual = usual_step(steps)
@@ -70,7 +70,7 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
     for start in np.flatnonzero(np.diff(time) > PARTED_STEP * usual):
         low = time[start]
         high = time[start + 1]
-        # The samples at its ends are there: by rounding a point of the grid may be after one.
+        # Include the samples at the ends of a gap: rounding may move a grid point beyond one of them.
         inside = (grid > low + 0.5 * usual) & (grid < high - 0.5 * usual)
         near = (time >= low - LONGEST_FILLED * period) & (time <= high + LONGEST_FILLED * period)
         if np.count_nonzero(near) > 2 * FILL_DEGREE:
@@ -92,7 +92,7 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
     Parameters
     ----------
     time : (sample,) array of float, s
-        Rising.
+        Increasing times.
     signal : (sample,) array of float
     period : float, s
         Period of the oscillation.
@@ -100,13 +100,13 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
     Returns
     -------
     (sample,) array of float
-        In the signal's unit times s.
+        Integral, in the signal's unit times s.
 
     Notes
     -----
-    The antiderivative of the quintic spline through the samples, less its drift: the slow part of the least
-    squares fit of splines (knots two periods apart) times 1, cos and sin. Without the waves the ends of the
-    swing would pass for drift.
+    It is the antiderivative of the quintic spline through the samples, minus its drift. The drift is the slow
+    part of a least-squares fit of splines (knots two periods apart) times 1, cos and sin. Without cos and
+    sin, the ends of the swing would count as drift.
     """
     centred = signal - np.median(signal)
     spline = make_interp_spline(time, centred, 5) if time.size > 6 else CubicSpline(time, signal)
@@ -115,12 +115,13 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
 
 
 def _drift(time: Array, signal: Array, period: float) -> Array:
-    # Periods between the knots of drift and envelope: slower than the swing, faster than the drift of a bias.
+    # Periods between the knots of drift and envelope: longer than the swing, shorter than the drift of a
+    # bias.
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
     waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
-    # The columns of each spline are adjacent: the normal equations are banded, and the solution time is
+    # The columns of each spline are adjacent, so the normal equations are banded, and the solution time is
     # proportional to the number of periods.
     columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
     splines = slow.shape[1]
@@ -128,14 +129,14 @@ def _drift(time: Array, signal: Array, period: float) -> Array:
     normal = design.T @ design
     width = len(waves) * (DRIFT_DEGREE + 1)
     band = np.stack([np.pad(normal.diagonal(-k), (0, k)) for k in range(width)])
-    # With few samples a wave may be a sum of others: smaller parts than this are ignored.
+    # With few samples a column may be a sum of others: pivots below this fraction are ignored.
     band[0] += SMALLEST_PIVOT * band[0].max()
     solution = solveh_banded(band, design.T @ signal, lower=True)
     return np.asarray(slow @ solution[:: len(waves)])
 
 
 def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any, Any]) -> Array:
-    """Return angle or displacement of a measured quantity, about its mean, as the record's attrs state it.
+    """Return the angle or displacement of a measured quantity, about its mean, by the record's attributes.
 
     Parameters
     ----------
@@ -143,8 +144,8 @@ def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any,
     period : float, s
         Period of the oscillation.
     attrs : mapping
-        `integrations`, how often it is integrated; `felt_per_sine` of an accelerometer on a pendulum, which
-        feels so much times the sine of the angle.
+        `integrations`, the number of integrations; `felt_per_sine` for an accelerometer on a pendulum, its
+        reading per sine of the angle.
     """
     for _ in range(int(attrs["integrations"])):
         measured = integrated(time, measured, period)

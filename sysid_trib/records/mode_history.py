@@ -8,9 +8,9 @@ from sysid_trib.arrays import Array
 from sysid_trib.records.mode_search import Ringing
 from sysid_trib.records.ringing import Component, common_shape
 
-# Points of a history within each spline of its envelope, and the fewest splines.
+# Number of points of a history per spline of its envelope, and the least number of splines.
 POINTS_A_SPLINE, FEWEST_POINTS = 8, 8
-# An amplitude rises again if it does so by this part, and by so many standard errors.
+# An amplitude rises again if the rise exceeds this fraction and this number of standard errors.
 RISE, RISE_ERRORS = 0.05, 8.0
 RISE_MEANS = "modes exchange energy, or another mode is too near to be separated"
 
@@ -22,9 +22,9 @@ class History:
     Attributes
     ----------
     time, phase, amplitude : (point,) array of float
-        s, rad, and in the unit of the sensor where it is largest.
+        In s, rad, and in the unit of the sensor at which the mode is largest.
     error : (point,) array of float
-        Standard error of the phase, and of the amplitude as a part of it, as if points were independent.
+        Standard error of the phase, and relative error of the amplitude, as if points were independent.
     """
 
     time: Array
@@ -40,9 +40,9 @@ class Rise:
     Attributes
     ----------
     low, high : float
-        Amplitudes between which it rises.
+        Amplitudes at the begin and the end of the rise.
     time : float, s
-        After the blow, of the larger one.
+        Time of the larger amplitude after the blow.
     """
 
     low: float
@@ -72,7 +72,7 @@ def history_of(component: Component, ringing: Ringing) -> History:
         time=points * ringing.interval,
         phase=phase + np.unwrap(np.angle(common)),
         amplitude=size * largest,
-        # Points within one spline are no further knowledge.
+        # Points within one spline are not independent.
         error=np.sqrt(POINTS_A_SPLINE) * component.error_at(points) / np.abs(common),
     )
 

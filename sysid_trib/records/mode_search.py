@@ -18,40 +18,41 @@ from sysid_trib.records.ringing import (
     with_common_part,
 )
 
-# A blow is where the signals reach this part of their largest value first; the ringing is free so many
-# samples, or such a part of the record, later.
+# The blow starts where the signals first reach this fraction of their largest value. The ringing is free
+# after this number of samples, or this fraction of the record.
 ONSET, BLOW_SAMPLES, BLOW_PART = 0.1, 3, 5e-4
-# Parts of a record in which a second blow is looked for, and how much larger it makes the signals at once.
+# Number of parts of a record in which a second blow is searched, and the least jump of the signals at it.
 BLOW_BLOCKS, SECOND_BLOW = 200, 3.0
-# Bins of the spectrum on a logarithmic axis: their width, how many on either side a line is the largest of,
-# and the number of those whose median it exceeds so many times.
+# Bins of the spectrum on a logarithmic axis: their width, the number of bins on either side of which a line
+# is the largest, and the number of bins whose median it exceeds by this factor.
 LINE_BIN, LARGEST_OF_BINS, MEDIAN_BINS, ABOVE_MEDIAN = 0.005, 4, 60, 5.0
 LOWEST_LINE = 8
-# Logarithm of one over the probability that noise makes one line of a spectrum so high.
+# Logarithm of one over the probability that noise alone makes a line of a spectrum this high.
 CERTAIN_LINE = 30.0
-# Rounds of search, fits in each, the lines that one round takes at most, and those that are kept in all.
+# Rounds of the search, fits per round, most new lines per round, and most lines in total.
 SEARCH_ROUNDS, REFINEMENTS, MOST_NEW, MOST_COMPONENTS = 4, 3, 8, 24
-# A line so near to a known one, in parts of the frequency, is another mode if it has this part of its height.
+# A line at this relative distance from a known one is another mode if it has this fraction of its height.
 NEAR_LINE, LEAST_HEIGHT = 0.2, 0.02
-# Knots of an envelope: number of beats with the next line, and number in a fall by e, from least to most.
+# Knots of an envelope: beats with the next line per knot, knots per fall by e, least and largest number.
 BEATS_A_KNOT, KNOTS_A_FALL, LEAST_KNOTS, MOST_KNOTS = 2.0, 4.0, 4, 60
-# A carrier is taken from a band of this part of the distance to the next line, or of the frequency.
+# Bandwidth of a carrier, as a fraction of the distance to the next line, or of the frequency.
 BAND_OF_DISTANCE, BAND_OF_FREQUENCY = 0.4, 0.08
-# Standard errors of an envelope below which it is lost in the noise, and samples that a component has at
-# least.
+# Number of standard errors below which an envelope is lost in the noise, and least number of samples of a
+# component.
 LOST_IN_NOISE, FEWEST_RINGING = 3.0, 50
-# Smallest first amplitude of a mode, beside the largest, at the sensor where it is strongest.
+# Least first amplitude of a mode over the largest one, at the sensor where the mode is strongest.
 LEAST_AMPLITUDE = 0.003
-# A line this near to a multiple of a stronger one, of this part of its amplitude at most, is its harmonic.
+# A line is a harmonic if it is this near to a multiple of a stronger line and has at most this fraction of
+# its amplitude.
 MULTIPLE_TOLERANCE, LARGEST_HARMONIC, MOST_MULTIPLE = 4e-3, 0.1, 9
-# A line is steady if it keeps more than this part of its amplitude from the first third to the last.
+# A line is steady if its amplitude in the last third exceeds this fraction of that in the first.
 STEADY = 0.7
-# Modes are not separated reliably whose frequencies differ by a smaller part: by their frequencies alone, and
-# by different shapes at several sensors.
+# Relative frequency difference below which two modes are not separated reliably: by their frequencies alone,
+# and by different shapes at several sensors.
 CLOSE_FREQUENCIES, CLOSE_WITH_SHAPES = 0.07, 0.033
-# Two oscillations are resolved if they beat so often.
+# Least number of beats that resolves two oscillations.
 FEWEST_BEATS = 3.0
-# Noise of a signal, beside its range, below which modes are not separated.
+# Noise of a signal, over its range, below which modes are not separated.
 LEAST_NOISE = 1e-7
 
 
@@ -62,20 +63,20 @@ class Ringing:
     Attributes
     ----------
     onset, start : int
-        Sample at which the blow begins, and the first one of the free ringing.
+        Sample at which the blow starts, and first sample of the free ringing.
     interval : float, s
     signals : (sensor, sample) array of float
-        From the start on, about their offsets.
+        Signals from the start of the ringing, about their offsets.
     noise : (sensor,) array of float
-        Standard deviation of their white noise.
+        Standard deviation of the white noise of the signals.
     components : tuple of Component
-        By rising frequency.
+        Components by increasing frequency.
     kinds : tuple of str
         Kind of each: ``mode``, ``harmonic``, ``line`` (steady), ``weak``.
     residual : (sensor,) array of float
-        RMS of what they leave.
+        RMS residual of all components.
     second_blow : int or None
-        Sample at which the signals jump again; what comes after it is left out.
+        Sample at which the signals jump again; later samples are left out.
     """
 
     onset: int
@@ -203,7 +204,7 @@ def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dic
     count = signals.shape[1]
     size = next_fast_len(count, real=True)
     window = np.ones(count)
-    # It fades in over a few samples, so that a strong line has no wide skirts, and out at the end.
+    # The window rises within a few samples, so that a strong line has no wide skirts, and falls at the end.
     rise, fall = max(8, count // 100), count // 10
     window[:rise] = 0.5 - 0.5 * np.cos(np.linspace(0.0, np.pi, rise))
     window[-fall:] = 0.5 + 0.5 * np.cos(np.linspace(0.0, np.pi, fall))
@@ -217,7 +218,7 @@ def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dic
     lines &= largest > ABOVE_MEDIAN * median_filter(largest, 2 * MEDIAN_BINS + 1, mode="nearest")
     lines &= largest > np.sqrt(signals.shape[0] + 2.0 * np.log(spectrum.size) + CERTAIN_LINE)
     if not (known or lines.any()) and largest.max() > ABOVE_MEDIAN * np.median(spectrum):
-        # In a short record the median includes the skirts of its single line.
+        # In a short record, the median includes the skirts of its single line.
         lines[int(np.argmax(largest))] = True
     made = []
     for at in np.flatnonzero(lines):
@@ -246,7 +247,7 @@ def _started(
 
 
 def _with_knots(component: Component, components: Sequence[Component], interval: float) -> Component:
-    """Set the knots of a component by the distance of the next line and by its rate of decay."""
+    """Set the knots of a component from the distance of the next line and from its rate of decay."""
     own = central_frequency(component, interval)
     others = (central_frequency(other, interval) for other in components if other is not component)
     distance = min((abs(other - own) for other in others), default=own)
@@ -257,7 +258,7 @@ def _with_knots(component: Component, components: Sequence[Component], interval:
 
 
 def _until_lost(component: Component, noise: Array) -> Component | None:
-    """Cut a component where it falls below the noise; None if it is below from the start."""
+    """Cut a component where it falls below the noise; return None if it is below it from the start."""
     points = np.linspace(0.0, component.stop - 1.0, 4 * component.splines)
     size = np.sqrt(np.mean(np.abs(component.envelope_at(points) / noise) ** 2, axis=1))
     seen = np.flatnonzero(size > LOST_IN_NOISE * component.error_at(points))
@@ -308,7 +309,7 @@ def too_close(component: Component, other: Component, ringing: Ringing) -> str:
 
 
 def unresolved(component: Component, ringing: Ringing) -> list[Component]:
-    """Return the modes and lines that beat too seldom with a component for the record to separate them."""
+    """Return the modes and lines whose beats with a component are too few to separate them."""
     frequency = central_frequency(component, ringing.interval)
     return [
         other

@@ -1,4 +1,4 @@
-"""Modes that swing at once in a signal: the decaying lines of its spectrum, without harmonics."""
+"""Simultaneous modes in a signal: the decaying lines of its spectrum, without harmonics."""
 
 import numpy as np
 from scipy.fft import next_fast_len, rfft
@@ -6,36 +6,36 @@ from scipy.ndimage import maximum_filter1d, median_filter
 
 from sysid_trib.arrays import Array
 
-# Bins of the spectrum on a logarithmic axis: their width, how many on either side a line is the largest of,
-# and those whose median it stands out of so many times.
+# Bins of the spectrum on a logarithmic axis: their width, the number of bins on either side of which a line
+# is the largest, and the bins whose median it exceeds by this factor.
 BIN = 0.01
 NEIGHBOURING_BINS = 5
 BINS_OF_FLOOR = 30
 ABOVE_FLOOR = 5.0
-# Samples and lines below which nothing is said.
+# Least number of samples and of lines for a result.
 FEWEST_FOR_MODES = 200
 FIRST_LINE = 8
-# A mode has this part of the strongest one's size, or this part if it may be a harmonic of it.
+# Least size of a mode over the strongest one; and the same if it may be a harmonic.
 LEAST_MODE = 0.03
 LEAST_MULTIPLE = 0.5
-# How near to a whole multiple a frequency is one, and how much a line must fall from the first third of the
-# record to the last one: what does not is hum or a drive.
+# Relative distance within which a frequency is a whole multiple of another; and the least fall of a line from
+# the first third of the record to the last: otherwise it is hum or a drive.
 NEAR_MULTIPLE = 0.015
 FALL = 0.8
 MOST_MODES = 8
-# Lines on either side of a mode's of which its centre is taken.
+# Number of lines on either side of a mode's line from which its centre is computed.
 CENTRED = 2
 
 
 def modes(time: Array, signal: Array) -> list[float]:
-    """Return the frequencies (1/time) of the modes in a decay, rising; at most one for a single mode.
+    """Return the frequencies (1/time) of the modes in a decay, increasing; at most one for a single mode.
 
     Parameters
     ----------
     time : (sample,) array of float
-        Rising, in steps that are nearly alike.
+        Increasing times with nearly equal steps.
     signal : (sample,) array of float
-        From its largest value on it decays.
+        Signal that decays from its largest value on.
     """
     finite = np.isfinite(signal)
     time = time[finite]
@@ -48,7 +48,7 @@ def modes(time: Array, signal: Array) -> list[float]:
     signal = signal[start:]
     interval = (time[-1] - time[0]) / (time.size - 1)
     size = next_fast_len(signal.size, real=True)
-    # The end fades out: a jump there would leak.
+    # The window falls at the end, because a jump there would leak.
     fade = np.ones(signal.size)
     fade[-(signal.size // 10) :] = 0.5 + 0.5 * np.cos(np.linspace(0.0, np.pi, signal.size // 10))
     spectrum = np.abs(rfft(signal * fade, size))[FIRST_LINE:]
@@ -67,7 +67,7 @@ def modes(time: Array, signal: Array) -> list[float]:
         amplitude = float(
             np.sqrt(np.sum(energy[max(0, at - NEIGHBOURING_BINS) : at + NEIGHBOURING_BINS + 1] ** 2))
         )
-        # Its centre, between two lines.
+        # Centre of the line, between two bins.
         near = slice(max(0, line - CENTRED), line + CENTRED + 1)
         centre = np.average(index[near], weights=spectrum[near] ** 2)
         decaying_lines.append((amplitude, float(centre / (size * interval))))
@@ -86,7 +86,7 @@ def modes(time: Array, signal: Array) -> list[float]:
 
 
 def _is_multiple(ratio: float) -> bool:
-    """Return true of 2, 3, ... and their inverses: the harmonics of a swing that is not linear."""
+    """Return true for 2, 3, ... and their inverses: the harmonics of a nonlinear swing."""
     ratio = max(ratio, 1.0 / ratio)
     return ratio > 1.5 and abs(ratio / round(ratio) - 1.0) < NEAR_MULTIPLE
 

@@ -34,22 +34,22 @@ from sysid_trib.records.sensors import as_sensors
 from sysid_trib.records.signal import NOISE_IS_WHITE_IN
 from sysid_trib.records.smooth_rates import FEW_INTERVALS, MANY_INTERVALS, with_smooth_rates
 
-# Samples of a period that are kept, and the filter before: its roll-off, and its half length in kept samples.
+# Samples kept per period, and the filter before: its roll-off, and its half length in kept samples.
 KEPT_A_PERIOD, ROLL_OFF, HALF_LENGTH = 32, 0.3, 10
-# Modes whose frequencies are within this factor are fitted together anew, with smooth rates.
+# Modes with a frequency ratio below this are fitted again together, with smooth rates.
 NEIGHBOURING_MODES = 1.6
-# Times at which the shape is compared with its mean: its change counts from so many standard errors, and if
-# it is more than this part.
+# Number of times at which the shape is compared with its mean; a change counts if it exceeds this number of
+# standard errors and this fraction.
 SHAPE_TIMES, SHAPE_ERRORS, LEAST_CHANGE = 9, 6.0, 0.01
-# A mode that is seen in fewer periods is none.
+# A mode that is visible for fewer periods is not used.
 FEWEST_PERIODS = 10.0
-# Parts of a mode that its shape, and all modes together, may leave; the second only beyond so many times the
-# noise.
+# Largest fractions of a mode that its shape, and all modes together, may leave unexplained; the second counts
+# only above this multiple of the noise.
 MOST_OUT_OF_SHAPE, MOST_UNEXPLAINED, UNEXPLAINED_NOISE = 0.25, 0.3, 5.0
-# The residual of all modes at a sensor is reported if it exceeds this multiple of its white noise.
+# Multiple of its white noise above which the residual of all modes at a sensor is reported.
 LARGE_RESIDUAL = 1.5
-# The end of a decay is left out where its amplitude is below so many times the noise of a sample that is
-# kept, if so many periods remain: half-sines bias the frequency there by more than its band.
+# The end of a decay, where the amplitude is below this multiple of the noise of a kept sample, is left out if
+# this number of periods remains: there, half-sines bias the frequency by more than its band.
 LEAST_OVER_NOISE, PERIODS_KEPT = 15.0, 40.0
 
 
@@ -60,17 +60,17 @@ class SeparateMode:
     Attributes
     ----------
     first, every : int
-        First sample of the ringing that is kept, and how many there are from one that is kept to the next.
+        First kept sample of the ringing, and distance between two kept samples.
     signal : (kept,) array of float
-        At the sensor of reference, the one where the mode is largest.
+        Signal at the reference sensor, where the mode is largest.
     reference : int
-        The sensor of reference.
+        Index of the reference sensor.
     shape : (sensor,) array of complex
-        Over that of the sensor of reference.
+        Amplitudes at the sensors over that at the reference sensor.
     residual, expected : float
-        RMS of what the shape leaves of all sensors over that of the mode, and what their noise alone leaves.
+        RMS residual of the shape at all sensors over the RMS of the mode, and its value due to noise alone.
     neighbours : int
-        Number of modes that were fitted together with it.
+        Number of modes fitted together with this one.
     """
 
     first: int
@@ -86,36 +86,36 @@ class SeparateMode:
 def one_mode(
     sensors: xr.Dataset, mode: int | None = None, *, band: tuple[float | None, float | None] | None = None
 ) -> xr.Dataset:
-    """Make the record of one mode of a decay, from one or several sensors.
+    """Return the record of one mode of a decay, from one or several sensors.
 
     Parameters
     ----------
     sensors : Dataset
         ``signal(sensor, time)``, as `read_sensors` returns it; or a record with ``angle(time)``.
     mode : int, optional
-        Number of the mode, from 1 by rising frequency, as `modes` lists them.
+        Number of the mode, from 1 by increasing frequency, as `modes` lists them.
     band : (float or None, float or None), Hz, optional
-        Or the band in which it is the strongest.
+        Alternatively, the band in which the mode is the strongest.
 
     Returns
     -------
     Dataset
-        A record as `read_record` returns it, at the sensor where the mode is largest: what was measured,
-        and ``angle(time)``, from which `free_decay`, `backbone`, `laws` and `identify` go on.
-        ``shape(sensor)`` and ``shape_imaginary(sensor)``; attrs say what was done.
+        Record in the form of `read_record`, at the sensor where the mode is largest: the measured quantity,
+        and ``angle(time)``, which `free_decay`, `backbone`, `laws` and `identify` take. ``shape(sensor)`` and
+        ``shape_imaginary(sensor)`` are the shape; attributes describe the steps.
 
     Raises
     ------
     UsageError
         There is no such mode, or none in the band.
     DecayError
-        Nothing rings, or the mode is too short, or too near to another one.
+        There are no decaying modes, or the mode is too short, or too close to another one.
 
     Notes
     -----
-    The other modes are subtracted as decaying oscillations whose frequency and rate of decay change slowly;
-    the sensors are combined by least squares with their noises. A root-raised-cosine filter before samples
-    are left out keeps white noise white: the noise of the record is that of the sensors, of known colour.
+    The other modes are subtracted as decaying oscillations whose frequency and decay rate change slowly. The
+    sensors are combined by least squares with their noises. A root-raised-cosine filter before decimation
+    keeps white noise white: the noise of the record is that of the sensors, with a known colour.
     """
     sensors = as_sensors(sensors)
     source = str(sensors.attrs.get("source", "record"))
@@ -178,7 +178,7 @@ def nothing_decays(ringing: Ringing, source: str) -> str:
 
 
 def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
-    """Reject a mode of a few periods, and two modes that the record does not separate."""
+    """Raise an error for a mode of a few periods, and for two modes that the record does not separate."""
     interval = ringing.interval
     own = ringing.components[place]
     frequency, duration = central_frequency(own, interval), own.stop * interval
@@ -199,7 +199,7 @@ def _check_resolved(ringing: Ringing, place: int, source: str) -> None:
 
 
 def _check_one_shape(ringing: Ringing, place: int, separate: SeparateMode, source: str) -> None:
-    """Reject a signal that is not a single mode: sensors differ from one shape, or the fit is poor."""
+    """Raise an error if the signal is not a single mode: sensors deviate from a shape, or the fit is poor."""
     own, reference = ringing.components[place], separate.reference
     size = float(np.sqrt(np.mean(own.signal(slice(reference, reference + 1)) ** 2)))
     unexplained = float(ringing.residual[reference]) / max(size, 1e-300)
@@ -219,7 +219,7 @@ def separated(ringing: Ringing, place: int) -> SeparateMode:
     ----------
     ringing : Ringing
     place : int
-        Among its components.
+        Index of the component.
     """
     own, interval = ringing.components[place], ringing.interval
     frequency = central_frequency(own, interval)
@@ -249,12 +249,12 @@ def separated(ringing: Ringing, place: int) -> SeparateMode:
 
 
 def _combined(rest: Array, near: Sequence[Component], noise: Array, first: int, every: int) -> SeparateMode:
-    """Combine sensors by the shape of a mode, the first of those near, by least squares with their noises."""
+    """Combine sensors by the shape of a mode, the first in the list, by least squares with their noises."""
     own = near[0]
     points = np.linspace(0.0, own.stop - 1.0, 200)
     shape = component_shape(own, noise)
     reference = int(np.argmax(np.abs(shape)))
-    # What is a quarter of a period behind is no part of the combination.
+    # The part a quarter of a period behind is not used in the combination.
     real = shape.real
     weights = _weights(real, [component_shape(other, noise).real for other in near[1:]], noise)
     combined = weights @ rest
@@ -288,14 +288,14 @@ def _have_own_shapes(near: Sequence[Component], noise: Array) -> bool:
 def _weights(own: Array, others: Sequence[Array], noise: Array) -> Array:
     """Return the weights of sensors that keep a shape and cancel other ones, (sensor,).
 
-    An error in the subtraction of a neighbouring mode then does not count. Shapes are cancelled in their
-    order, as far as the noise allows it.
+    An error in the subtraction of a neighbouring mode then has no effect. Shapes are cancelled in order, as
+    far as the noise allows it.
     """
     return cancelling_weights(own, others[: _cancelled(own, others, noise)], noise)
 
 
 def _cancelled(own: Array, others: Sequence[Array], noise: Array) -> int:
-    """Return the number of shapes, from the first one on, that the sensors can cancel."""
+    """Return the number of first shapes that the sensors can cancel."""
     count = 0
     while count < len(others) and noise_of_cancelling(own, others[: count + 1], noise) < MOST_CANCELLING:
         count += 1
@@ -337,17 +337,18 @@ def _resampled(component: Component, first: int, every: int, count: int) -> Comp
 
 
 def decimated(signals: Array, every: int, line: float) -> tuple[Array, int]:
-    """Filter and decimate signals so that white noise stays white; return also the place of the first sample.
+    """Filter and decimate signals so that white noise stays white; also return the first sample's index.
 
-    A root-raised-cosine filter of zero phase: below half of the new sampling rate it takes away of the noise
-    what it folds back from above. The samples at both ends that it knows in part alone are left out.
+    It is a root-raised-cosine filter of zero phase: it reduces the noise below half of the new sampling rate
+    by the amount that is folded back from above. Samples at both ends that the filter covers only in part are
+    left out.
 
     Parameters
     ----------
     signals : (sensor, sample) array of float
     every : int
     line : float
-        Cycles a sample of the mode, whose amplitude stays as it is.
+        Frequency of the mode in cycles per sample; its amplitude is unchanged.
     """
     if every == 1:
         return signals, 0

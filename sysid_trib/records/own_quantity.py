@@ -11,13 +11,14 @@ def with_own_quantity(record: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     record : Dataset
-        As it is read; with `angle(time)`, and `rate(time)` or `acceleration(time)` (attribute `measured`).
+        Record as it was read, with `angle(time)`, and `rate(time)` or `acceleration(time)` (attribute
+        `measured`).
 
     Returns
     -------
     Dataset
-        `measured(measured_time)`, what was measured. Of a rate `angle(time)` is its plain integral, in which
-        a driven motion that is slow is kept; of another quantity it is that of the record.
+        `measured(measured_time)`, the measured quantity. For a rate, `angle(time)` is its plain integral,
+        which keeps a slow driven motion; for another quantity it is that of the record.
     """
     name = record.attrs.get("measured")
     if not record.attrs.get("integrations"):

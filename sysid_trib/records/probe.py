@@ -1,9 +1,9 @@
 """Test reading of binary files in a separate process: C code may hang or crash on a damaged file.
 
-`check_binary` asks a process that it starts once. For each file that process forks another one, which reads
-the file to its end within limits of time and memory, without leaving the file. What can be read there is then
-read as usual. Where processes do not fork, the process itself reads, and another one takes its place if it
-dies.
+`check_binary` uses a process that it starts once. For each file that process forks a child, which reads the
+file to its end within limits of time and memory, without following links to other files. If this succeeds,
+the file is read as usual. Where processes cannot fork, the process itself reads, and a new one replaces it if
+it dies.
 """
 
 import atexit
@@ -21,20 +21,19 @@ from typing import Any
 
 from sysid_trib.errors import RecordError
 
-# Seconds of processor time: to begin with, and for each byte of the file; on a busy machine they take longer.
+# Processor time (s) as a base, and for each byte of the file; on a busy machine the real time is longer.
 SECONDS = 4.0
 SECONDS_PER_BYTE = 5e-8
 BUSY = 15.0
-# Bytes of memory beyond those of the process: to begin with, and for each byte of the file.
+# Memory (bytes) beyond that of the process as a base, and for each byte of the file.
 MEMORY = 2**29
 MEMORY_PER_BYTE = 16
-# Outcomes of reading a file: complete or not, external or circular links, the package that reads it is not
-# installed.
+# Outcomes of reading a file: complete or not, external or circular links, or a missing package.
 WHOLE = "whole"
 DAMAGED = "damaged"
 LINKED = "linked"
 NO_READER = "no reader"
-# Modules that readers need, imported before a process is forked.
+# Modules of the readers, imported before a process is forked.
 PACKAGES: dict[str, tuple[str, ...]] = {
     "read_hdf5": ("h5py",),
     "read_matlab": ("scipy.io",),
@@ -45,8 +44,8 @@ PACKAGES: dict[str, tuple[str, ...]] = {
     "read_tdms": ("nptdms",),
     "read_tree": ("h5py",),
 }
-# The module of the package that runs here, wherever the process is started. In one that does nothing else
-# more threads take address space alone.
+# Run the module of this package, wherever the process is started. More threads would only take address space
+# there.
 START = """
 import os, runpy, sys
 os.environ.update(dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1"))
@@ -55,13 +54,13 @@ runpy.run_module("sysid_trib.records.probe", run_name="__main__")
 """
 
 
-# The process that reads files, one for each process: a forked one needs its own.
+# The reading process of each process; a forked process needs its own.
 _processes: dict[int, subprocess.Popen[bytes]] = {}
 _locks: dict[int, threading.Lock] = {}
 
 
 def check_binary(path: Path, reader: str) -> None:
-    """Read a binary file in a process of its own.
+    """Read a binary file in a separate process.
 
     Parameters
     ----------
@@ -72,9 +71,9 @@ def check_binary(path: Path, reader: str) -> None:
     Raises
     ------
     RecordError
-        It cannot be read there: damaged, too large or slow to read, or it points outside of itself.
+        The file cannot be read there: it is damaged, too large or slow to read, or has links to other files.
     ImportError
-        The package is not installed that reads it, by its name if that is known.
+        The package that reads the file is not installed; the error names it if it is known.
     """
     with _locks.setdefault(os.getpid(), threading.Lock()):
         end, said = _ask(reader, path)
@@ -106,7 +105,7 @@ def _ask(reader: str, path: Path) -> tuple[str, str]:
         pass
     finally:
         timer.cancel()
-        # A process whose answer was not awaited is of no use: the next file would get that answer.
+        # Discard a process whose answer was not read: the next file would get that answer.
         if not answer.endswith(b"\n"):
             _end(process, os.getpid())
     if answer.endswith(b"\n"):
@@ -139,14 +138,14 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 def _end(process: subprocess.Popen[bytes], owner: int) -> None:
-    """End the process when it is no longer needed; leave one of another process alone."""
+    """End the process when it is no longer needed; do not end one of another process."""
     if owner == os.getpid() and process.returncode is None:
         _kill(process)
         process.communicate()
 
 
 def _answer_all() -> None:
-    """Answer questions until no more come: a reader, a path and seconds as a line of JSON each."""
+    """Answer requests until no more come; each is a JSON line with a reader, a path and seconds."""
     answers = os.fdopen(os.dup(1), "w", buffering=1)
     # Discard the output of libraries.
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
@@ -194,7 +193,7 @@ def _limit(seconds: float, memory: int) -> None:
     for what, wanted in (
         (resource.RLIMIT_CPU, round(seconds + 0.5)),
         (resource.RLIMIT_AS, memory + (pages * resource.getpagesize() or MEMORY)),
-        # A core of a crash is of no use to anyone.
+        # Do not write core files of a crash.
         (resource.RLIMIT_CORE, 0),
     ):
         _, most = resource.getrlimit(what)
@@ -212,11 +211,11 @@ def _read(reader: str, path: str) -> tuple[str, str]:
         if reader != "read_tree":
             getattr(formats, reader)(Path(path))
     except RecordError:
-        # The reader knows the fault: the process that asked meets it as well.
+        # The reader reports this fault itself: the requesting process will get the same error.
         return WHOLE, ""
     except MemoryError:
         return DAMAGED, "it needs far more memory than its size suggests"
-    # Readers of foreign formats meet a damaged file with any exception at all.
+    # Readers of foreign formats may raise any exception for a damaged file.
     except Exception as error:
         return DAMAGED, next(iter(str(error).splitlines()), "")[:200] or type(error).__name__
     return WHOLE, ""
@@ -225,7 +224,7 @@ def _read(reader: str, path: str) -> tuple[str, str]:
 def _walk(path: str, *, whole: bool) -> str:
     """Visit all of an HDF5 file; return its external or circular links, or nothing.
 
-    The whole of a result is read by the library in C, no more: its 400 variables take xarray seconds.
+    For a whole result, only the C library reads: xarray would take seconds for its 400 variables.
     """
     import h5py
 
@@ -249,7 +248,7 @@ def _walk(path: str, *, whole: bool) -> str:
                 _ = dict(item.attrs), item[()] if is_dataset else None
         return ""
 
-    # NetCDF of version 3 is none.
+    # NetCDF of version 3 is not HDF5.
     if not whole and not h5py.is_hdf5(path):
         return ""
     with h5py.File(path, "r") as file:

@@ -1,4 +1,4 @@
-"""Records: an angle or displacement over time from a file, with its unit, and how it was understood."""
+"""Records: an angle or displacement over time from a file, with its unit, and notes on its reading."""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -26,10 +26,11 @@ from sysid_trib.records.constants import with_constants
 from sysid_trib.records.integration import as_position
 from sysid_trib.records.own_quantity import with_own_quantity
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
+from sysid_trib.records.tables import LISTED
 from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, STANDARD_GRAVITY
 from sysid_trib.records.unwrapping import unwrapped
 
-# Columns of a file that its record names.
+# Largest number of the file's columns that a record lists.
 MOST_COLUMNS_NAMED = 30
 
 
@@ -58,8 +59,8 @@ def read_record(
         Name of the time column, or its number from 0. If not given, it is recognised by its name or because
         it rises. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
     angle : str or int, optional
-        Name or number of the signal's column, or a formula of columns, `atan2(x - 3.1, -y)`; else the column
-        that can be meant alone.
+        Name or number of the signal's column, or a formula of columns, `atan2(x - 3.1, -y)`; by default the
+        only plausible column.
     signal : {"angle", "displacement", "rate", "acceleration"}, optional
         Measured quantity; by default by unit and name. A rate is integrated once and an acceleration twice,
         without the drift due to their bias.
@@ -121,17 +122,17 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     path : str or path
         As in `read_record`.
     how : Reading, optional
-        How it is to be read.
+        Options for reading.
 
     Returns
     -------
     list of Dataset
-        Each as `read_record` returns it.
+        Each record in the form of `read_record`.
 
     Raises
     ------
     UsageError, RecordError
-        As `read_record`.
+        As in `read_record`.
     """
     how = how or reading.Reading()
     path = Path(path)
@@ -145,7 +146,7 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     named = [column for value in of_columns if (column := table.match(value)) is not None]
     chosen = choose_columns(table, how, [*input_columns(how.inputs, table), *named])
     records = [_read(table, columns, how) for columns in chosen]
-    # A run that hardly swings does not show that it is in degrees; another one of the file does.
+    # A small swing does not show that it is in degrees, but another run of the file may.
     if {record.attrs["angle_unit_in_file"] for record in records} == {"rad", "deg"} and how.units is None:
         hows = [how if columns[1].stated else replace(how, units="deg") for columns in chosen]
         records = [_read(table, *pair) for pair in zip(chosen, hows, strict=True)]
@@ -162,14 +163,15 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
     time, rows, breaks, seen, _ = times.clock
     kept = np.isfinite(values[rows])
     missing = int(np.count_nonzero(~kept))
-    said = [columns.reason, *table.said, *times.said, absent]
+    copies = f"the same numbers are in {', '.join(columns.copies[:LISTED])}" if columns.copies else ""
+    said = [columns.reason, copies, *table.said, *times.said, absent]
     if missing and not absent:
         said.append(f"{missing} values missing" if missing > 1 else "1 value missing")
     time, rows = time[kept], rows[kept]
     values = values[rows]
     if values.size < 2:
         raise RecordError(f"{table.source}: a single sample is not a record.")
-    # A bad sample says nothing of the unit.
+    # A bad sample contains no information on the unit.
     calm = np.delete(np.arange(values.size), cleaning.spikes(time, values))
     unit, why = assumed_units.unit_of(table, column, how, time[calm], values[calm])
     values = values * unit.factor
@@ -185,7 +187,7 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
         "time_column": time_column.name if time_column else f"none, {1.0 / np.median(np.diff(time)):g} Hz",
         "time_unit_in_file": times.unit,
         "angle_column": column.name,
-        # More are names that a program made.
+        # More columns have names made by a program.
         "columns_in_file": "; ".join(other.name for other in table.columns[:MOST_COLUMNS_NAMED]),
         "angle_unit_in_file": unit.text,
         "clock": "; ".join(seen),
@@ -203,11 +205,11 @@ def _read(table: tables.FileTable, columns: ChosenColumns, how: reading.Reading)
 def _as_record(
     time: Array, values: Array, unit: lab.SignalUnit, attrs: Mapping[str, Any], how: reading.Reading
 ) -> xr.Dataset:
-    """Return the record of a signal: `angle(time)`, and the measured quantity if that is another one.
+    """Return the record of a signal: `angle(time)`, and the measured quantity if it differs.
 
     A rate is integrated once, an acceleration twice, without the drift of a bias. An accelerometer on a
-    pendulum feels g sin(x) + r x'' along its path; without friction x'' = -w^2 sin(x), so that to first order
-    the angle is the arcsine of what it feels over g - r w^2.
+    pendulum measures g sin(x) + r x'' along its path. Without friction x'' = -w^2 sin(x), so to first order
+    the angle is the arcsine of its reading over g - r w^2.
     """
     position, scale = unit.position, 1.0
     time_axis = ("time", time, {"units": "s", "long_name": "time"})
@@ -240,7 +242,7 @@ def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict
     if swing is None:
         raise RecordError(f"{source}: no oscillation is visible above the noise; choose another axis.")
     felt = STANDARD_GRAVITY - distance * (2.0 * np.pi / swing.oscillation.period) ** 2
-    # An accelerometer that feels less of gravity than this part shows no angle.
+    # An accelerometer that measures less than this fraction of gravity does not show the angle.
     if felt < 0.02 * STANDARD_GRAVITY:
         wrong = (
             f"{source}: at {distance:g} m from the axis an accelerometer measures almost nothing of a swing"
@@ -251,18 +253,18 @@ def _felt(source: str, swing: equilibrium.Swing | None, distance: float) -> dict
 
 
 def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float, load: float) -> xr.Dataset:
-    """Turn the position of a translational tribometer into the dimensionless angle of the theory.
+    """Convert the position of a translational tribometer to the dimensionless angle of the theory.
 
     Parameters
     ----------
     record : Dataset
         `angle(time)` in a unit of length.
     mass : float, kg
-        m.
+        Moving mass m.
     natural_frequency : float, rad/s
-        w0.
+        Natural frequency w0.
     load : float, N
-        P.
+        Normal load P.
 
     Returns
     -------

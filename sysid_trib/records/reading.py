@@ -19,9 +19,9 @@ from sysid_trib.records.inputs import BETWEEN_SAMPLES
 from sysid_trib.records.tables import FileTable
 from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, RADIANS
 
-# Variables of a record that no input may be.
+# Names of record variables that an input must not have.
 TAKEN_NAMES = ("time", "angle", "rate", "acceleration", "input", "x", "v", "t")
-# Numbers that may be given: the least, the largest, and their description.
+# Options with numbers: smallest and largest value, and description.
 GIVEN_NUMBERS = {
     "sampling_rate": (1e-9, 1e9, "a positive number of samples a second"),
     "length": (1e-300, 1e6, "the pendulum's length in m"),
@@ -52,14 +52,14 @@ class Reading:
     usual : str, optional
         Usual quantity of such a system: that of the signal if it is not stated.
     gravity : bool
-        Whether the body may swing under gravity; if not, its frequency does not tell the unit of an angle.
+        Whether the body may swing under gravity; if not, its frequency does not show the unit of an angle.
     inputs : mapping of str to (str or int)
-        Columns of inputs by the names that forces hold, `{"u": "V1"}`; of another file `base.mat:y`.
+        Columns of inputs by their names in forces, `{"u": "V1"}`; `base.mat:y` is a column of another file.
     between : {"smooth", "linear", "held", "cubic"}, optional
         Interpolation of inputs between their samples (see `KnownInput`); by default `usual_between`.
     constants : mapping of str to (str or float)
-        Known constants of the run by the names that forces hold, `{"kp": 100.0, "load": "load"}`: a number,
-        or a column that does not vary.
+        Known constants of the run by their names in forces, `{"kp": 100.0, "load": "load"}`: a number, or a
+        constant column.
     """
 
     time: str | int | None = None
@@ -95,7 +95,7 @@ class Reading:
             if (value := getattr(self, name)) is not None:
                 text = name.replace("_", " ")
                 if not isinstance(value, Real):
-                    raise UsageError(f"{text} {value!r} is no number: give one.")
+                    raise UsageError(f"{text} {value!r} is not a number; give a number.")
                 if not low <= float(value) <= high:
                     raise UsageError(f"{text} {value:g}: give {what}.")
         if (self.signal == ACCELEROMETER) != (self.distance is not None):
@@ -109,30 +109,30 @@ class Reading:
 
 
 _STATED = re.compile(r"\W*(?P<name>[^\W\d]\w*)\s*=\s*(?P<value>[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?)\s*")
-# Relative difference between a factor and the factor of two units for which it counts.
+# Relative difference within which a factor equals the ratio of two units.
 CONVERTED = 2e-3
 
 
 def with_expression(table: FileTable, text: str, units: str | None) -> FileTable:
-    """Return the table with a further column, named by the expression.
+    """Return the table with an additional column, named by the expression.
 
     Parameters
     ----------
     table : FileTable
-        Columns go by the names in their headers, without units, in any case of letters: `x`, `pot`; numbers
-        that the file states once, as scalars of MATLAB, by theirs.
+        Table whose columns are named by their headers without units, in upper or lower case: `x`, `pot`.
+        Numbers that the file states once, such as scalars of MATLAB, have their names.
     text : str
-        A formula as forces have it; or `atan2(formula, formula)`, an angle in rad.
+        A formula as in forces; or `atan2(formula, formula)`, an angle in rad.
     units : str or None
-        Unit of the result, if the user says it; else it is that of the columns, carried through the formula.
+        Unit of the result, if the user states it; else it follows from the units of the columns.
 
     Raises
     ------
     UsageError
-        Not a formula of the columns, a name that two of them have, or a unit that does not follow.
+        The text is not a formula of the columns, two columns have the same name, or no unit follows.
     """
     signal, parts, held = evaluated(table, text, "--angle")
-    # The usual name of a unit, so that deg and degrees are one.
+    # Use the usual name of a unit, so that deg and degrees are equal.
     follows = _unit(parts, {name: column.unit_text for name, column in held.items()})
     unit = _agreed(follows, units)
     if unit is None:
@@ -150,7 +150,7 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
     Raises
     ------
     UsageError
-        Not a formula of the columns, or a name that two of them have.
+        The text is not a formula of the columns, or two columns have the same name.
     """
     names: dict[str, list[Column]] = {}
     for column in table.columns:
@@ -185,13 +185,13 @@ def evaluated(table: FileTable, text: str, flag: str) -> tuple[Array, list[Formu
 
 def is_expression(table: FileTable, wanted: str | int | None) -> bool:
     """Return true if a text could be a formula of columns, and no column has that name."""
-    # Characters of an expression that names do not have.
+    # Characters that occur in an expression but not in names.
     signs = isinstance(wanted, str) and re.search(r"[-+*/(]", wanted) is not None
     return signs and table.match(wanted) is None
 
 
 def _arguments(text: str) -> list[str]:
-    """Return the two arguments of an arc tangent of two, or the text itself."""
+    """Return the two arguments of an arc tangent, or the text itself."""
     with suppress(SyntaxError, ValueError, RecursionError, MemoryError):
         match ast.parse(text.strip(), mode="eval").body:
             case ast.Call(func=ast.Name(id="atan2"), args=[first, second], keywords=[]):
@@ -200,7 +200,7 @@ def _arguments(text: str) -> list[str]:
 
 
 def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> dict[str, float]:
-    """Return numbers that the notes of a file state as `name = value`, of the names in a formula."""
+    """Return numbers that notes of a file state as `name = value`, for the names in a formula."""
     stated: dict[str, float] = {}
     # A name with arguments is a function.
     words = {*re.findall(r"\b\w+\b(?!\s*\()", text.lower())} - {*columns, "pi"}
@@ -213,7 +213,7 @@ def _stated(table: FileTable, text: str, flag: str, columns: Iterable[str]) -> d
 
 
 def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
-    """Return the column of numbers that alone has a name; `expression` : the option and its formula."""
+    """Return the only column of numbers with a name; `expression` : the option and its formula."""
     if len(columns) > 1:
         listed = ", ".join(column.name for column in columns)
         raise UsageError(
@@ -227,7 +227,7 @@ def _single(columns: Sequence[Column], name: str, expression: str) -> Column:
 
 
 def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
-    """Return the unit of a formula, or an arc tangent; empty if no column has one, None if none follows."""
+    """Return the unit of a formula or arc tangent; empty if no column has one, None if none follows."""
     if not any(units.values()):
         return "rad" if len(parts) == 2 else ""
     unit, *others = {*units.values()}
@@ -242,7 +242,7 @@ def _unit(parts: Sequence[Formula], units: Mapping[str, str]) -> str | None:
 
 
 def _agreed(follows: str | None, given: str | None) -> str | None:
-    """Return the unit that follows, or the one given where none does, or one of another quantity."""
+    """Return the unit that follows, or the given one if none follows or if it is of another quantity."""
     of_columns, asked = lab.signal_unit(follows or ""), lab.signal_unit(given or "")
     if asked is None or (of_columns is not None and of_columns.quantity == asked.quantity):
         return follows
@@ -250,7 +250,7 @@ def _agreed(follows: str | None, given: str | None) -> str | None:
 
 
 def _converts(formula: Formula, unit: str, names: Iterable[str]) -> bool:
-    """Return true if the factor of a formula is that from its unit to another one, as `a*pi/180` has."""
+    """Return true if the factor of a formula converts its unit to another one, as in `a*pi/180`."""
     of_unit = lab.signal_unit(unit)
     table = RADIANS if of_unit and of_unit.position == "rad" else METRES
     if of_unit is None or (table is METRES and of_unit.position not in METRES):
@@ -287,7 +287,7 @@ def _power(tree: ast.AST) -> float | None:
     if name in ("Mult", "Div"):
         return powers[0] - powers[1] if name == "Div" else powers[0] + powers[1]
     if name in ("Add", "Sub", "abs", "min", "max"):
-        # A number that is added to a column is in its unit.
+        # A number that is added to a column has the unit of the column.
         others = {*powers} - {0.0}
         return None if len(others) > 1 else next(iter(others), 0.0)
     if name == "sqrt":

@@ -1,8 +1,8 @@
 """Decaying oscillations of slowly varying amplitude and frequency, fitted to all sensors at once.
 
-Each is exp(level(t)) Re(envelope(t) exp(i phase(t))). `phase` and `level` are the same at every sensor, and
-the envelope, splines in time, is each sensor's own. A fit is linear in the envelopes. What they have in
-common then goes into phase and level, so that the envelopes of the next fit are nearly constant: the shape.
+Each is exp(level(t)) Re(envelope(t) exp(i phase(t))). `phase` and `level` are common to all sensors; the
+envelope, splines in time, is separate for each sensor. A fit is linear in the envelopes. Their common part is
+then moved to phase and level, so that the envelopes of the next fit are nearly constant: they are the shape.
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ from sysid_trib.arrays import Array
 
 Complex: TypeAlias = NDArray[np.complex128]
 
-# Splines that are not zero at a point; samples that are taken at once.
+# Number of splines that are not zero at a point, and of samples processed at once.
 SPLINE_ORDER, SAMPLES_AT_ONCE = 6, 1024
 # Coefficients of the powers 0 to 5 of each uniform B-spline of degree five within an interval.
 SPLINE_POWERS = (
@@ -34,18 +34,18 @@ SPLINE_POWERS = (
     )
     / 120.0
 )
-# Beside the largest diagonal element of the normal equations: what is smaller does not count.
+# Ridge of the normal equations, over their largest diagonal element: smaller parts are ignored.
 NORMAL_RIDGE = 1e-11
-# Lines of a spectrum on either side of a component, from which it starts.
+# Least number of lines of a spectrum on either side of a component, for its start.
 FEWEST_LINES_OF_BAND = 12
-# Weight of the bends of the curves from which phase and level of a component start, for times from 0 to 1.
+# Weight of the curvature of the start curves of phase and level, for times from 0 to 1.
 CARRIER_PENALTY = 1e-5
-# Times of which a mean shape is taken.
+# Number of times at which a mean shape is computed.
 SHAPE_POINTS = 200
-# Sensors separate two modes by their shapes if the cancelling of one makes the noise at most so many times as
-# large.
+# Sensors separate two modes by their shapes if cancelling one of them increases the noise by at most this
+# factor.
 MOST_CANCELLING = 1.5
-# Points of an envelope between its knots, by which phase and level are corrected.
+# Number of points of an envelope between its knots, at which phase and level are corrected.
 POINTS_A_KNOT = 3
 
 
@@ -56,15 +56,15 @@ class Component:
     Attributes
     ----------
     phase, level : (sample,) array of float
-        Phase in rad, and logarithm of the amplitude, of the samples from the start of the ringing on.
+        Phase (rad), and log amplitude, at the samples from the start of the ringing.
     stop : int
-        Number of samples in which it is seen; it is zero after them.
+        Number of samples in which the component is visible; it is zero after them.
     spacing : float
         Spacing of the knots of its envelope, in samples.
     envelope : (spline, sensor) array of complex
         Coefficients of the splines.
     error : (spline,) array of float
-        Standard errors of these for noise of unit size at a sensor.
+        Standard errors of the coefficients for noise of unit size at a sensor.
     """
 
     phase: Array
@@ -80,7 +80,7 @@ class Component:
         return int(np.ceil((self.stop - 1) / self.spacing + 1e-9)) + SPLINE_ORDER - 1
 
     def splines_at(self, samples: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the first spline of samples, (point,), and the values from it on, (order, point)."""
+        """Return the first spline at samples, (point,), and the values from it on, (order, point)."""
         return _splines_at(samples / self.spacing, self.splines)
 
     def weights(self) -> tuple[NDArray[np.intp], Array]:
@@ -93,7 +93,7 @@ class Component:
         return np.asarray(sum(values[k][:, None] * self.envelope[first + k] for k in range(SPLINE_ORDER)))
 
     def error_at(self, samples: Array) -> Array:
-        """Return the approximate standard error of each part of the envelope for unit noise, (point,)."""
+        """Return the approximate standard error of each part of the envelope, for unit noise, (point,)."""
         first, values = self.splines_at(samples)
         return np.sqrt(sum((values[k] * self.error[first + k]) ** 2 for k in range(SPLINE_ORDER)))
 
@@ -175,14 +175,14 @@ def fit_envelopes(signals: Array, components: Sequence[Component]) -> list[Compo
 def with_common_part(component: Component, noise: Array) -> Component:
     """Move the common part of all sensors' envelopes to phase and level; the amplitude is unchanged.
 
-    `noise` : (sensor,) standard deviations, by which sensors count.
+    `noise` : (sensor,) standard deviations, which weight the sensors.
     """
     points = np.linspace(0.0, component.stop - 1.0, POINTS_A_KNOT * component.splines)
     envelope = component.envelope_at(points)
     shape = common_shape(envelope / noise)
     common = envelope / noise @ shape.conj()
     angle, size = np.unwrap(np.angle(common)), np.log(np.maximum(np.abs(common), 1e-300))
-    # What is added for good begins at zero: the shape keeps the amplitude.
+    # The change of the level starts at zero, so that the shape keeps the amplitude.
     size = size - size[0]
     samples = np.arange(component.phase.size, dtype=float)
     inside = np.minimum(samples, component.stop - 1.0)
@@ -197,7 +197,7 @@ def common_shape(values: Complex) -> Complex:
 
 
 def component_shape(component: Component, noise: Array) -> Complex:
-    """Return the mean shape of a component over that at the sensor where it is largest, (sensor,)."""
+    """Return the mean shape of a component over that at its largest sensor, (sensor,)."""
     points = np.linspace(0.0, component.stop - 1.0, SHAPE_POINTS)
     level = np.interp(points, np.arange(component.phase.size), component.level)
     values = component.envelope_at(points) * np.exp(level)[:, None]
@@ -206,15 +206,15 @@ def component_shape(component: Component, noise: Array) -> Complex:
 
 
 def cancelling_weights(own: Array, others: Sequence[Array], noise: Array) -> Array:
-    """Return the weights of sensors that keep a shape and cancel others, of least noise, (sensor,)."""
+    """Return the weights of sensors with the least noise that keep one shape and cancel others, (sensor,)."""
     table = np.stack([own, *others], axis=1) / noise[:, None]
     return np.asarray(np.linalg.pinv(table)[0] / noise)
 
 
 def noise_of_cancelling(own: Array, others: Sequence[Array], noise: Array) -> float:
-    """Return the noise of a combination that cancels other shapes over that of one that does not.
+    """Return the noise of a combination that cancels other shapes, over that without cancelling.
 
-    It is infinite if the sensors cannot cancel them.
+    It is infinite if the sensors cannot cancel the shapes.
     """
     if len(others) >= noise.size:
         return np.inf
@@ -232,7 +232,7 @@ def carrier(
     Parameters
     ----------
     signals : (sensor, sample) array of float
-        From the start of the ringing on.
+        Signals from the start of the ringing.
     interval : float, s
     frequency, half_band : float, Hz
     noise : (sensor,) array of float
@@ -246,7 +246,7 @@ def carrier(
     band = spectra[:, middle - half : middle + half + 1]
     window = np.cos(0.5 * np.pi * np.arange(-half, half + 1) / (half + 1)) ** 2
     shape = common_shape(band.T * window[:, None])
-    # The envelope at a coarse rate: of the lines of the band alone.
+    # The envelope on a coarse grid, from the lines of the band alone.
     coarse = np.zeros(2 * half + 1, dtype=complex)
     coarse[np.arange(-half, half + 1)] = (shape.conj() @ band) * window
     envelope = 2.0 * ifft(coarse) * (coarse.size / size)

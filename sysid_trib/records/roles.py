@@ -4,11 +4,11 @@ import json
 
 import xarray as xr
 
-# The input that acts by itself, an acceleration; every other one acts through the forces with its name.
+# The input that acts directly, as an acceleration; all others act through the forces with their names.
 INPUT = "input"
-# attrs["role"] of a variable of a record that is an input.
+# Value of attrs["role"] for an input.
 ROLE = "input"
-# attrs[CONSTANT] of an input that does not vary within a run.
+# attrs[CONSTANT] of an input that is constant within a run.
 CONSTANT = "constant"
 
 

@@ -1,4 +1,4 @@
-"""The order of the rows of a table: sorted by another column than the time, or below a row that is a head."""
+"""The order of the rows of a table: sorted by a column other than the time, or below a bare head row."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -8,19 +8,20 @@ import numpy as np
 from sysid_trib.arrays import Array, Index
 from sysid_trib.records.column import MOST_SET_BACK, Column
 
-# Rows from which on the steps of a clock are known.
+# Least number of rows that determines the steps of a clock.
 FEWEST_ROWS = 12
-# A column sorted by its values is a clock if this part of its steps is within this part of the usual one.
+# A column sorted by its values is a clock if this fraction of its steps deviates by at most this from the
+# median.
 EVEN_PART = 0.9
 EVEN_WITHIN = 0.3
-# Part of the stamps that may be there twice.
+# Largest fraction of repeated stamps.
 MOST_DOUBLED = 0.01
-# Columns that are looked at.
+# Largest number of columns that are tested.
 COLUMNS_LOOKED_AT = 40
 
 
 def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
-    """Return columns with rows in order of time, without a head, and sentences on the changes.
+    """Return columns with rows in order of time, without a head row, and sentences on the changes.
 
     Parameters
     ----------
@@ -31,7 +32,7 @@ def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     columns = tuple(columns)
     if head := _bare_head(columns):
         columns = tuple(_with_rows(column, slice(1, None)) for column in columns)
-        said.append(f"the first row ({head}) left out: it is no sample")
+        said.append(f"the first row ({head}) omitted: it is not a sample")
     time = _time_in_no_order(columns)
     if time is None:
         return columns, said
@@ -39,7 +40,7 @@ def in_order(columns: Sequence[Column]) -> tuple[tuple[Column, ...], list[str]]:
     sorted_by = " with equal steps" if _is_even(np.sort(time.cells.astype(float))) else ""
     said.append(f"rows are not in order of time: sorted by column {time.name}{sorted_by}")
     size = time.cells.size
-    # Numbers of the rows, put there after the sorting, are those of the new order as well.
+    # Row numbers that were added after sorting belong to the new order too.
     kept = [c.cells.size != size or (c.rises and c.is_plain and _numbers_rows(c)) for c in columns]
     return tuple(c if stays else _with_rows(c, rows) for c, stays in zip(columns, kept, strict=True)), said
 
@@ -49,7 +50,7 @@ def _with_rows(column: Column, rows: slice | Index) -> Column:
 
 
 def _bare_head(columns: Sequence[Column]) -> str:
-    """Return the first row if it is a bare numeric head above an evenly rising clock; or nothing."""
+    """Return the first row if it is a head of bare numbers above a uniform clock; or nothing."""
     sizes = {column.cells.size for column in columns}
     if len(columns) < 2 or len(sizes) > 1 or max(sizes) < FEWEST_ROWS:
         return ""
@@ -65,7 +66,7 @@ def _bare_head(columns: Sequence[Column]) -> str:
 
 
 def _is_even(stamps: Array) -> bool:
-    """Return true if stamps rise in steps that are mostly alike."""
+    """Return true if stamps increase in steps that are mostly equal."""
     if stamps.size < FEWEST_ROWS or not np.isfinite(stamps).all():
         return False
     steps = np.diff(stamps)
@@ -76,17 +77,17 @@ def _is_even(stamps: Array) -> bool:
 
 
 def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
-    """Return column of times by which rows are to be sorted; None if they are in order, or nothing shows it.
+    """Return the time column by which rows must be sorted; None if they are in order, or nothing shows it.
 
-    Values of a clock are evenly apart, in whatever order they stand. Where it jitters, its name and another
-    column that is sorted show the same.
+    Values of a clock are uniformly spaced, in any order. If it has jitter, its name and another sorted column
+    show the same.
     """
     plain = [
         column
         for column in columns[:COLUMNS_LOOKED_AT]
         if column.is_plain and column.cells.size >= FEWEST_ROWS and np.isfinite(column.cells).all()
     ]
-    # Numbers of rows, which are in order after any sorting, are no clock.
+    # Row numbers, which are in order after any sorting, are not a clock.
     if any(
         c.rises and (c.is_time or _is_even(c.cells.astype(float))) and not _numbers_rows(c) for c in plain
     ):
@@ -106,7 +107,7 @@ def _time_in_no_order(columns: Sequence[Column]) -> Column | None:
 
 
 def _numbers_rows(column: Column) -> bool:
-    """Return true if a column holds the numbers 0, 1, 2, ... of its rows, in any order."""
+    """Return true if a column contains the numbers 0, 1, 2, ... of its rows, in any order."""
     ordered = np.sort(column.cells.astype(float))
     return bool(ordered[0] in (0.0, 1.0) and np.all(np.diff(ordered) == 1.0)) and not column.is_time
 

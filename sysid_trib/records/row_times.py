@@ -29,7 +29,7 @@ from sysid_trib.records.reading import Reading, evaluated, is_expression
 from sysid_trib.records.roles import ROLE, input_label
 from sysid_trib.records.tables import FileTable, read_table
 
-# Fraction of steps of one in a counter.
+# Least fraction of steps of one in a counter.
 MOSTLY = 0.9
 _PACKETS = re.compile(r"\b(packet|paket|paquet|pkt|block|burst|seq|sequence)")
 
@@ -39,7 +39,7 @@ GIVE_UNIT = (
     f"give it, --time-units {units.OFFERED_TIME_UNITS} (time_units= in Python), or the sampling rate, "
     "--sampling-rate HZ."
 )
-# Days of 1970-01-01 as spreadsheets and MATLAB count them, and the days of 1990 to 2100.
+# Day numbers of 1970-01-01 in spreadsheets and MATLAB, and of the years 1990 to 2100.
 SERIAL_DAYS = ((25569.0, 32874.0, 73051.0), (719529.0, 726834.0, 767011.0))
 
 
@@ -49,13 +49,13 @@ class RowTimes(NamedTuple):
     Attributes
     ----------
     clock : Clock
-        Times in s, and the rows that they belong to.
+        Times in s, and their rows.
     unit : str
         Unit of the times in the file.
     said : list of str
         Sentences on the times.
     origin : Origin
-        Instant that these times call 0 s.
+        Instant that is 0 s in these times.
     """
 
     clock: Clock
@@ -84,15 +84,15 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
     Raises
     ------
     RecordError
-        There is no time, or another number of them.
+        There is no time, or its length differs from that of the signal.
     UsageError
-        Time stamps contradict the sampling rate that is given.
+        Time stamps contradict the given sampling rate.
     """
     given = how.sampling_rate
     source = table.source
-    # A column of another length, or that does not move, cannot contradict a sampling rate.
+    # A column of another length, or a constant one, cannot contradict a sampling rate.
     idle = time is None or time.cells.size != values.size or not time.is_plain or np.ptp(time.cells) == 0
-    # A column that counts the rows cannot be a signal either.
+    # A column that counts the rows cannot contradict a sampling rate either.
     idle = idle or (time is not None and not time.is_time and bool(np.all(np.diff(time.cells) == 1)))
     numbered, gaps = _numbered(table, (time, signal), values.size)
     if time is None or (given is not None and idle):
@@ -119,7 +119,7 @@ def row_times(table: FileTable, time: Column | None, signal: Column, values: Arr
 
 
 def _origin(time: Column, clock: Clock, unit: str | None) -> Origin:
-    """Return the instant that the times of a clock call 0 s; stamps that count like a calendar are dates."""
+    """Return the instant that is 0 s in the times of a clock; calendar-like stamps are dates."""
     kind, instant = time.first_instant
     counted = Origin(kind, instant).later(clock.counted_from)
     low, high = COUNTED_FROM_1970
@@ -133,8 +133,8 @@ def _origin(time: Column, clock: Clock, unit: str | None) -> Origin:
 
 
 def _check_rate(stamps: Array, given: float, time: Column) -> None:
-    """Refuse a sampling rate that stamps (s) contradict."""
-    # A coarse clock's last stamp lasts for as many samples as the others do.
+    """Raise an error for a sampling rate that contradicts the stamps (s)."""
+    # The last stamp of a coarse clock lasts for as many samples as the others.
     distinct = np.unique(stamps).size
     rate = (stamps.size - stamps.size / max(1, distinct)) / max(float(np.ptp(stamps)), 1e-300)
     if distinct > 1 and abs(given / rate - 1.0) > 0.01 + 1.0 / stamps.size:
@@ -145,14 +145,14 @@ def _check_rate(stamps: Array, given: float, time: Column) -> None:
 def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -> tuple[Index | None, str]:
     """Return sample numbers from 0 if a column counts them and some are lost, and a sentence on these.
 
-    A counter of packets has the same number for each row of one: all packets but the first and the last have
-    as many rows. A counter that starts anew at a power of two is counted on.
+    A counter of packets has the same number in each row of a packet: all packets but the first and the last
+    have the same size. A counter that restarts at a power of two is continued.
     """
     for column in table.columns:
         cells = column.cells
         if column in others or not column.is_plain or cells.size != samples or samples < 3:
             continue
-        # Larger ones are no longer exact.
+        # Larger numbers are not exact.
         if not np.all((cells >= 0) & (cells <= 2.0**53) & (cells == np.round(cells))):
             continue
         steps = _counted_on(cells)
@@ -168,7 +168,7 @@ def _numbered(table: FileTable, others: Sequence[Column | None], samples: int) -
 
 
 def _counted_on(column: Array) -> Index:
-    """Return the steps of a counter that may start anew after all values of so many bits."""
+    """Return the steps of a counter that may restart after all values of this number of bits."""
     whole = column.astype(np.int64)
     turn = 1 << int(whole.max()).bit_length()
     steps = np.diff(whole)
@@ -177,10 +177,10 @@ def _counted_on(column: Array) -> Index:
 
 
 def _of_packets(steps: Index) -> Index | None:
-    """Return numbers of samples in packets of the same size; None where sizes differ."""
+    """Return numbers of samples in packets of equal size; None if the sizes differ."""
     packet = np.append(0, np.cumsum(steps))
     _, begins, sizes = np.unique(packet, return_index=True, return_counts=True)
-    # The first and the last may be cut.
+    # The first and the last packet may be incomplete.
     whole = sizes[1:-1]
     size = int(whole.max(initial=0))
     if len(whole) < 2 or np.mean(whole == size) < MOSTLY or sizes[0] > size:
@@ -192,16 +192,16 @@ def _of_packets(steps: Index) -> Index | None:
 
 
 def input_columns(inputs: Mapping[str, str | int], table: FileTable) -> list[Column]:
-    """Return the columns of a table that are inputs, and so no signal."""
+    """Return the columns of a table that are inputs, and so cannot be the signal."""
     own = [wanted for _, wanted, other in _sources(inputs) if other is None]
     return [table.find(wanted) for wanted in own if not is_expression(table, wanted)]
 
 
 def inputs_near(inputs: Mapping[str, str | int], record: Path) -> dict[str, str | int]:
-    """Return inputs of other files, also in the record's folder; a `*` stands for the record's name.
+    """Return inputs of other files, also in the record's folder; `*` stands for the record's name.
 
-    If several files match, as `*_y.mat`, the file with the longest common beginning of its name and the
-    record's is taken. A UsageError is raised if there is none, or several are equal.
+    If several files match, such as `*_y.mat`, the file is used that has the longest common beginning of its
+    name with the record's. Raise a UsageError if there is none, or several are equal.
     """
     return {
         name: wanted if other is None else f"{_near(other, record)}:{wanted}"
@@ -215,7 +215,7 @@ def _near(pattern: Path, record: Path) -> Path:
         return near if not pattern.is_file() and near.is_file() else pattern
     folder = record.parent / pattern.parent
     fitting = sorted(other for other in folder.glob(pattern.name) if other.name != record.name)
-    # Letters from the beginning of both.
+    # Number of equal letters from the beginning of both names.
     alike = [[a == b for a, b in zip(file.name, record.name, strict=False)] for file in fitting]
     common = [[*letters, False].index(False) for letters in alike]
     nearest = [file for file, length in zip(fitting, common, strict=True) if length == max(common)]
@@ -235,26 +235,26 @@ def with_inputs(
     record : Dataset
         `angle(time)`.
     table : FileTable
-        That it is from.
+        Table of the record.
     rows : (time,) array of int
         Rows of the table, one for each time.
     how : Reading
-        `inputs` are columns by name or number, formulas of them, or of another file as `base.mat:y`;
-        `between` is what is between their samples.
+        Options. `inputs` are columns by name or number, formulas of columns, or columns of another file as
+        `base.mat:y`; `between` is their interpolation.
     origin : Origin
-        Instant that the times of the record call 0 s.
+        Instant that is 0 s in the times of the record.
 
     Returns
     -------
     Dataset
-        Angles in rad; other inputs in the unit of their column. An input of another file has a time of its
-        own, `NAME_time`.
+        Angles in rad; other inputs in the unit of their column. An input of another file has its own time,
+        `NAME_time`.
 
     Raises
     ------
     UsageError
-        There is no such column or file, or the clock of another file has no instant in common with that
-        of the record.
+        There is no such column or file, or the clock of another file has no common instant with that of the
+        record.
     RecordError
         The input is not a number at each time.
     """
@@ -291,7 +291,7 @@ def with_inputs(
 
 
 def _column(table: FileTable, wanted: str | int) -> tuple[Array, units.SignalUnit | None]:
-    """Return values and unit of a column; of a formula of columns, `35.15*vir`, no unit follows."""
+    """Return values and unit of a column; a formula of columns, `35.15*vir`, has no unit."""
     if is_expression(table, wanted):
         return evaluated(table, str(wanted), "--input")[0], None
     column = table.find(wanted)
@@ -299,7 +299,7 @@ def _column(table: FileTable, wanted: str | int) -> tuple[Array, units.SignalUni
 
 
 def _sources(inputs: Mapping[str, str | int]) -> Iterator[tuple[str, str | int, Path | None]]:
-    """Yield the name, column, and the other file where it is of one."""
+    """Yield the name, column, and the other file if the column is in one."""
     for name, wanted in inputs.items():
         file, colon, column = str(wanted).rpartition(":")
         yield (name, column, Path(file)) if colon and file else (name, wanted, None)
@@ -310,7 +310,7 @@ def _of_file(
 ) -> tuple[Array, Array, units.SignalUnit | None]:
     """Read a column of another file: times by the clock of the record, values and unit.
 
-    `origin` : what the times of the record call 0 s.
+    `origin` : instant that is 0 s in the times of the record.
     """
     if not path.is_file():
         raise UsageError(f"The input's file {path} does not exist; give FILE:COLUMN.")
@@ -327,6 +327,6 @@ def _of_file(
         )
     time = times.clock.time + later
     if origin.kind == "day":
-        # Midnight may be between them: the beginning that is nearest.
+        # Midnight may be between them: choose the nearest start.
         time += DAY * np.round((record.time.values[0] - time[0]) / DAY)
     return time, column.numbers[times.clock.rows], column.unit

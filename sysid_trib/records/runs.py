@@ -1,4 +1,4 @@
-"""Runs of one experiment: the forms in which records are given, as a list, and checks of all of them."""
+"""Runs of one experiment: forms of given records, as a list, and checks common to all."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TypeAlias
@@ -30,21 +30,21 @@ RecordsLike: TypeAlias = RecordLike | Iterable[RecordLike]
 
 
 def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
-    """Return the runs as a list, also if there is but one.
+    """Return the runs as a list, also a single one.
 
     Parameters
     ----------
     decay : Dataset or sequence of Dataset
         `angle(time)` of one run, or of several.
     driven : bool
-        Whether a known input is taken; a driven record is cleaned, and parted at its gaps.
+        Whether known inputs are allowed; a driven record is cleaned, and divided at its gaps.
 
     Raises
     ------
     UsageError
-        None is given, or one is no decay, or has a known input that is not taken.
+        No run is given, a run is not a decay, or a known input is not allowed.
     DecayError
-        One holds what is no number, or times that do not rise.
+        A value is not a number, or the times do not increase.
     """
     runs = [decay] if isinstance(decay, xr.Dataset) else list(decay)
     if not runs:
@@ -62,7 +62,7 @@ def as_runs(decay: Decays, *, driven: bool = False) -> list[xr.Dataset]:
 
 
 def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
-    """Refuse runs whose inputs of one name are in different units."""
+    """Raise an error for runs whose inputs of one name have different units."""
     units: dict[str, set[str]] = {}
     for run in runs:
         for name, values in run.variables.items():
@@ -77,5 +77,5 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
 
 
 def one_or_all(runs: Sequence[xr.Dataset]) -> Decays:
-    """Return the decay itself where there is but one."""
+    """Return the decay itself if there is only one."""
     return runs[0] if len(runs) == 1 else list(runs)

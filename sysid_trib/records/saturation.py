@@ -1,31 +1,31 @@
-"""Saturation of a sensor: a driven signal that stays at its extreme value, and comes there at speed."""
+"""Saturation of a sensor: a driven signal that stays at its extreme value, and arrives there at speed."""
 
 import numpy as np
 
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError
 
-# So many equal samples at an extreme value are a stay.
+# Number of equal samples at an extreme value that count as a stay.
 FEWEST_EQUAL = 4
-# Steps on each side of it that are all larger than this part of the RMS step of the signal: a body that turns
-# or comes to rest is slower, and the steps of a coarse sensor are uneven.
+# Number of steps on each side of a stay that must all exceed this fraction of the signal's RMS step: a body
+# that reverses or comes to rest is slower, and the steps of a coarse sensor are uneven.
 FEWEST_FAST, FAST_PART = 4, 0.5
 
 
 def refuse_saturated(time: Array, values: Array, name: str, unit: str) -> None:
-    """Refuse a signal that the end of the sensor's range cuts off.
+    """Raise an error for a signal that is clipped at the end of the sensor's range.
 
     Parameters
     ----------
     time, values : (sample,) array of float
-        Times (s) and what was measured.
+        Times (s) and measured values.
     name, unit : str
-        Of the signal, for the sentence.
+        Name and unit of the signal, for the message.
 
     Raises
     ------
     DecayError
-        It stays at its largest or smallest value, and moves fast before and after.
+        The signal stays at its largest or smallest value, and moves fast before and after.
     """
     for side in (-1.0, 1.0):
         stays = _stays(side * values)
@@ -41,7 +41,7 @@ def refuse_saturated(time: Array, values: Array, name: str, unit: str) -> None:
 
 
 def _stays(values: Array) -> list[slice]:
-    """Return the stays at the largest value that begin and end at speed."""
+    """Return the stays at the largest value that start and end at speed."""
     at_limit = np.concatenate([[False], values == values.max(), [False]])
     edges = np.flatnonzero(np.diff(at_limit.astype(int)))
     stays = [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
@@ -49,8 +49,8 @@ def _stays(values: Array) -> list[slice]:
     fast = FAST_PART * float(np.sqrt(np.mean(steps**2)))
 
     def is_cut(stay: slice) -> bool:
-        """Return true if the signal comes and goes faster than one that turns."""
-        # The steps next to a stay are cut in part.
+        """Return true if the signal arrives and leaves faster than one that reverses."""
+        # The steps next to a stay are truncated.
         before = steps[max(0, stay.start - 1 - FEWEST_FAST) : max(0, stay.start - 1)]
         after = steps[stay.stop : stay.stop + FEWEST_FAST]
         around = np.append(before, after)

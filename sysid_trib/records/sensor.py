@@ -8,12 +8,12 @@ from numpy.polynomial.legendre import legvander
 
 from sysid_trib.arrays import Array
 
-# Values and candidate steps that are looked at.
+# Largest number of values and of candidate steps that are tested.
 MOST_VALUES = 20_000
-# Spacings of up to this number of steps count: over more the step itself is too uncertain.
+# Largest spacing that counts, in steps: beyond it the step itself is too uncertain.
 MOST_STEPS = 20.0
-# Distance from a whole number of steps that is rounding, and the part of the spacings it must explain. By
-# chance it explains a fifth.
+# Distance from a whole number of steps that counts as rounding, and the fraction of spacings it must explain.
+# By chance it explains a fifth.
 ROUNDED = 0.1
 
 
@@ -23,17 +23,17 @@ def sensor_step(signal: Array) -> float:
     Parameters
     ----------
     signal : (sample,) array of float
-        As it was measured, in any unit.
+        Signal as it was measured, in any unit.
 
     Returns
     -------
     float
-        In the unit of the signal; nan of values that lie on no lattice.
+        Step in the unit of the signal; nan for values that lie on no lattice.
 
     Notes
     -----
-    Values that repeat are looked at first: where the record was interpolated to an even clock, they alone are
-    the sensor's. A step divides nearly all spacings between neighbouring values.
+    Repeated values are tested first: if the record was interpolated to a uniform clock, only they come from
+    the sensor. A step divides nearly all spacings between neighbouring values.
     """
     held = np.unique(signal[1:][np.diff(signal) == 0.0])
     every = np.unique(signal)
@@ -51,12 +51,12 @@ def _lattice(values: Array, fewest: int) -> float:
     first = max(0, (values.size - MOST_VALUES) // 2)
     values = values[first : first + MOST_VALUES]
     spacing = np.diff(values)
-    # Below this part of the range two values are equal up to rounding.
+    # Below this fraction of the range, two values are equal up to rounding.
     spacing = np.sort(spacing[spacing > 1e-12 * np.ptp(values)]) if values.size > 1 else spacing
     if spacing.size < fewest:
         return float("nan")
     shortest = spacing[np.linspace(0, spacing.size - 1, min(200, spacing.size)).astype(int)]
-    # Neighbours may never be one step apart, but two and three.
+    # Neighbours may never be one step apart, but two and three steps.
     for step in np.sort(np.concatenate([shortest, shortest / 2.0, shortest / 3.0]))[::-1]:
         if _explains(step, spacing, fewest):
             count = np.round(spacing / step)
@@ -71,12 +71,12 @@ def _explains(step: float, spacing: Array, fewest: int) -> bool:
     return count.size >= fewest and bool(np.mean(whole & (count > ROUNDED)) >= 0.9)
 
 
-# Motions that are rounded to simulate the rounding error.
+# Number of motions that are rounded to simulate the rounding error.
 ROUNDED_MOTIONS = 40
 
 
 def coarse_step(decay: xr.Dataset, noise: float) -> float:
-    """Return the step of a sensor whose rounding shows; 0 if it is like white noise, or was integrated.
+    """Return the sensor's step if its rounding is not like white noise; 0 otherwise, or if integrated.
 
     Parameters
     ----------
@@ -87,9 +87,9 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
 
     Notes
     -----
-    Rounding is white noise where other noise, or the motion from one sample to the next, is of the size of a
-    step (Widrow and Kollar 2008). It shows where it is the larger part of the noise, and most samples are
-    within a step of the last.
+    Rounding is white noise if other noise, or the motion from one sample to the next, has the size of a step
+    (Widrow and Kollar 2008). It is not if it is the larger part of the noise, and most samples are within a
+    step of the last one.
     """
     if int(decay.attrs.get("integrations", 0)):
         return 0.0
@@ -106,7 +106,7 @@ def coarse_step(decay: xr.Dataset, noise: float) -> float:
 def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
     """Yield the error of a rounded, noisy record of a motion, (sample,), `ROUNDED_MOTIONS` times.
 
-    The zero of the sensor lies anywhere between two of its steps.
+    The zero of the sensor is drawn at random between two of its steps.
     """
     random = np.random.default_rng(0)
     rest = np.sqrt(max(0.0, noise**2 - step**2 / 12.0))
@@ -118,8 +118,8 @@ def rounded_noise(motion: Array, step: float, noise: float) -> Iterator[Array]:
 def slow_part(x: Array, v: Array) -> tuple[int, Callable[[Array], float]]:
     """Return the part of noise that slowly changes amplitude and phase of a motion (x, v).
 
-    How many numbers describe it, and what takes the sum of its squares from noise: of white noise of one, a
-    chi square of so many.
+    Return the number of parameters of this part, and the function that gives its sum of squares from noise:
+    for white noise of unit variance, a chi-square with this number of degrees of freedom.
     """
     # Degree of the polynomials in time by which slow noise changes amplitude and phase.
     polynomials = legvander(np.linspace(-1.0, 1.0, len(x)), 7)

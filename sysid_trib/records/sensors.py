@@ -19,14 +19,14 @@ from sysid_trib.records.integration import uniform_pieces
 from sysid_trib.records.row_times import row_times
 from sysid_trib.records.signal import unit_of_signal
 
-# Samples of a record that separate modes at least.
+# Least number of samples of a record for separating modes.
 FEWEST_SAMPLES_OF_SENSORS = 500
-# A sensor is clipped if it is at one end of its range in this number of stretches, of this number of samples
-# in all.
+# A sensor is clipped if it is at one end of its range in at least this number of stretches, with this number
+# of samples in total.
 CLIPPED_RUNS, CLIPPED_SAMPLES = 2, 4
-# Clipping is not judged for a sensor of coarse steps, with fewer than this in its range.
+# Clipping is not tested for a sensor with coarse steps, fewer than this in its range.
 FEWEST_STEPS = 50
-# Quantities among which sensors are chosen: the first that a file has.
+# Order of the quantities: the sensors of the first one in a file are used.
 SENSOR_QUANTITIES = ("acceleration", "rate", "displacement", "angle")
 
 
@@ -44,6 +44,10 @@ class ClippedError(DecayError):
         super().__init__(message)
         self.quantity = quantity
 
+    def __reduce__(self) -> tuple[type["ClippedError"], tuple[str, str]]:
+        """Return the class and its arguments, for another process."""
+        return ClippedError, (str(self), self.quantity)
+
 
 def read_sensors(
     path: str | os.PathLike[str],
@@ -56,12 +60,12 @@ def read_sensors(
     Parameters
     ----------
     path : str or path
-        As `read_record` takes it.
+        File, as `read_record` takes it.
     how : Reading, optional
-        How it is to be read; `angle` names the columns, with commas between them. If it does not, they are
-        those of one quantity: accelerations, else rates, else displacements.
+        Options for reading; `angle` names the columns, separated by commas. Without it, they are all columns
+        of one quantity: accelerations, else rates, else displacements.
     window : (float or None, float or None), s
-        Times between which it is read.
+        Times between which the file is read.
 
     Returns
     -------
@@ -74,9 +78,9 @@ def read_sensors(
     UsageError
         An unknown column or file.
     RecordError, DecayError
-        No sensors, or next to no samples.
+        There are no sensors, or almost no samples.
     ClippedError
-        All of them are clipped.
+        All sensors are clipped.
     """
     how = how or reading.Reading()
     path = Path(path)
@@ -117,12 +121,12 @@ def read_sensors(
 
 
 def as_sensors(given: xr.Dataset) -> xr.Dataset:
-    """Take a record with one signal as that of one sensor; sensors as they are.
+    """Return a record with one signal as a single sensor; return sensors unchanged.
 
     Raises
     ------
     UsageError
-        It is neither.
+        The object is neither a record nor sensors.
     """
     if isinstance(given, xr.Dataset) and "signal" in given and {"sensor", "time"} == set(given.signal.dims):
         return _without_clipped(_with_quantity(given.transpose("sensor", "time")))
@@ -155,7 +159,7 @@ def _with_quantity(sensors: xr.Dataset) -> xr.Dataset:
 
 
 def _dataset(time: Array, values: Array, names: list[str], unit: lab.SignalUnit) -> xr.Dataset:
-    """Return sensors as a Dataset, in the unit of a position over s or s^2."""
+    """Return sensors as a Dataset, in the unit of a position, its rate or its acceleration."""
     times = lab.INTEGRATIONS[unit.quantity]
     units = unit.position + ("", "/s", "/s^2")[times]
     attrs: dict[str, Any] = {"quantity": unit.quantity, "position": unit.position, "integrations": times}
@@ -168,7 +172,7 @@ def _dataset(time: Array, values: Array, names: list[str], unit: lab.SignalUnit)
 
 
 def _columns(table: tables.FileTable, how: reading.Reading) -> tuple[list[Column], list[str]]:
-    """Return the columns of the sensors, and sentences on others that are left out."""
+    """Return the columns of the sensors, and sentences on columns that are left out."""
     if how.angle is not None:
         names = str(how.angle).split(",")
         if len(names) > 1 and table.match(how.angle) is None:
@@ -199,13 +203,13 @@ def _columns(table: tables.FileTable, how: reading.Reading) -> tuple[list[Column
 
 
 def _names(columns: list[Column]) -> list[str]:
-    """Return the names of the columns, without units if they stay different."""
+    """Return the names of the columns, without units if they remain different."""
     bare = [re.sub(r"\s*[(\[][^()\[\]]*[)\]]$", "", column.name) for column in columns]
     return bare if all(bare) and len({*bare}) == len(bare) else [column.name for column in columns]
 
 
 def _quantity(table: tables.FileTable, column: Column, how: reading.Reading) -> str:
-    """Return the quantity of a column, by the user, its unit, the notes of the file, or its name."""
+    """Return the quantity of a column, from the user, its unit, the notes of the file, or its name."""
     if how.quantity is not None:
         return how.quantity
     signals = [c for c in table.columns if c not in table.times]
@@ -227,7 +231,7 @@ def _on_one_clock(time: Array, signals: Array) -> tuple[Array, Array, list[str]]
 
 
 def _without_clipped(sensors: xr.Dataset) -> xr.Dataset:
-    """Leave out clipped sensors, with a sentence; reject a record in which none remains."""
+    """Leave out clipped sensors, with a sentence; raise an error if none remains."""
     time, clipped, ends = sensors.time.values, [], []
     for name in sensors.sensor.values:
         values = sensors.signal.sel(sensor=name).values

@@ -1,7 +1,8 @@
 """Fit of modes whose frequency and rate of decay are smooth curves, to all sensors at once.
 
-The envelopes of `ringing` are free enough to take part of a neighbouring mode near the ends of a record. Here
-each mode has few numbers: rates of phase and level that are splines of a few intervals, and a constant shape.
+The envelopes of `ringing` are flexible enough to contain part of a neighbouring mode near the ends of a
+record. Here each mode has few parameters: a constant shape, and rates of phase and level that are splines
+with a few intervals.
 """
 
 from collections.abc import Sequence
@@ -21,11 +22,11 @@ from sysid_trib.records.ringing import (
     with_common_part,
 )
 
-# Splines that are the rates of phase and level: the fewest intervals, their degree, and the part of the
-# duration by which their knots lie in time rather than in the amplitude.
+# Splines of the rates of phase and level: least number of intervals, degree, and the fraction of the duration
+# by which their knots are placed in time instead of in amplitude.
 FEWEST_RATES, RATE_DEGREE, IN_TIME = 3, 3, 0.3
 POLISHING_ROUNDS, LEAST_GAIN = 12, 1.0
-# Damping of Levenberg and Marquardt's steps, relative to the diagonal of the normal equations.
+# Range of the damping of Levenberg-Marquardt steps, relative to the diagonal of the normal equations.
 LEAST_DAMPING, MOST_DAMPING, LARGEST_LEVEL = 1e-9, 1.0, 40.0
 
 
@@ -36,7 +37,7 @@ class RateIntervals:
     Attributes
     ----------
     per_fall : float
-        Over a fall of the amplitude by e.
+        Intervals per fall of the amplitude by e.
     most : int
     """
 
@@ -45,7 +46,7 @@ class RateIntervals:
 
 
 # Few intervals separate modes by their frequencies alone; many follow the law of a mode closely, which the
-# sensors must separate by its shape.
+# sensors must then separate by its shape.
 FEW_INTERVALS, MANY_INTERVALS = RateIntervals(2.0, 10), RateIntervals(4.0, 24)
 
 
@@ -58,14 +59,14 @@ def with_smooth_rates(
 ) -> list[Component]:
     """Fit components whose frequency and rate of decay are smooth curves, and whose shapes are constant.
 
-    Few numbers give each oscillation, so that neighbouring modes are separated at
-    the ends of a record too (Gauss and Newton's steps from the envelopes before).
+    Few parameters describe each oscillation, so neighbouring modes are separated at the ends of a record too
+    (Gauss-Newton steps from the previous envelopes).
 
     Parameters
     ----------
     signals : (sensor, sample) array of float
     components : sequence of Component
-        With their envelopes.
+        Components with their envelopes.
     interval : float, s
     noise : (sensor,) array of float
     intervals : RateIntervals, optional
@@ -89,7 +90,7 @@ def with_smooth_rates(
         new_shapes = [shape + of_shape for shape, (of_shape, _, _) in zip(shapes, steps, strict=True)]
         rest, columns = _what_is_left(signals, stepped, new_shapes, integrals)
         now = float(np.sum((rest / noise[:, None]) ** 2))
-        # Levenberg and Marquardt: a step that does not help is made shorter.
+        # Levenberg-Marquardt: a step without improvement is shortened.
         if not now < squares:
             damping *= 30.0
             continue
@@ -136,7 +137,7 @@ def _smoothed(component: Component, interval: float, intervals: RateIntervals) -
 
 
 def _mean_shape(component: Component) -> Complex:
-    """Return the constant shape that fits the envelopes of all sensors best."""
+    """Return the constant shape that best fits the envelopes of all sensors."""
     points = np.linspace(0.0, component.stop - 1.0, POINTS_A_KNOT * component.splines)
     weight = np.exp(2.0 * np.interp(points, np.arange(component.level.size), component.level))
     return np.asarray(weight @ component.envelope_at(points) / weight.sum())
@@ -157,7 +158,7 @@ def _integrated_rates(component: Component, interval: float, intervals: RateInte
 
 
 def _products(columns: Sequence[Complex], rest: Array) -> tuple[Array, Array]:
-    """Return products of the real and negative imaginary parts of waves with each other and with signals."""
+    """Return products of real and negative imaginary parts of waves, with each other and with signals."""
     sizes = [2 * len(part) for part in columns]
     size, stop = sum(sizes), max(part.shape[1] for part in columns)
     gram, right = np.zeros((size, size)), np.zeros((size, rest.shape[0]))
@@ -211,7 +212,7 @@ def _newton_step(
 
 
 def _stepped(component: Component, level: Array, phase: Array) -> Component:
-    """Move level and phase of an oscillation; beyond its stop by as much as at the stop."""
+    """Change level and phase of an oscillation; after its stop by the change at the stop."""
     after = component.phase.size - component.stop
     level, phase = (np.concatenate([part, np.full(after, part[-1])]) for part in (level, phase))
     return replace(component, level=component.level + level, phase=component.phase + phase)

@@ -19,15 +19,15 @@ from sysid_trib.records.equilibrium import with_half_periods
 
 SPLINE_DEGREE = 5
 KNOTS_PER_PERIOD = 12
-# Fewer samples than this between knots and the splines would follow the noise.
+# With fewer samples between knots, the splines would follow the noise.
 SAMPLES_PER_KNOT = 2
-# Samples up to which splines or test functions are kept for the next records on the same grids: some 40 MB.
-# Of the splines of longer records the last are.
+# Number of samples up to which splines or test functions are cached for the next records on the same grids:
+# about 40 MB. For longer records only the last splines are cached.
 MOST_KEPT = 100_000
 
 
-# The influence of a sample on the spline falls to a third with each knot (the root -0.666 of the
-# Euler-Frobenius polynomial of degree 11): so many knots away it is below rounding.
+# The influence of a sample on the spline decreases to a third with each knot (the root -0.666 of the
+# Euler-Frobenius polynomial of degree 11): after this number of knots it is below rounding.
 FELT_KNOTS = 100
 
 
@@ -40,19 +40,19 @@ def knot_intervals(tau: Array, fewest: float = SAMPLES_PER_KNOT) -> int:
 
 
 def knot_sequence(tau: Array, intervals: int | None = None) -> Array:
-    """Return the clamped uniform knots, as many intervals as are given, else `knot_intervals`."""
+    """Return the clamped uniform knots, with the given number of intervals or `knot_intervals`."""
     return signal.clamped_knots(tau, intervals or knot_intervals(tau), SPLINE_DEGREE)
 
 
 def least_squares_spline(tau: Array, values: Array, intervals: int | None = None) -> tuple[BSpline, Array]:
-    """Return the spline on a `knot_sequence` that is nearest to values, and what it is at their times.
+    """Return the spline on a `knot_sequence` that is nearest to values, and its values at their times.
 
     Parameters
     ----------
     tau : (sample,) array of float
     values : (sample,) or (sample, record) array of float
     intervals : int, optional
-        Intervals of its knots.
+        Number of intervals between its knots.
 
     Raises
     ------
@@ -61,14 +61,15 @@ def least_squares_spline(tau: Array, values: Array, intervals: int | None = None
 
     Notes
     -----
-    The normal equations of B-splines are well conditioned, and banded. scipy's `make_lsq_spline` gives the
-    same to the bit, but looks for the interval of every sample from the first knot on: 12 s for 10^6 samples.
+    The normal equations of B-splines are well conditioned and banded. scipy's `make_lsq_spline` gives the
+    same result to the bit, but searches for the interval of every sample from the first knot on: 12 s for
+    10^6 samples.
     """
     return _spline_on(knot_sequence(tau, intervals), tau, values)
 
 
 def first_of_spline(tau: Array, values: Array) -> tuple[float, float]:
-    """Return the first value and slope of `least_squares_spline`, by the samples that they depend on."""
+    """Return first value and slope of `least_squares_spline`, from the samples on which they depend."""
     knots = knot_sequence(tau)
     if len(knots) > FELT_KNOTS + 2 * (SPLINE_DEGREE + 1):
         last = knots[SPLINE_DEGREE + FELT_KNOTS]
@@ -97,7 +98,7 @@ def _normal_equations(tau_bytes: bytes, knots_bytes: bytes) -> tuple[sp.csr_arra
     knots = np.frombuffer(knots_bytes)
     if np.any(np.diff(tau) <= 0.0):
         raise ValueError("times that do not increase")
-    # No sample is beyond the knots: without extrapolation Python's own min and max look through all of them.
+    # No sample is beyond the knots: with extrapolation, Python's min and max would go through all of them.
     basis = BSpline.design_matrix(tau, knots, SPLINE_DEGREE, extrapolate=True)
     normal = basis.T @ basis
     band = np.stack([np.pad(normal.diagonal(off), (0, off)) for off in range(SPLINE_DEGREE + 1)])
@@ -141,7 +142,7 @@ def _noise_about(spline: BSpline, residual: Array) -> float:
 
 @dataclass(frozen=True)
 class SplinesAt:
-    """All splines on some knots, at some points.
+    """All splines on given knots, at given points.
 
     Attributes
     ----------
@@ -157,15 +158,15 @@ class SplinesAt:
         return {}
 
     def design(self, order: int = 0) -> sp.csr_matrix:
-        """Return values of every B-spline, or of a derivative of it, (point, spline); computed once."""
+        """Return values of every B-spline or of a derivative, (point, spline); computed once."""
         if order not in self._designs:
             self._designs[order] = spline_design(self.points, self.knots, order)
         return self._designs[order]
 
     def of(self, spline: BSpline, order: int = 0) -> Array:
-        """Return a spline on these knots at the points or a derivative, (point,).
+        """Return a spline on these knots, or a derivative, at the points, (point,).
 
-        At many points without the matrices, which would take more memory than records do.
+        For many points it is computed without the matrices, which would take more memory than the records.
         """
         if len(self.points) > MOST_KEPT:
             return np.asarray(spline(self.points, order))
@@ -174,7 +175,7 @@ class SplinesAt:
 
 def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
     """Return the `order`-th derivative of all B-splines of `SPLINE_DEGREE` at points, (point, spline)."""
-    # No point is beyond the knots: without extrapolation Python's own min and max look through all of them.
+    # No point is beyond the knots: with extrapolation, Python's min and max would go through all of them.
     lowest = knots[order : len(knots) - order]
     design = BSpline.design_matrix(tau, lowest, SPLINE_DEGREE - order, extrapolate=True)
     # d/dx B_{i,p} = p (B_{i,p-1}/(t_{i+p}-t_i) - B_{i+1,p-1}/(t_{i+p+1}-t_{i+1})), from low to high degree.
@@ -189,14 +190,14 @@ def spline_design(tau: Array, knots: Array, order: int) -> sp.csr_matrix:
 
 
 def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float:
-    """Return the frequency of a decay by the median of its half periods, rad/s.
+    """Return the frequency of a decay from the median of its half periods, rad/s.
 
     Parameters
     ----------
     decay : Dataset
-        With `angle(time)`.
+        Decay with `angle(time)`.
     equilibrium : float or None, rad
-        None has it found.
+        Equilibrium; with None it is estimated.
 
     Returns
     -------
@@ -205,18 +206,32 @@ def swing_frequency(decay: xr.Dataset, equilibrium: float | None = 0.0) -> float
     Raises
     ------
     DecayError
-        No whole half period.
+        There is no whole half period.
     """
     _, _, halves = with_half_periods(decay, 1, equilibrium)
     return float(np.pi / np.median(halves.duration))
 
 
-def first_frequency(runs: Sequence[xr.Dataset]) -> float:
-    """Return the frequency from which fits of runs begin, by the median of theirs, rad/s.
+def samples_of_a_period(decay: xr.Dataset) -> int:
+    """Return the samples of a period of a record, by its `swing_frequency` and its median time step.
 
-    A driven body, as on a belt, may swing away from zero: its own middle is used then. A driven run that does
-    not swing, as one that is lifted slowly, has no frequency beside others that do. If none swings, the
-    frequency is one below which their rates have nearly all of their power.
+    Residuals are correlated over a period: it is the block of a Diebold-Mariano test.
+
+    Raises
+    ------
+    DecayError
+        No whole half period.
+    """
+    step = float(np.median(np.diff(decay.time.values)))
+    return max(1, round(2.0 * np.pi / (swing_frequency(decay) * step)))
+
+
+def first_frequency(runs: Sequence[xr.Dataset]) -> float:
+    """Return the frequency from which fits of runs start: the median of their frequencies, rad/s.
+
+    A driven body, such as one on a belt, may swing away from zero: its own middle is then used. A driven run
+    that does not swing, such as one that is lifted slowly, is ignored if others do. If none swings, the
+    result is a frequency below which their rates have nearly all of their power.
 
     Raises
     ------
@@ -241,15 +256,15 @@ def clock_of(record: xr.Dataset) -> float:
     step = float(np.median(np.diff(time)))
     rate = np.diff(np.interp(np.arange(time[0], time[-1], step), time, record.angle.values))
     power = np.cumsum(np.abs(np.fft.rfft(rate)) ** 2)
-    # Part of the power of the rate.
+    # Fraction of the power of the rate.
     at = np.searchsorted(power, 0.95 * power[-1])
     return nominal_frequency(2.0 * np.pi * float(np.fft.rfftfreq(len(rate), step)[max(1, at)]))
 
 
 def nominal_frequency(frequency: float) -> float:
-    """Round a frequency to two digits, so that records which differ by noise have the same splines.
+    """Round a frequency to two digits, so that records that differ by noise have the same splines.
 
-    The digits are those in a unit of time, a power of two of the second, that makes the frequency 5 to 10:
+    The digits refer to a unit of time (a power of two of the second) in which the frequency is 5 to 10, so
     results do not depend on the unit.
     """
     halvings = math.floor(math.log2(frequency / 5.0))
@@ -257,21 +272,21 @@ def nominal_frequency(frequency: float) -> float:
 
 
 def sensor_noise(decay: xr.Dataset) -> float:
-    """Return the standard deviation of a sample's noise, whatever the forces (rad).
+    """Return the standard deviation of a sample's noise, independent of any forces (rad).
 
     Parameters
     ----------
     decay : Dataset
-        With `angle(time)`.
+        Decay with `angle(time)`.
 
     Returns
     -------
     float
-        Of what the least-squares spline with twelve knots a period does not follow: no model is needed, so
-        that it is the same for every method. Of coloured noise it is the part above six times the frequency
-        of the swing. Where the samples are too few, or have gaps, it is that of sixth differences, or of the
-        quantisation if that is larger. Of an integrated signal it is that of what was measured,
-        over the frequency of the swing for each integration.
+        Noise from the residual of the least-squares spline with twelve knots a period. It needs no model, and
+        so is the same for every method. For coloured noise it is the part above six times the frequency of
+        the swing. With too few samples, or with gaps, it is that of sixth differences, or of quantisation if
+        that is larger. For an integrated signal it is the noise of the measured signal, divided by the
+        frequency of the swing for each integration.
     """
     integrations = int(decay.attrs.get("integrations", 0))
     if integrations and "measured" in decay:
@@ -279,8 +294,8 @@ def sensor_noise(decay: xr.Dataset) -> float:
         by_spline = sensor_noise(xr.Dataset({"angle": measured.rename(measured_time="time")}))
         at, values = (of.values.astype(float) for of in (measured.measured_time, measured))
         by_differences = half_periods.noise_of_record(at, values)
-        # Dry friction makes an acceleration jump, which no spline follows: its residual is so many times the
-        # noise.
+        # Dry friction makes an acceleration jump, which a spline does not follow: its residual is then larger
+        # than the noise by at least this factor.
         noise = by_spline if by_spline < 1.2 * by_differences else by_differences
         return float(noise / swing_frequency(decay) ** integrations)
     time = decay.time.values.astype(float)
@@ -294,13 +309,13 @@ def sensor_noise(decay: xr.Dataset) -> float:
 
 
 def _noise(tau: bytes, angle: bytes) -> float:
-    """Return `noise` of `smooth` by itself, without the derivatives of the motion."""
+    """Return only `noise` of `smooth`, without the derivatives of the motion."""
     values = np.frombuffer(angle)
     spline, x = least_squares_spline(np.frombuffer(tau), values)
     return _noise_about(spline, values - x)
 
 
-# A long record outlasts the records that are simulated of it.
-# Every method and verdict asks for the noise of the same record, or of its few runs: the last are kept.
+# Every method and verdict asks for the noise of the same record, or of its few runs: cache the last ones.
+# A long record has a separate cache, so that records simulated from it do not displace it.
 _about_spline = lru_cache(4)(_noise)
 _about_long_spline = lru_cache(1)(_noise)

@@ -1,4 +1,4 @@
-"""A file as a table: columns with their names, units and numbers, and what else it says."""
+"""A file as a table: columns with their names, units and numbers, and further statements of the file."""
 
 import gzip
 import hashlib
@@ -7,25 +7,27 @@ import re
 import sys
 import tempfile
 import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, cast
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 
 from sysid_trib.errors import RecordError, UsageError, did_you_mean, readable
-from sysid_trib.records import formats, text, units as lab
-from sysid_trib.records.column import Column
+from sysid_trib.records import archives, formats, text, units as lab
+from sysid_trib.records.column import Column, is_number
 from sysid_trib.records.probe import check_binary
 from sysid_trib.records.row_order import in_order
+from sysid_trib.records.split_clock import with_joined_clock
 
 STANDARD_INPUT = "-"
-# Bytes; more is no record but a bomb.
+# Bytes; larger content is not a record but a decompression bomb.
 LARGEST_CONTENT = 2**30
-# Columns that a refusal lists.
+# Largest number of columns that an error lists.
 LISTED = 12
 
 
@@ -36,15 +38,15 @@ class FileTable:
     Attributes
     ----------
     source : str
-        Its name, for messages.
+        Name of the file, for messages.
     columns : tuple of Column
-        In the order of the file.
+        Columns in the order of the file.
     notes : tuple of str
         Notes of the file: comment lines, texts and scalars as `name = value`.
     checksum : str
-        SHA-256 of its content.
+        SHA-256 of the content.
     said : tuple of str
-        Changes of its rows.
+        Sentences on changes of its rows.
     """
 
     source: str
@@ -55,13 +57,13 @@ class FileTable:
 
     @cached_property
     def rate(self) -> float | None:
-        """Sampling rate (Hz) that its notes state, or that its rows have over a duration they state."""
+        """Sampling rate (Hz) that its notes state, or that follows from a stated duration."""
         rows = max(column.cells.size for column in self.columns)
         return lab.noted_rate(self.notes, rows) or lab.bare_rate(self.notes, rows)
 
     @cached_property
     def times(self) -> list[Column]:
-        """Columns of time: by their headers, else the first one that rises throughout."""
+        """Columns of time: by their headers, else the first one that increases throughout."""
         filled = [column for column in self.columns if not column.is_empty]
         named = [column for column in filled if column.is_time]
         if named or len(filled) == 1:
@@ -76,7 +78,7 @@ class FileTable:
         return self._of_the_name(rising[0]) if rising else []
 
     def _of_the_name(self, first: Column) -> list[Column]:
-        """Return a column of times, and those of its name further on: each run side by side has its own."""
+        """Return a time column, and later columns of its name: each run side by side has its own."""
         bare = _without_number(first.base)
         if not bare:
             return [first]
@@ -84,7 +86,7 @@ class FileTable:
         return [first, *(c for c in after if c.rises and _without_number(c.base) == bare)]
 
     def match(self, wanted: str | int | None) -> Column | None:
-        """Return the column of that name, or else of that number from 0; None if there is no single one."""
+        """Return the column with this name, or else this number from 0; None if there is no single one."""
         name = str(wanted)
         for matches in (
             [column for column in self.columns if column.name == wanted],
@@ -98,12 +100,12 @@ class FileTable:
         return None
 
     def find(self, wanted: str | int) -> Column:
-        """Return the column of that name, or else of that number from 0.
+        """Return the column with this name, or else with this number from 0.
 
         Raises
         ------
         UsageError
-            There is none; all are listed.
+            There is no such column; the message lists all.
         """
         column = self.match(wanted)
         if column is None:
@@ -114,7 +116,7 @@ class FileTable:
 
     @property
     def listed(self) -> str:
-        """Its columns with their numbers, the time's among them."""
+        """Columns with numbers, including those of time."""
         names = [f"{number}: {column.name}" for number, column in enumerate(self.columns)]
         return ", ".join([*names[:LISTED], *["..."] * (len(names) > LISTED)])
 
@@ -123,7 +125,7 @@ class FileTable:
         """Message that there are no times, and what to give."""
         over = [column.name for column in self.columns if column.base.startswith("freq")]
         if over:
-            why = f"its columns are over {over[0]}, not over time: it is a response; a record is needed."
+            why = f"its columns are over {over[0]}, not over time. Give a record over time."
             return f"{self.source}: {why}"
         taken = next((f" but {time.name}, which --angle takes" for time in self.times), "")
         return (
@@ -133,7 +135,7 @@ class FileTable:
 
 
 def _without_number(base: str) -> str:
-    """Strip the number or letter by which a name differs from its like, `timed 2` or `stamp b`."""
+    """Remove the number or letter by which a name differs from similar names: `timed 2`, `stamp b`."""
     return re.sub(r"[ _.#]?\d+$|[ _][a-d]$", "", base)
 
 
@@ -150,20 +152,41 @@ def read_table(path: Path) -> FileTable:
     UsageError
         There is no such file.
     RecordError
-        The file is empty, binary, truncated, vast or holds no table; the message names it.
+        The file is empty, binary, truncated, too large, or contains no table; the message names it.
     """
     with _opened(path) as file:
         source = readable(path.name if str(path) != STANDARD_INPUT else file.name)
-        cells, units, notes = _contents(file)
-        text.check_width(file, len(cells))
+        cells, units, notes, sentences = _contents(file)
         arrays = {name: np.asarray(values) for name, values in cells.items()}
+        longest = max((array.shape[0] for array in arrays.values() if array.ndim), default=0)
+        text.check_width(file, len(cells), longest)
         kept = [(name, values) for name, values in arrays.items() if not _is_nested(values)]
         columns = tuple(Column.of_file(*named, source, units.get(named[0], "")) for named in kept)
         if not any(column.cells.size for column in columns):
             raise RecordError(f"{file.name}: there are no numbers in it.")
+        columns, of_clock = with_joined_clock(columns)
         columns, said = in_order(columns)
         checksum = hashlib.sha256(file.read_bytes()).hexdigest()
+        said = [*sentences, *of_clock, *said, *_without_numbers(columns)]
         return FileTable(source, columns, tuple(notes), checksum, tuple(said))
+
+
+def _without_numbers(columns: Sequence[Column]) -> list[str]:
+    """Return a sentence on the columns that have a name but no number, if there are some."""
+    # Names that the reader gave, `#3`, and numbers, are those of columns that the file does not name.
+    names = [
+        column.name
+        for place, column in enumerate(columns)
+        if column.is_empty
+        and not column.name.startswith("#")
+        and (column.name == str(place) or not is_number(column.name))
+    ]
+    if not names:
+        return []
+    said = (
+        f"column {names[0]} contains" if len(names) == 1 else f"columns {', '.join(names[:LISTED])} contain"
+    )
+    return [f"{said} no number, left out"]
 
 
 def _contents(path: Path) -> formats.Contents:
@@ -179,14 +202,14 @@ def _contents(path: Path) -> formats.Contents:
         raise RecordError(
             f"{path.name}: to read this format {package} is needed: pip install pyarrow npTDMS."
         ) from error
-    # Readers of foreign formats meet a damaged file with any exception at all.
+    # Readers of foreign formats may raise any exception for a damaged file.
     except Exception as error:
         reason = next(iter(str(error).splitlines()), "") or type(error).__name__
         raise RecordError(f"{path.name}: cannot be read, it seems damaged or cut off ({reason}).") from error
 
 
 def _is_nested(values: Any) -> bool:
-    """Return true if the cells of a column are lists, as netCDF and Parquet can have them."""
+    """Return true if the cells of a column are lists, which netCDF and Parquet allow."""
     return values.dtype.kind == "O" and any(isinstance(cell, np.ndarray | list | dict) for cell in values)
 
 
@@ -216,33 +239,59 @@ def check_is_file(path: Path) -> None:
 
 @contextmanager
 def _opened(path: Path) -> Iterator[Path]:
-    """Yield file itself; of `-` what comes by standard input, of a .gz its content, in a folder of its own.
+    """Yield the file; for `-` the standard input, for a .gz or .zip its content, each as a temporary copy.
 
     Raises
     ------
     RecordError
-        The .gz is damaged, or its content vast.
+        The file is damaged, its content is too large or holds several files, or the disk is full.
     """
-    given = str(path) == STANDARD_INPUT
-    if not given:
-        check_is_file(path)
-        with path.open("rb") as file:
-            packed = file.read(2) == b"\x1f\x8b"
-        if not packed:
+    with ExitStack() as stack:
+        packed = _unpacked(path, stack)
+        if packed is None:
             yield path
             return
-    name = "standard input" if given else path.name
-    with tempfile.TemporaryDirectory() as folder:
-        copy = Path(folder) / name.removesuffix(".gz")
+        name, source = packed
         try:
-            with (
-                nullcontext(sys.stdin.buffer) if given else gzip.open(path) as file,
-                copy.open("wb") as target,
-            ):
-                while target.tell() <= LARGEST_CONTENT and (part := file.read(2**20)):
+            folder = stack.enter_context(tempfile.TemporaryDirectory())
+            copy = Path(folder) / (Path(name).name.strip(".") or "content")
+            with copy.open("wb") as target:
+                for part in _parts(source, name):
                     target.write(part)
-        except (OSError, EOFError, zlib.error) as error:
-            raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
-        if copy.stat().st_size > LARGEST_CONTENT:
-            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
+        except OSError as error:
+            why = error.strerror or error
+            wrong = f"{name}: no copy of it can be written to the temporary folder ({why})"
+            raise RecordError(f"{wrong}; make space there, or set TMPDIR.") from None
         yield copy
+
+
+def _parts(source: IO[bytes], name: str) -> Iterator[bytes]:
+    """Yield the content of a packed file in parts."""
+    size = 0
+    while True:
+        try:
+            part = source.read(2**20)
+        except (OSError, EOFError, ValueError, NotImplementedError, zlib.error, BadZipFile) as error:
+            raise RecordError(f"{name}: cannot be unpacked, it seems damaged ({error}).") from None
+        if not part:
+            return
+        size += len(part)
+        if size > LARGEST_CONTENT:
+            raise RecordError(f"{name}: contains more than {LARGEST_CONTENT:,} bytes: no record does.")
+        yield part
+
+
+def _unpacked(path: Path, stack: ExitStack) -> tuple[str, IO[bytes]] | None:
+    """Return the name and content of what is not a plain file: standard input, .gz, .zip; else None."""
+    if str(path) == STANDARD_INPUT:
+        return "standard input", sys.stdin.buffer
+    check_is_file(path)
+    with path.open("rb") as file:
+        start = file.read(2)
+    if start == b"\x1f\x8b":
+        return path.name.removesuffix(".gz"), cast(IO[bytes], stack.enter_context(gzip.open(path)))
+    member = archives.single_file(path) if start == b"PK" else None
+    if member is None:
+        return None
+    archive = stack.enter_context(ZipFile(path))
+    return readable(member.filename), stack.enter_context(archive.open(member))

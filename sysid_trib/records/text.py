@@ -1,4 +1,4 @@
-"""Tables of numbers in text, whatever its delimiter, decimal sign, labels, units, head and comments."""
+"""Tables of numbers in text, with any delimiter, decimal sign, labels, units, head and comments."""
 
 import csv
 import re
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from io import StringIO
 from itertools import chain, combinations, pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import pandas as pd
 
@@ -18,24 +19,27 @@ from sysid_trib.records.units import (
     is_time,
     names_quantity,
     noted_rate,
+    noted_unit,
     plain_unit,
     split_header,
 )
 
 FORMATS = "text, CSV or JSON, MATLAB, NumPy, Excel (.xlsx), netCDF, HDF5, Parquet, TDMS"
-# Rows in which facts may be next to the numbers.
+# Largest number of rows in which settings may be next to the numbers.
 MOST_FACTS = 40
 DELIMITERS = (";", "\t", "|", ",", None)
-# Numbers in other notations: their pattern, a pattern that the text must or must not contain, and their signs
-# with the replacements.
+# Numbers in other notations: their pattern, a pattern that the text must contain, one that it must not
+# contain, and the replaced signs.
 _WRITTEN_OTHERWISE = (
-    # Figures parted by narrow blanks or apostrophes; `"5,123"` alone may be a decimal comma.
+    # Digits grouped by narrow blanks or apostrophes; `"5,123"` alone may contain a decimal comma.
     (r"(?<=\d)[\u00a0\u2009\u202f'’](?=\d{3}(?!\d))", "", None, r"\D", ""),
     (r"\"[+-]?\d{1,3}(?:,\d{3})+(?:\.\d+)?\"", r"\"[+-]?\d{1,3}(?:,\d{3})+\.\d+\"", None, ",", ""),
     # `5,123.45`, `5.123,45` and `1 234,5` between semicolons or tabs; between commas they are two numbers.
     (r"(?<![\d.,])[+-]?\d{1,3}(?:,\d{3})+(?=\.\d)", "[;\t]", None, ",", ""),
     (r"(?<![\d.,])[+-]?\d{1,3}(?:\.\d{3})+(?=,\d)", "[;\t]", None, r"\.", ""),
     (r"(?:^|(?<=[;\t\"]))[ ]*[+-]?\d{1,3}(?: \d{3})+(?=[.,;\t\"\r\n]|$)", "[;\t]", None, " ", ""),
+    # `+ 0.12` in a separate cell.
+    (r"(?:^|(?<=[;\t,\"]))[ ]*[+-] +(?=[\d.])", "[;\t,]", None, " ", ""),
     # `"0,12"` between commas, and Fortran's `1.5D-02`.
     (r"\"[+-]?\d*,\d+(?:[eE][+-]?\d+)?\"", "", r"\"[+-]?\d*\.\d+\"", ",", "."),
     (r"\d\.?[dD][+-]\d\d", "", None, "[dD]", "E"),
@@ -47,8 +51,29 @@ _DRESSED = re.compile(
 )
 
 
-def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Return a text file's rows of numbers, the names of their columns if stated, and the lines above.
+class TextTable(NamedTuple):
+    """Table of numbers in a text.
+
+    Attributes
+    ----------
+    frame : DataFrame
+        Rows of numbers.
+    names : list of str or None
+        Names of their columns; None where the text states none.
+    notes : list of str
+        Lines above.
+    said : list of str
+        Sentences on rows that were left out.
+    """
+
+    frame: pd.DataFrame
+    names: list[str] | None
+    notes: list[str]
+    said: list[str]
+
+
+def read_text(path: Path) -> TextTable:
+    """Return the table of a text file.
 
     Parameters
     ----------
@@ -58,14 +83,16 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
     Raises
     ------
     RecordError
-        Binary content, or no numbers.
+        The content is binary, or has no numbers.
     """
     content = path.read_bytes()
     wide = ""
-    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
+    if content.startswith((b"\xff\xfe\0\0", b"\0\0\xfe\xff")):
+        wide = "utf-32"
+    elif content.startswith((b"\xff\xfe", b"\xfe\xff")):
         wide = "utf-16"
     elif content[:MOST_FACTS].count(b"\0") == MOST_FACTS // 2:
-        # Without its mark: every second byte of plain letters is zero.
+        # Without a byte order mark: every second byte of plain letters is zero.
         wide = "utf-16-le" if content[1:2] == b"\0" else "utf-16-be"
     markup = re.match(rb"[\xef\xbb\xbf\s]*<[?!]?(\w+)", content)
     if markup is not None:
@@ -79,39 +106,55 @@ def read_text(path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
         return table_in(content.decode("latin-1"), path)
 
 
-def table_in(text: str, path: Path) -> tuple[pd.DataFrame, list[str] | None, list[str]]:
-    """Return rows of numbers in a text, the names of their columns, and the lines above (see `read_text`)."""
+def table_in(text: str, path: Path) -> TextTable:
+    """Return the table in a text (see `read_text`)."""
     lines = _without_labels(_plain_numbers(text).splitlines())
     delimiter, start = _find_block(lines)
     if start is None:
         raise RecordError(f"{path.name}: no rows of numbers were found in it (other formats: {FORMATS}).")
     # The last cell of the first row may be empty.
     width = max(len(_fields(line, delimiter)) for line in lines[start : start + 2])
-    check_width(path, width)
     header = _header(lines[:start], delimiter, width)
     commas = any("," in line for line in lines[start : start + 50])
     decimal = "," if commas and delimiter != "," else "."
     if delimiter == "," and header and len(header) == 1:
         delimiter = None
         decimal = ","
-    block = _rows_below(lines, start, delimiter)
+    block, said = _rows_below(lines, start, delimiter)
+    check_width(path, width, len(block))
     frame = _as_frame(block, delimiter, decimal, path, len(header or ()))
     # A delimiter at the end of every line makes an empty last column.
-    if frame.shape[1] > 1 and frame.iloc[:, -1].isna().all():
+    unnamed = len(header or ()) < frame.shape[1]
+    if frame.shape[1] > 1 and unnamed and frame.iloc[:, -1].isna().all():
         frame = frame.iloc[:, :-1]
     named = header is not None and len(header) >= frame.shape[1]
     # Texts next to the first numbers, such as the settings of an oscilloscope.
     texts = frame.head(MOST_FACTS).select_dtypes(exclude="number").to_numpy()
     facts = [" ".join(str(cell) for cell in row if cell == cell) for row in texts]
-    return frame, header if named else None, [*lines[:start], *facts]
+    notes = [*lines[:start], *_facts_below_names(lines[:start], delimiter), *facts]
+    return TextTable(frame, header if named else None, notes, said)
 
 
-def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tuple[int, str]]:
-    """Return the rows of numbers with their numbers in the file, from 1."""
-    # A logger that is started anew writes its head again, its dates being others.
+def _facts_below_names(lines: list[str], delimiter: str | None) -> list[str]:
+    """Return `name = value` for each number or unit above the table that stands below a name."""
+    facts: list[str] = []
+    for names, values in pairwise(_fields(line, delimiter) for line in lines[-HEAD_LINES:]):
+        if len(names) == len(values) > 1:
+            pairs = [pair for pair in zip(names, values, strict=True) if not is_number(pair[0])]
+            facts += [
+                f"{name} = {value}" for name, value in pairs if is_number(value) or is_known_unit(value)
+            ]
+    return facts
+
+
+def _rows_below(
+    lines: list[str], start: int, delimiter: str | None
+) -> tuple[list[tuple[int, str]], list[str]]:
+    """Return the rows of numbers with their line numbers from 1, and a sentence on other rows."""
+    # A restarted logger writes its head again, with other dates.
     head = {line.strip() for line in lines[max(0, start - 2) : start]} | {""}
     keys = {_fields(line, delimiter)[0] for line in lines[:start] if line.strip() and not _is_comment(line)}
-    keys = {key for key in keys if not is_number(key) and not is_missing(key)}
+    keys = {_numberless(key) for key in keys if not is_number(key) and not is_missing(key)}
     block = [
         (number, line)
         for number, line in enumerate(lines[start:], start + 1)
@@ -119,17 +162,37 @@ def _rows_below(lines: list[str], start: int, delimiter: str | None) -> list[tup
     ]
     if keys:
         block = block[:1] + [row for row in block[1:] if not _begins_with(row[1], keys, delimiter)]
-    # Texts that a logger writes below the numbers are no data.
+    # Texts below the numbers are not data.
     usual = _fields(block[0][1], delimiter)
     while len(block) > 1 and _is_summary(_fields(block[-1][1], delimiter), usual):
         block.pop()
-    return block
+    remarks = [(number, line) for number, line in block if _is_remark(line, delimiter, usual)]
+    if not remarks:
+        return block, []
+    number, line = remarks[0]
+    count = f"{len(remarks)} rows" if len(remarks) > 1 else "1 row"
+    said = f"{count} of text left out, such as line {number}: {line.strip()[:40]!r}"
+    return [row for row in block if row not in remarks], [said]
+
+
+def _is_remark(line: str, delimiter: str | None, usual: list[str]) -> bool:
+    """Return true if a line is a text without any number, where the others hold several numbers."""
+    first = next(iter(line.split(delimiter, 1)), "").strip(" \t\"'")
+    if is_number(first) or is_missing(first) or sum(map(is_number, usual)) < 2:
+        return False
+    cells = [cell for cell in _fields(line, delimiter) if cell]
+    return len(cells) < len(usual) and not any(is_number(cell) or is_missing(cell) for cell in cells)
+
+
+def _numberless(text: str) -> str:
+    """Return a text with one sign for every number next to words: `Run 2` is a line like `Run 1`."""
+    return re.sub(r"\d+", "0", text) if any(map(str.isalpha, text)) else text
 
 
 def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
-    """Return true if the first cell of a line is one of these texts."""
+    """Return true if the first cell of a line is one of these texts, whatever the numbers in it."""
     first = next(iter(line.strip().split(delimiter, 1)), "")
-    return not is_number(first) and first.strip(" \t\"'") in keys
+    return not is_number(first) and _numberless(first.strip(" \t\"'")) in keys
 
 
 def _as_frame(
@@ -140,7 +203,7 @@ def _as_frame(
     Raises
     ------
     RecordError
-        A row holds more than the others, with its line in the file.
+        A row has more cells than the others; the message states its line in the file.
     """
 
     def table(lines: Sequence[str]) -> pd.DataFrame:
@@ -153,7 +216,7 @@ def _as_frame(
     try:
         return table([line for _, line in block])
     except pd.errors.ParserError:
-        # Some rows have more cells than the first one: empty ones at their ends are none.
+        # Some rows have more cells than the first one: ignore empty cells at their ends.
         cells = [(number, _filled(line, delimiter)) for number, line in block]
         width = max(names, Counter(len(row) for _, row in cells).most_common(1)[0][0])
         for number, row in cells:
@@ -178,24 +241,31 @@ def _quoted(cells: list[str], delimiter: str) -> list[str]:
     return [f'"{cell}"' if delimiter in cell else cell for cell in cells]
 
 
-def check_width(path: Path, columns: int) -> None:
-    """Refuse a table of far more columns than any record has.
+def check_width(path: Path, columns: int, rows: int) -> None:
+    """Raise an error for a table with far more columns than any record has, or one on its side.
 
     Raises
     ------
     RecordError
-        With how many there are.
+        There are too many columns; the message states their number.
     """
     # The widest table that is looked at.
     if columns > 4096:
         raise RecordError(
             f"{path.name}: has {columns:,} columns, where a record has a few: turn the table, or cut it."
         )
+    # No record has so few rows, and so many columns for each.
+    if rows <= 12 and columns >= 8 * max(rows, 8):
+        raise RecordError(
+            f"{path.name}: has {columns:,} columns and {rows} row{'s' * (rows != 1)}: time must run down the "
+            "rows; turn the table (transpose it), so that each signal is a column."
+        )
 
 
 def _plain_numbers(text: str) -> str:
-    """Return text with plain numbers in place of those that are parted in groups, quoted, or of Fortran."""
-    text = text.replace(MINUS, "-")
+    """Return text with plain numbers in place of grouped, quoted, or Fortran numbers."""
+    # Spreadsheets keep `="0.12"` from being changed.
+    text = re.sub(r'="([^"\n]*)"', r"\1", text.replace(MINUS, "-"))
     for pattern, needed, unless, sign, plain in _WRITTEN_OTHERWISE:
         if re.search(needed, text) and not (unless and re.search(unless, text)):
             text = _rewritten(text, pattern, sign, plain)
@@ -207,8 +277,8 @@ def _rewritten(text: str, pattern: str, sign: str, plain: str) -> str:
 
 
 def _without_labels(lines: list[str]) -> list[str]:
-    """Return lines with bare numbers if each row has the same labels or units, which the head then has."""
-    # By a line in the middle: a logger may write a greeting and a farewell.
+    """Return lines with bare numbers if each row has the same labels or units, which go to the head."""
+    # Use a line in the middle: a logger may write a greeting and a farewell.
     middle = lines[len(lines) // 2] if lines else ""
     for delimiter in DELIMITERS:
         labels, _, units = _dressed(middle, delimiter) or ((), (), ())
@@ -233,13 +303,13 @@ def _without_labels(lines: list[str]) -> list[str]:
 def _dressed(line: str, delimiter: str | None) -> tuple[tuple[str, ...], ...] | None:
     """Return labels, numbers and units of the cells of a line; None if a cell is anything else.
 
-    Either each cell has a label of its own, or none has one.
+    Either each cell has its own label, or none has one.
     """
     cells = [_DRESSED.fullmatch(cell) for cell in line.strip(" \t,{}[]").split(delimiter)]
     if not cells or None in cells:
         return None
     labels, numbers, units = zip(*(cell.groups(default="") for cell in cells if cell), strict=True)
-    known = all(plain_unit(unit) in TIME_UNITS or is_known_unit(unit) for unit in units if unit)
+    known = all(plain_unit(unit) in (*TIME_UNITS, "%") or is_known_unit(unit) for unit in units if unit)
     of_their_own = not any(labels) or len({*labels} - {""}) == len(labels)
     return (labels, numbers, units) if known and of_their_own else None
 
@@ -249,14 +319,14 @@ def _is_comment(line: str) -> bool:
 
 
 def _is_summary(row: list[str], usual: list[str]) -> bool:
-    """Return true if a row holds a text where the others hold a number."""
+    """Return true if a row contains a text where the others contain a number."""
     numbers = [is_number(item) for item in usual]
     texts = [not is_missing(item) and not is_number(item) for item in row]
     return not any(map(is_number, row)) or any(a and b for a, b in zip(numbers, texts, strict=False))
 
 
 def _fields(line: str, delimiter: str | None) -> list[str]:
-    # An empty first cell is one.
+    # Keep an empty first cell.
     line = line.strip(" \r\n") if delimiter == "\t" else line.strip()
     parts = line.split(delimiter)
     if '"' in line and delimiter is not None:
@@ -266,7 +336,7 @@ def _fields(line: str, delimiter: str | None) -> list[str]:
 
 
 def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
-    """Return the delimiter and the first line of the numbers: all cells numbers, or else some of them."""
+    """Return the delimiter and the first line of the numbers: all cells are numbers, or else some."""
     for whole in (True, False):
         rows = ((at, line) for at, line in enumerate(lines) if line.strip() and not _is_comment(line))
         for (start, line), (_, below) in pairwise(chain(rows, [(0, "")])):
@@ -276,12 +346,15 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
                 fields = _fields(line, delimiter)
                 # Cells may be empty, except the last one.
                 numbers = is_number(fields[-1]) and all(is_number(item) for item in fields if item)
+                # The last cells of a row may be empty.
+                cells = line.rstrip("\r\n").count(delimiter) if delimiter else 0
                 goes_on = not below or len(_fields(below, delimiter)) == len(fields)
-                # `data:` below a fact.
+                goes_on = goes_on or (whole and cells > 0 and below.count(delimiter or "") == cells)
+                # A line such as `data:` below a setting.
                 goes_on = goes_on and not below.rstrip().endswith(":")
-                # A lone number above the header is no row.
+                # A single number above the header is not a row.
                 single = len(fields) == 1 and any(sign in below for sign in ",;\t")
-                # Facts above a head are no rows.
+                # Settings above a head are not rows.
                 partly = any(map(is_number, fields)) and (
                     not below or any(map(is_number, _fields(below, delimiter)))
                 )
@@ -291,7 +364,7 @@ def _find_block(lines: list[str]) -> tuple[str | None, int | None]:
 
 
 def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) -> int:
-    """Go back over rows that are numbers by half, or where others are: bad data or facts, not a header."""
+    """Go back over rows of which half are numbers, or that have numbers elsewhere: these are no header."""
     usual = [at for at, item in enumerate(_fields(lines[start], delimiter)) if is_number(item)]
     while start > 0 and not _is_comment(lines[start - 1]):
         fields = _fields(lines[start - 1], delimiter)
@@ -301,8 +374,11 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
         if len(fields) != width:
             break
         numeric = [is_number(item) for item in fields]
-        # `sample_rate,1000` is a fact.
+        # `sample_rate,1000` is a setting.
         if not all(numeric) and noted_rate([lines[start - 1]], 1) is not None:
+            break
+        # A row of names may hold a number where the others hold none, `Sequence,VOLT,0.0,1e-3`.
+        if usual and not any(numeric[at] for at in usual) and any(fields[at] for at in usual):
             break
         if 2 * sum(numeric) < width and not (len(usual) > 1 and all(numeric[at] for at in usual)):
             break
@@ -310,13 +386,13 @@ def _first_row(lines: list[str], delimiter: str | None, start: int, width: int) 
     return start
 
 
-# Lines above the numbers that may name columns: names, units, quantities, and groups of them.
+# Most lines above the numbers that may name columns: names, units, quantities, and groups.
 HEAD_LINES = 6
 
 
 def _header(before: list[str], delimiter: str | None, width: int) -> list[str] | None:
-    """Return names from the lines above the numbers, with lines of units and of groups next to them."""
-    # A line of dashes below the names is none of them.
+    """Return names from the lines above the numbers, with the lines of units and groups next to them."""
+    # Ignore a line of dashes below the names.
     lines = [line for line in before if any(map(str.isalnum, line)) or "°" in line][-HEAD_LINES:][::-1]
     lines = [line.lstrip("#%/! \t") if _is_comment(line) else line for line in lines]
     if not lines or _states_a_fact(lines[0], width):
@@ -326,7 +402,7 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
         row = _names_in(line, delimiter, width, nearest=not rows)
         if row is None:
             break
-        # Letters of a column's name.
+        # Largest number of letters in a column's name.
         rows.append([cell[:1000] for cell in row])
     if not rows:
         return None
@@ -338,17 +414,17 @@ def _header(before: list[str], delimiter: str | None, width: int) -> list[str] |
 
 
 def _states_a_fact(line: str, width: int) -> bool:
-    """Return true if a line above one column states a number, `sample_rate: 1000`, and names no column."""
+    """Return true if a line above a single column states a number, `sample_rate: 1000`, not a name."""
     stated = re.search(r"[:=,;\t]\s*[-+]?[\d.]", line) is not None
-    return width == 1 and (stated or noted_rate([line], 1) is not None)
+    return width == 1 and bool(stated or noted_rate([line], 1) is not None or noted_unit([line]))
 
 
 def _names_in(line: str, delimiter: str | None, width: int, *, nearest: bool) -> list[str] | None:
-    """Return the cells of a line above the numbers, one a column; None if it has another number of them."""
+    """Return the cells of a line above the numbers, one per column; None if the number differs."""
     separator = "," if delimiter is None and "," in line else delimiter
     fields = _fields(line, separator)
     if len(fields) != width and (delimiter is None or len(fields) == 1):
-        # `Time (s)   Angle (deg)`; `time.angle`; names are parted otherwise than numbers.
+        # `Time (s)   Angle (deg)`; `time.angle`; the delimiter of names may differ from that of numbers.
         apart = [re.split(r"\s{2,}|\t", line.strip())]
         apart += [line.strip().split(".")] if delimiter is None else []
         apart += [_fields(line, other) for other in DELIMITERS if other not in (None, delimiter, separator)]
@@ -380,12 +456,12 @@ def _names_and_units(rows: list[list[str]]) -> tuple[int | None, list[str] | Non
 
 
 def _are_names(row: list[str], others: list[str]) -> bool:
-    """Return true if a row could name the columns of another one."""
+    """Return true if a row could name the columns of another row."""
     return bool(row) and len(row) == len(others) and not any(map(is_number, row)) and bool(row[-1])
 
 
 def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool:
-    """Return true if a row holds units of named columns: that of the time, or others with it."""
+    """Return true if a row contains units of named columns: the time's, or others with it."""
     of_time = any(
         plain_unit(item.strip("[]() ")) in TIME_UNITS and is_time(*split_header(name))
         for item, name in zip(row, names, strict=True)
@@ -399,7 +475,7 @@ def _are_units_of(row: list[str], names: list[str], known: bool = False) -> bool
     return (of_time and not any(map(is_number, row))) or known_all or _are_units(items, known)
 
 
-# Letters of the longest unit that is not known.
+# Largest number of letters of an unknown unit.
 LONGEST_UNIT = 8
 
 
@@ -417,7 +493,7 @@ def _with_unit(name: str, said: str) -> str:
 
 
 def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> list[str]:
-    """Return repeated names with their group's name in front, which a line above states once."""
+    """Return repeated names with the name of their group in front, which a line above states once."""
     repeated = [bool(name) and names.count(name) > 1 for name in names]
     if not any(repeated) or delimiter is None:
         return names
@@ -437,7 +513,7 @@ def _with_groups(names: list[str], above: list[str], delimiter: str | None) -> l
 
 
 def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
-    """Return the cells of a line, each empty one as the one before it; nothing if they are too many."""
+    """Return the cells of a line, with each empty one filled from the left; nothing if there are too many."""
     cells = [cell.strip().strip("\"'").strip() for cell in line.strip("\r\n").split(delimiter)]
     if len(cells) > width:
         cells = cells[:width] if not any(cells[width:]) else []
@@ -448,8 +524,8 @@ def _filled_forward(line: str, delimiter: str, width: int) -> list[str]:
 
 
 def _are_units(items: list[str], known: bool = True) -> bool:
-    """Return true if a line holds only units, one of them that of time; all known, or one other."""
-    # Sketches call their columns so.
+    """Return true if a line contains only units, one of time; all are known, except one."""
+    # Arduino sketches name their columns like this.
     if {"millis", "micros"} & {item.lower() for item in items}:
         return False
     times = [item for item in items if plain_unit(item) in TIME_UNITS]

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 STANDARD_GRAVITY = 9.80665
-# Words of laboratories: names of columns, spellings of units, and marks of missing values.
+# Laboratory words: names of columns, spellings of units, and marks of missing values.
 LAB_WORDS = tomllib.loads(Path(__file__).with_name("words.toml").read_text(encoding="utf-8"))
 
 
 def by_spelling(kind: str) -> dict[str, str]:
-    """Return the name that results use of each spelling of a kind of unit."""
+    """Return the name in results for each spelling of a kind of unit."""
     return {spelling: name for name, spellings in LAB_WORDS[kind].items() for spelling in spellings}
 
 

@@ -3,7 +3,7 @@
 import re
 import unicodedata
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 
 import numpy as np
@@ -39,15 +39,15 @@ class SignalUnit:
     Attributes
     ----------
     text : str
-        By its usual name; one that is not known as the file has it.
+        Usual name of the unit; an unknown one as in the file.
     quantity : {"angle", "displacement", "rate", "acceleration"}
-        Quantity measured in it.
+        Measured quantity of this unit.
     position : str
-        Unit of the angle (rad) or displacement that it is, or becomes when it is integrated over s.
+        Unit of the angle (rad) or displacement that the signal is, or becomes by integration over s.
     factor : float
-        To `position`, `position`/s or `position`/s^2.
+        Factor to `position`, `position`/s or `position`/s^2.
     known : bool
-        Whether the unit is one of those listed here; another one is that of a displacement.
+        Whether the unit is listed here; an unknown one counts as a unit of displacement.
     """
 
     text: str
@@ -58,12 +58,12 @@ class SignalUnit:
 
 
 def signal_unit(text: str) -> SignalUnit | None:
-    """Return the unit that a text means; None of an empty one.
+    """Return the unit that a text means; None for an empty text.
 
     Parameters
     ----------
     text : str
-        Such as `°/s`, `m s^-2`, `Grad`, `px`, `g`, in any usual spelling.
+        Unit in any usual spelling, such as `°/s`, `m s^-2`, `Grad`, `px`, `g`.
     """
     plain = plain_unit(text)
     if plain in ("", "1", "none", "-"):
@@ -74,6 +74,8 @@ def signal_unit(text: str) -> SignalUnit | None:
     if plain == "rpm":
         return SignalUnit(plain, "rate", "rad", 2.0 * np.pi / 60.0)
     plain = "deg/s" if plain == "dps" else plain
+    if scaled := _SCALED_UNIT.fullmatch(plain):
+        return _scaled_unit(scaled, text)
     match = re.fullmatch(r"(.+?)/s(\^?2)?", plain)
     base, quantity = (match[1], "acceleration" if match[2] else "rate") if match else (plain, "")
     per = {"rate": "/s", "acceleration": "/s^2", "": ""}[quantity]
@@ -86,6 +88,22 @@ def signal_unit(text: str) -> SignalUnit | None:
     return SignalUnit(text, "displacement", text.strip(), 1.0, known=False)
 
 
+# `0.01 deg`, `1/100 °`, `10^-3 rad`, `x1e-6 m`: a unit with a factor.
+_SCALED_UNIT = re.compile(
+    r"[x*×]?\s*(?:10\^(?P<power>-?\d+)|(?P<number>\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?:/(?P<divisor>\d+))?)"
+    r"\s*[x*×·]?\s*(?P<unit>[^\d\s.,/^].*)"
+)
+
+
+def _scaled_unit(match: "re.Match[str]", text: str) -> SignalUnit | None:
+    """Return a unit with a factor; the unit of a displacement is unchanged."""
+    unit = signal_unit(match["unit"])
+    number = float(match["number"] or 10.0 ** int(match["power"])) / float(match["divisor"] or 1.0)
+    if unit is None or not unit.known or not 0.0 < number < np.inf:
+        return SignalUnit(text, "displacement", text.strip(), 1.0, known=False)
+    return replace(unit, text=text.strip(), factor=number * unit.factor)
+
+
 def is_known_unit(text: str) -> bool:
     """Return true if a text means a unit of a signal that is listed here."""
     unit = signal_unit(text)
@@ -93,8 +111,8 @@ def is_known_unit(text: str) -> bool:
 
 
 def plain_unit(text: str) -> str:
-    """Return a unit in lower case, with `/s` and `/s^2` for every way to write "per second"."""
-    # Patterns take the square of the time for blanks in a row.
+    """Return a unit in lower case, with `/s` and `/s^2` for every spelling of "per second"."""
+    # Join blanks first: the time of the patterns is quadratic in consecutive blanks.
     plain = re.sub(r" since .*", "", " ".join(text.lower().split()).replace("μ", "µ"))
     plain = plain.replace("**", "^").translate(_SUPERSCRIPTS)
     plain = re.sub(r"-\^|\^[({]?-|(?<=s)-(?=[12]$)", "^-", plain)
@@ -105,24 +123,28 @@ def plain_unit(text: str) -> str:
     plain = re.sub(r"^(.+?)[\s_*·.]+s(?:ec)?\s*\^-([12])$", r"\1/s^\2", plain)
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)s\^-([12])$", r"\1/s^\2", plain)
     plain = re.sub(r"^(m?rad|deg|°|[cmuµ]?m)[\s_]s$", r"\1/s", plain)
-    return plain.strip().removesuffix("^1")
+    plain = plain.strip().removesuffix("^1")
+    # `sec.`, `Deg.`: an abbreviation.
+    return plain[:-1] if plain.endswith(".") and len(plain) > 1 else plain
 
 
-# Behind a name without a bracket these letters are an index: `theta_d`, `h d`.
+# After a name without brackets these letters are an index: `theta_d`, `h d`.
 _KNOWN = (TIME_UNITS.keys() | ANGLE_UNITS.keys() | POSITION_UNITS.keys() | {"g", "dps", "%"}) - {"h", "d"}
 
 _NAMING_UNITS = {unit for unit in ANGLE_UNITS.keys() | POSITION_UNITS.keys() if len(unit) > 1} - {
     *("in", "turn", "turns", "raw", "adc", "count", "counts", "arb")
 }
+# A column may be called by its unit alone; `min` may be a minimum.
+_NAMING_UNITS |= {unit for unit, factor in TIME_UNITS.items() if factor < 1.0}
 
 
 def split_header(name: str) -> tuple[str, str]:
     """Split a header such as `angle (deg)`, `Time [ms]`, `t / s`, `time_ms` or `Winkel in Grad`.
 
-    Both in lower case; the name without a group before it (`run.time`, `Run 1: Time`).
+    Name and unit are in lower case; the name is without a group before it (`run.time`, `Run 1: Time`).
     """
-    # Patterns take the square of the time for blanks in a row.
-    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(name.lower().split()).replace("μ", "µ"))
+    # Join blanks first: the time of the patterns is quadratic in consecutive blanks.
+    text = re.sub(r"_?\{\w*\}|(?<=.)#\d+$", "", " ".join(_unit_apart(name).lower().split()).replace("μ", "µ"))
     bracket = re.fullmatch(r"(.*?)\s*[\[({]\s*([^\[\](){}]*?)\s*[\])}](?:\s+run\b.*)?", text)
     if bracket is not None and not bracket[2].isdigit():
         base = bracket[1]
@@ -136,6 +158,14 @@ def split_header(name: str) -> tuple[str, str]:
     return re.sub(r"^\d+\s+", "", base.replace("_", " ").strip()), unit
 
 
+def _unit_apart(name: str) -> str:
+    """Return `time_Ms` for `timeMs`, `angle_Deg` for `angleDeg`: a unit as the last word of a name."""
+    match = re.fullmatch(r"(.*[a-z])([A-Z][a-z]+)", name.strip())
+    if match is None or plain_unit(match[2]) not in _NAMING_UNITS | {"sec"}:
+        return name
+    return f"{match[1]}_{match[2]}"
+
+
 def _without_bracket(text: str) -> tuple[str, str]:
     per = re.fullmatch(r"(.+?)[_ ](m?rad|deg|degrees|°|[cmuµ]?m)(?:/|[_ ](?:per[_ ])?)s(?:ec)?(\^?2)?", text)
     if per is not None:
@@ -144,11 +174,11 @@ def _without_bracket(text: str) -> tuple[str, str]:
         match = re.fullmatch(pattern, text)
         if match is not None and (plain_unit(match[2]) in _KNOWN or is_known_unit(match[2])):
             return match[1], plain_unit(match[2])
-    # `Volt`, `deg`: a unit is all the name there is.
+    # `Volt`, `deg`: the whole name is a unit.
     return text, plain_unit(text) if plain_unit(text) in _NAMING_UNITS else ""
 
 
-# `V1`, `A0`: a channel in volts, or of an analogue input, and no rate or acceleration.
+# `V1`, `A0`: a channel in volts, or an analogue input, not a rate or acceleration.
 _NUMBERED_CHANNEL = re.compile(r"[va][ _]?\d+")
 
 
@@ -158,7 +188,7 @@ def names_quantity(base: str) -> str:
     Parameters
     ----------
     base : str
-        Of `split_header`. The axis at its end does not count: `gyroscope y`.
+        Name from `split_header`. An axis at its end is ignored: `gyroscope y`.
     """
     base = _without_accents(base)
     if _NUMBERED_CHANNEL.fullmatch(base):
@@ -168,7 +198,7 @@ def names_quantity(base: str) -> str:
         for quantity, names in LAB_WORDS["quantities"].items():
             if text in names:
                 return quantity
-    # `p1 x`: a coordinate of anything.
+    # `p1 x`: a coordinate.
     return "displacement" if re.search(r"\w [xyz]$", base) else ""
 
 
@@ -176,7 +206,7 @@ def is_time(base: str, unit: str) -> bool:
     """Return true if a header is that of a time column."""
     base = _without_accents(base)
     named = {re.sub(r"\s*\d+$", "", base), base} & set(LAB_WORDS["time"])
-    return bool(named) or (unit in TIME_UNITS and base.startswith("time"))
+    return bool(named) or (unit in TIME_UNITS and (base.startswith("time") or plain_unit(base) == unit))
 
 
 def _without_accents(text: str) -> str:
@@ -219,7 +249,7 @@ _UNIT = r"\b(?:y_unit_label|vertical units|units?)\b(?:(?<=vertical units)|\s*[:
 def noted_rate(notes: Sequence[str], rows: int) -> float | None:
     """Return the sampling rate (Hz) in a note, `fs = 200 Hz`, `30 fps`, `Sampling interval: 5 ms`; or None.
 
-    So many rows have one over a duration that it states, too.
+    With a note that states a duration, the rate follows from the number of rows.
     """
     # `dt:` may be alone above its number.
     two_lines = [f"{key} {value}" for key, value in pairwise(notes) if not re.search(r"\d", key)]
@@ -231,16 +261,16 @@ def noted_rate(notes: Sequence[str], rows: int) -> float | None:
             return 1.0 / (value * TIME_UNITS.get(_unit_of(match, "s"), 1.0))
     for note in notes:
         if duration := _value(re.search(_DURATION, note, re.IGNORECASE)):
-            # The last sample may be at the end.
+            # The duration may end at the last sample.
             return (rows - 1) / duration if (rows - 1) % duration == 0.0 else rows / duration
     return None
 
 
 def bare_rate(notes: Sequence[str], rows: int) -> float | None:
-    """Return sampling rate (Hz) by a head of bare numbers, `90, 1000, 5.` above 5,000 rows; None without one.
+    """Return the sampling rate (Hz) from a head of bare numbers, `90, 1000, 5.` above 5,000 rows; or None.
 
-    Two of the numbers are the rate and the duration if their product is the number of the rows; the larger
-    one is the rate.
+    Two of the numbers are the rate and the duration if their product is the number of rows; the larger one is
+    the rate.
     """
     for note in notes:
         words = re.split(r"[,;\s]+", note.strip(" ,;\t#%"))
@@ -255,7 +285,7 @@ def bare_rate(notes: Sequence[str], rows: int) -> float | None:
 
 
 def _value(match: "re.Match[str] | None") -> float:
-    """Return the positive number that a note states; 0 where it states none."""
+    """Return the positive number that a note states; 0 if it states none."""
     try:
         # `1,000` is a thousand.
         text = re.sub(r"^([1-9]\d{0,2}),000$", r"\g<1>000", match["value"]) if match else "0"
@@ -265,21 +295,21 @@ def _value(match: "re.Match[str] | None") -> float:
 
 
 def _unit_of(match: "re.Match[str] | None", usual: str) -> str:
-    """Return the unit that stands behind a value, or in brackets before it."""
+    """Return the unit after a value, or in brackets before it."""
     units = match.groupdict() if match else {}
     return str(units.get("after") or units.get("before") or usual).lower()
 
 
 def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0) -> str:
-    """Return unit of a signal that comments or texts of a file state, `unit: rad`; nothing where none does.
+    """Return the unit of a signal that comments or texts of a file state, `unit: rad`; empty if none does.
 
     Parameters
     ----------
     notes : sequence of str
     place : int, optional
-        Place of the signal among the columns that are no times.
+        Index of the signal among the columns that are not times.
     signals : int
-        How many of these there are: of a list of so many units it is that at its place.
+        Number of these columns: in a list of this many units, the unit at this index is used.
     """
     for units in _noted_units(notes):
         of_signals = [unit for unit in units if plain_unit(unit) not in TIME_UNITS]
@@ -290,14 +320,18 @@ def noted_unit(notes: Sequence[str], place: int | None = None, signals: int = 0)
 
 
 def noted_time_unit(notes: Sequence[str]) -> str:
-    """Return the unit of the times that a list of units states, `units = ms, mm`; nothing where none does."""
+    """Return the unit of the times that a list of units states, `units = ms, mm`; empty if none does."""
     times = (unit for units in _noted_units(notes) for unit in map(plain_unit, units) if unit in TIME_UNITS)
     return next(times, "")
 
 
 def _noted_units(notes: Sequence[str]) -> Iterator[list[str]]:
-    """Yield units that notes state, those of each."""
+    """Yield the units that each note states."""
     for match in filter(None, (re.search(_UNIT, note, re.IGNORECASE) for note in notes)):
+        cells = match["units"].strip().split("\t")
+        # `Unit` may be one of several names.
+        if len(cells) > 1 and not any(map(is_known_unit, cells)):
+            continue
         items = (item.strip(" '\"[](){}") for item in re.split(r"[,;\t]", match["units"]))
         # `rad, as calibrated`
         yield [item if is_known_unit(item) else item.split()[0] for item in items if item]

@@ -1,1 +1,1 @@
-"""A saved result as one page that needs nothing else: text, tables, figures."""
+"""A saved result as one self-contained page: text, tables, figures."""

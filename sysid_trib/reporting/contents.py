@@ -1,4 +1,4 @@
-"""Contents of a page for each kind of result: the blocks of the command with --explain, and figures."""
+"""Contents of a page for each kind of result: blocks of the command with --explain, and figures."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import groupby
@@ -26,22 +26,23 @@ from sysid_trib.printing import (
     laws,
     layout,
 )
+from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.results.kinds import kind_of
-from sysid_trib.results.store import Status, counts_of, reported_method
+from sysid_trib.results.store import PREFERRED, Status, counts_of, of_model, reported_model
 from sysid_trib.results.variables import record_groups
 
-# A part of a page as `page.html` reads it. A section has a title, sentences, tables, figures. Figures have
-# one caption, which includes the text of their footnotes, and are drawn by Matplotlib. A table has a title,
-# heads, rows, and the columns of numbers that are set to the right.
+# A part of a page in the form for `page.html`. A section has a title, sentences, tables and figures. Figures
+# have one caption, which includes the text of their footnotes, and are drawn by Matplotlib. A table has a
+# title, column heads, rows, and the numbers of the columns that are aligned to the right.
 Part = dict[str, Any]
 
-# After the caption of figures over time.
+# Appended to the caption of figures over time.
 DECIMATED = (
     "The curves are decimated: each is drawn by {points:,} of {samples:,} samples, the least and the largest "
     "of each stretch, so that none of its peaks is lost."
 )
 TITLE = "Forces of a free decay"
-# Title of the page and its blocks, by kind of result.
+# Title of the page and its blocks, for each kind of result.
 PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
     "identify": (TITLE, identification.estimate_blocks),
     "cross_check": (f"{TITLE}, by two methods", identification.identification_blocks),
@@ -54,7 +55,7 @@ PAGES: dict[str, tuple[str, Callable[[xr.DataTree], Iterable[Block]]]] = {
 
 
 def contents_of(tree: xr.DataTree) -> tuple[str, list[str], list[Part]]:
-    """Return the title of the page of a result, sentences above all sections, and sections."""
+    """Return the title of a result's page, the sentences above all sections, and the sections."""
     tree = with_consequences(tree)
     title, blocks_of = PAGES[kind_of(tree)]
     return title, *sections_of(blocks_of(tree), _figures(tree))
@@ -68,14 +69,14 @@ def sections_of(
     Parameters
     ----------
     blocks : iterable of Block
-        Blocks; those of `--explain` are shown.
+        Blocks; those of `--explain` are included.
     figures : mapping of str to sequence of Part
-        By the titles of sections.
+        Figures by the titles of their sections.
 
     Raises
     ------
     ValueError
-        A figure is of a section that there is not.
+        A figure belongs to a section that does not exist.
     """
     shown = [block for block in blocks if Layer.EXPLAIN in block.layers]
     summary = [sentence for block in shown if not block.title for sentence in block.sentences]
@@ -106,7 +107,7 @@ def as_table(title: str, printed: Table) -> Part:
 
 
 def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
-    """Return the figures of a result by the title of the section that has them."""
+    """Return the figures of a result by the title of their section."""
     made: dict[str, list[Part]] = {}
     records = record_groups(tree)
     for figure in figures_of(kind_of(tree)):
@@ -123,10 +124,14 @@ def _figures(tree: xr.DataTree) -> dict[str, list[Part]]:
     return made
 
 
-# Rows of the page; the store has all of them.
+# Largest number of rows on the page; the store has all rows.
 MOST_ROWS = 1000
-# For a discovery, whose identifications are models and no methods.
-BY_MODEL = {"before": "of the start model", "after": "of the final model"}
+# Labels that are not names of methods.
+BY_MODEL = {
+    "before": "of the start model",
+    "after": "of the final model",
+    PREFERRED: "by the preferred method of each record",
+}
 
 
 def campaign_contents(
@@ -137,13 +142,13 @@ def campaign_contents(
     Parameters
     ----------
     store : Dataset
-        As `campaign` returns it.
+        Result of `campaign`.
     compared : Dataset, optional
         Variation between its records; None if there are too few.
     conditions : DataFrame, optional
-        A row a record.
+        One row per record.
     command : str
-        Command that made it.
+        Command that made the store.
     """
     figures: dict[str, list[Part]] = {}
     if compared is not None and conditions is not None:
@@ -162,7 +167,7 @@ def campaign_contents(
 
 
 def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
-    """Return every quantity against one condition."""
+    """Return a section with all quantities against one condition."""
     caption = (
         f"Coefficients of all records against {name}, with standard errors; orange, by name where they are "
         f"few: more than {FAR:g} standard deviations from what the conditions let expect."
@@ -171,42 +176,91 @@ def _against(compared: xr.Dataset, name: str, condition: np.ndarray) -> Part:
 
 
 def _records(store: xr.Dataset, compared: xr.Dataset | None, conditions: pd.DataFrame | None) -> Part:
-    """Return every record a row, those that are farthest off first."""
+    """Return a table with one row per record, in the order of decreasing deviation."""
     known = pd.DataFrame(index=range(store.sizes["record"])) if conditions is None else conditions
     largest = np.zeros(store.sizes["record"])
     if compared is not None:
         z = np.nan_to_num(np.abs(compared.z.transpose("run", "quantity").values))
         largest[compared["at"].values] = z.max(axis=1)
     order = np.argsort(-largest, kind="stable")[:MOST_ROWS]
-    # Read only the shown part of a large store.
-    last = store.sel(model=reported_method(store)).isel(record=order).load()
+    # Only the displayed part of a large store is read.
+    shown = store.isel(record=order)
+    reported = reported_model(store)
+    last = of_model(shown, reported).load()
+    verdicts = of_model(shown, PREFERRED).verdict.load()
     symbols = [s for s in last.force.values.tolist() if np.isfinite(last.coefficient.sel(force=s)).any()]
     rows = [
-        _row(last.isel(record=place), symbols, largest[at], [*map(str, known.iloc[at])])
+        _row(
+            last.isel(record=place),
+            verdicts[place].item(),
+            symbols,
+            largest[at],
+            [*map(str, known.iloc[at])],
+        )
         for place, at in enumerate(order)
     ]
-    heads = ["record", "free decay", *known, *symbols, "w_inf (rad/s)", "off by", "verdict"]
+    heads = [
+        "record",
+        "free decay",
+        *known,
+        *symbols,
+        "w_inf (rad/s)",
+        "off by",
+        "residual / noise",
+        "verdict",
+    ]
     more = store.sizes["record"] - len(order)
     said = [f"{more:,} more records are in the store alone."] if more else []
-    by = BY_MODEL.get(last.model.item(), f"by {last.model.item()}")
-    title = f"Coefficients {by}; off by: distance from the others in standard deviations"
+    by = BY_MODEL.get(reported, f"by {reported}")
+    title = (
+        f"Coefficients and residual {by}; off by: distance from the others in standard deviations; verdict: "
+        "that on the preferred model"
+    )
     numbers = range(2 + len(known.columns), len(heads) - 1)
     table = {"title": title, "heads": heads, "rows": rows, "numbers": numbers}
     return {"title": "Records, outliers first", "sentences": said, "tables": [table]}
 
 
-def _row(record: xr.Dataset, symbols: Sequence[str], off: float, conditions: list[str]) -> list[str | Part]:
+def _row(
+    record: xr.Dataset, verdict: str, symbols: Sequence[str], off: float, conditions: list[str]
+) -> list[str | Part]:
+    """Return the cells of a record.
+
+    Parameters
+    ----------
+    record : Dataset
+        Its row, of the reported model.
+    verdict : str
+        That on its preferred model.
+    symbols : sequence of str
+        Forces with a column.
+    off : float
+        Distance from the other records in standard deviations.
+    conditions : list of str
+    """
     cells = [layout.quantity(record.sel(force=symbol), "coefficient") for symbol in symbols]
     cells.append(layout.quantity(record, "asymptotic_frequency"))
+    ratio = record.residual_over_noise.item()
+    cells += [f"{off:.1f}" if off else "", f"{ratio:.3g}" if np.isfinite(ratio) else "-"]
     status = Status(int(record.status)).name.lower()
-    texts = [text for text in (record.verdict.item(), campaign.named_text(record)) if text]
-    verdict = "; ".join(texts) if status == "done" else f"{status}: {record.message.item()}"
+    if status == "done":
+        said = "; ".join(filter(None, (verdict, _search_text(record), campaign.named_text(record))))
+    else:
+        said = f"{status}: {record.message.item()}"
     name = str(record.record.item())
-    return [name, _thumbnail(record, name), *conditions, *cells, f"{off:.1f}" if off else "", verdict]
+    return [name, _thumbnail(record, name), *conditions, *cells, said]
+
+
+def _search_text(record: xr.Dataset) -> str:
+    """Return the outcome of the search of a record, and whether it ended early; empty of other tasks."""
+    if SEARCH_OUTCOME not in record:
+        return ""
+    early = "" if record.converged.item() else " (ended before the search had converged)"
+    return f"search: {record[SEARCH_OUTCOME].item()}{early}"
 
 
 def _thumbnail(record: xr.Dataset, name: str) -> str | Part:
-    """Return the record between its lowest and highest values, about its equilibrium."""
+    """Return the record between its lowest and highest values, relative to its equilibrium."""
     low, high = record.outline.transpose("edge", "part").values
     known = np.flatnonzero(np.isfinite(low))
     reach = float(np.max(np.abs([low[known], high[known]]), initial=0.0))

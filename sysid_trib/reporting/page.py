@@ -1,4 +1,4 @@
-"""The page itself: rendered whole, figures as SVG, written beside its place and renamed."""
+"""The page: rendered as a whole, figures as SVG, written to a temporary file and then renamed."""
 
 import io
 import os
@@ -21,18 +21,18 @@ from sysid_trib.results.files import write_file
 from sysid_trib.results.kinds import contents_text, identifications_of, kind_of
 
 SVG, LINK = "{http://www.w3.org/2000/svg}", "{http://www.w3.org/1999/xlink}href"
-# Letters are outlines: they were placed by the widths of a font that few readers have.
+# Letters are outlines, because their positions depend on a font that few readers have installed.
 SETTINGS: dict[Any, Any] = {"svg.fonttype": "path", "path.simplify_threshold": 0.2}
-# Dots an inch of parts drawn as an image: cells of a map, each of one colour.
+# Dots per inch of parts drawn as an image: cells of a map, each of one colour.
 IMAGE_DPI = 200
-# Digits of a point; a figure as wide as the page has 518 points.
+# Decimal digits of a coordinate in points; a figure of full width has 518 points.
 COORDINATE_DIGITS = 2
 DECIMAL = re.compile(r"-?\d+\.\d+")
-# Attributes that refer to an element by its id, and their names in HTML; an image is its own address.
+# Attributes that refer to an element by its id, and their names in HTML; an image contains its own data.
 REFERRING = {LINK: "href", "clip-path": "clip-path"}
 ID_REFERENCE = re.compile(r"#([^)]+)")
 PLACES = ("d", "x", "y", "width", "height")
-# Pixels for an inch of the figure. Where a screen has less room the figure is moved sideways, not shrunk.
+# Pixels per inch of the figure. On a narrower screen, the figure is scrolled sideways, not reduced.
 LEAST_PIXELS, MOST_PIXELS = 92, 138
 
 
@@ -43,19 +43,19 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
     ----------
     figure : Figure
     name : str
-        Its ids begin with it: those of the figures of a page must differ. A letter comes first.
+        Prefix of its ids, beginning with a letter: figures of one page must have different prefixes.
     caption : str
-        Id of the element that says what it shows.
+        Id of the element with the caption.
     """
     written = io.BytesIO()
-    # Its footnote is in the caption.
+    # The footnote is part of the caption.
     figure.supxlabel("")
     figure.dpi = IMAGE_DPI
     with mpl.rc_context(SETTINGS | {"svg.hashsalt": name}):
-        # `savefig` draws a figure twice.
+        # `savefig` would draw a figure twice.
         FigureCanvasSVG(figure).print_svg(written, metadata={"Date": None})
     root = ElementTree.fromstring(written.getvalue())
-    # The creator, and a style of all elements, which within a page would apply to the whole page.
+    # The creator, and a style of all elements that would apply to the whole page.
     left_out = [root.find(f"{SVG}metadata"), root.find(f"{SVG}defs[{SVG}style]")]
     root[:] = [part for part in root if part not in left_out]
     for element in root.iter():
@@ -72,7 +72,7 @@ def inline_svg(figure: Figure, name: str, caption: str) -> str:
 
 
 def _short(places: str) -> str:
-    """Return coordinates with the digits that show; of a polygon only the first point needs a letter."""
+    """Return coordinates with the visible digits; in a polygon only the first point needs a letter."""
     rounded = DECIMAL.sub(
         lambda number: f"{float(number[0]):.{COORDINATE_DIGITS}f}".rstrip("0").rstrip("."), places
     )
@@ -82,7 +82,7 @@ def _short(places: str) -> str:
 
 
 def _rename(root: Element, name: str) -> None:
-    """Rename the ids of this figure, and the references to them."""
+    """Rename the ids in this figure, and the references to them."""
     elements = list(root.iter())
     used = [ID_REFERENCE.search(element.get(key, "")) for element in elements for key in REFERRING]
     ids = dict.fromkeys(match[1] for match in used if match)
@@ -104,20 +104,20 @@ def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> No
     result : xr.DataTree or xr.Dataset
         Result of `identify`, `cross_check`, `laws`, `compare`, `discover` or `difference`.
     path : path-like
-        The page, HTML. It loads nothing from the network, and contains no script.
+        Path of the HTML page. It loads nothing from the network and contains no script.
 
     Raises
     ------
     UsageError
-        Not such a result.
+        The object is not such a result.
     RecordError
-        A result that lacks a part, as one of another version may; a page that cannot be written.
+        The result lacks a part, as results of another version may, or the page cannot be written.
     """
     write_page(page(result), Path(path))
 
 
 def write_page(text: str, path: Path) -> None:
-    """Write a page; an older file is replaced only by a whole one."""
+    """Write a page; an existing file is replaced only by a complete one."""
     write_file(path, text.encode())
 
 
@@ -166,8 +166,8 @@ def rendered(content: Part) -> str:
     ----------
     content : mapping
         Title, attributes of the records (their `source`), summary (sentences above all sections), sections.
-        Then where it is from: facts as terms and texts, methods with their options, texts of libraries by
-        title, and the command and the Python that make it again.
+        Also the provenance: facts as terms and texts, methods with their options, texts of libraries by
+        title, and the command and the Python code that reproduce the result.
     """
     environment = Environment(
         loader=PackageLoader("sysid_trib", "reporting"), autoescape=True, trim_blocks=True, lstrip_blocks=True

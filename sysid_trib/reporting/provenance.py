@@ -18,7 +18,7 @@ from sysid_trib.results.models import NOT_KEPT
 from sysid_trib.results.variables import record_groups
 from sysid_trib.simulation.simulate import paper_twin
 
-# Attributes of a record under the words of the page; the others keep their names.
+# Attributes of a record with their terms on the page; other attributes keep their names.
 PROVENANCE_TERMS = {
     "source": "record",
     "record_source": "record",
@@ -28,12 +28,12 @@ PROVENANCE_TERMS = {
     "format_version": "version of the format of results",
 }
 LIBRARY = ("library_title", "library_source")
-# Elsewhere on the page, or long.
-ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict", "next")
+# Attributes that are shown elsewhere on the page, or are too long.
+ELSEWHERE = ("method", "options", "library", "candidates", "command", "verdict", "search_outcome", "next")
 
 
 def kept_records(tree: xr.DataTree) -> list[Mapping[Any, Any]]:
-    """Return the attributes of the records that a result keeps, in the order of the runs."""
+    """Return the attributes of the records stored in a result, in the order of the runs."""
     return [tree[group].attrs for group in record_groups(tree) if group in tree.children]
 
 
@@ -42,7 +42,7 @@ def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
     first = next(iter(identifications_of(tree).values())).attrs
     general: dict[Any, Any] = {key: first[key] for key in ("sysid_trib_version", *LIBRARY)}
     records = kept_records(tree)
-    # A result that keeps no record still names it.
+    # A result without its records still contains their names.
     kept = ("record_source", "record_checksum") if records else ()
     general |= {k: v for k, v in tree.attrs.items() if k not in (*general, *kept, *ELSEWHERE)}
     terms = _terms(general)
@@ -52,7 +52,7 @@ def facts(tree: xr.DataTree) -> list[tuple[str, str]]:
 
 
 def method_table(tree: xr.DataTree) -> Part:
-    """Return each identification with the options and remarks that it carries."""
+    """Return each identification with its stored options and remarks."""
     rows = []
     for name, result in identifications_of(tree).items():
         remarks = {
@@ -67,7 +67,7 @@ def method_table(tree: xr.DataTree) -> Part:
 
 
 def libraries(tree: xr.DataTree) -> dict[str, str]:
-    """Return libraries whole, as text by title."""
+    """Return complete libraries, as text by title."""
     first = next(iter(identifications_of(tree).values())).attrs
     attrs: Mapping[Any, Any] = tree.attrs if "library" in tree.attrs else first
     texts = {f"Force library ({attrs['library_source']})": attrs["library"]}
@@ -75,13 +75,13 @@ def libraries(tree: xr.DataTree) -> dict[str, str]:
 
 
 def _options(text: str) -> str:
-    """Return options as they are kept, without those that are not set."""
+    """Return stored options, without those that are not set."""
     options = {k: v for k, v in json.loads(text).items() if not (isinstance(v, dict) and NOT_KEPT in v)}
     return ", ".join(f"{k} = {json.dumps(v)}" for k, v in options.items() if v not in (None, {}, []))
 
 
 def _terms(attrs: Mapping[Any, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Return attributes as terms and texts; an empty one says nothing."""
+    """Return attributes as terms and texts, without empty ones."""
     terms = []
     for key, value in attrs.items():
         text = "; ".join(filter(None, value)) if isinstance(value, list) else str(value)
@@ -126,28 +126,28 @@ def _asked(options: Mapping[str, Any]) -> str:
     usual = {"system": "", "constraints": {}, "random_force": "off"}
     given = dict(options) | {"constraints": table}
     changed = {name: value for name, value in given.items() if value != usual[name]}
-    # An open end of a bound.
+    # An infinite bound.
     return "".join(f", {name}={value!r}" for name, value in changed.items()).replace("inf", 'float("inf")')
 
 
 def _decay(tree: xr.DataTree) -> list[str]:
     if kind_of(tree) == "identify":
-        # A single identification keeps neither its record nor the cut.
+        # A single identification contains neither its record nor the cut.
         reads = [f"st.free_decay(st.read_record({name!r}))" for name in tree.attrs["record_source"]]
     else:
         decays = (_one_decay(tree[group].to_dataset()) for group in record_groups(tree))
-        # Stretches of a long record are of one.
+        # Sections of a long record belong to one record.
         reads = list(dict.fromkeys(decays)) if tree.attrs.get("stretches") else list(decays)
     lines = ["decay = [", *(f"    {read}," for read in reads), "]"]
     return lines if len(reads) > 1 else [f"decay = {reads[0]}"]
 
 
 def _one_decay(data: xr.Dataset) -> str:
-    """Return the record as read, and the part that was kept, about its equilibrium."""
+    """Return the code for the record as read, and for the part that was kept, about its equilibrium."""
     attrs = data.attrs
     if not attrs.get("record_checksum"):
         synthetic = attrs.get("source") == paper_twin().attrs["source"]
-        # A record made in Python is known to its maker alone.
+        # Only its author can reproduce a record made in Python.
         read = "st.records.paper_twin()" if synthetic else "record"
     else:
         read = f"st.read_record({_given(_reading(attrs), attrs['source'])})"
@@ -192,7 +192,7 @@ def _library(attrs: Mapping[Any, Any]) -> str:
 
 
 def _method(result: xr.Dataset) -> str:
-    """Return the method with the options that are not the usual ones."""
+    """Return the method with the options that differ from the defaults."""
     try:
         method = method_of(result)
     except UsageError:
@@ -204,7 +204,7 @@ def _method(result: xr.Dataset) -> str:
 
 
 def _python(value: Any) -> Any:
-    """Restore values from JSON, which has no tuples; an open side of bounds becomes None."""
+    """Restore values from JSON, which has no tuples; an infinite bound becomes None."""
     if isinstance(value, dict):
         return {key: _python(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -213,5 +213,5 @@ def _python(value: Any) -> Any:
 
 
 def _given(options: Mapping[str, Any], *first: str) -> str:
-    """Return the arguments of a call."""
+    """Return the arguments of a call as text."""
     return ", ".join([*map(repr, first), *(f"{key}={value!r}" for key, value in options.items())])

@@ -18,9 +18,11 @@ from sysid_trib.reporting.contents import PAGES, as_table
 from sysid_trib.results.kinds import contents_text, kind_of
 from sysid_trib.results.store import counts_of
 
-# Of what else than results is shown: variables by which it is known, and its blocks.
+# Other objects that can be shown: variables by which each is recognised, and its blocks.
 OTHERS: dict[frozenset[str], Callable[[xr.Dataset], Iterable[Block]]] = {
-    frozenset({"status", "message"}): lambda data: campaign.campaign_blocks(data, counts_of(data), None),
+    frozenset({"status", "message", "preferred"}): lambda data: campaign.campaign_blocks(
+        data, counts_of(data), None
+    ),
     frozenset({"damping_ratio", "dissipative_force"}): (
         lambda data: looked.backbone_blocks({"backbone": data}, [])
     ),
@@ -37,14 +39,14 @@ SHOWN = (
 
 @dataclass(frozen=True, repr=False)
 class Shown:
-    """A result in words and tables: `str` is what the command prints, and a notebook shows it as HTML.
+    """A result as sentences and tables: `str` is the printed output, and a notebook shows it as HTML.
 
     Attributes
     ----------
     blocks : sequence of Block
         Sentences and tables.
     layer : Layer
-        How much of them is shown.
+        Amount of detail shown.
     """
 
     blocks: Sequence[Block]
@@ -68,7 +70,7 @@ class Shown:
 
 
 def _table_html(table: dict[str, Any]) -> str:
-    """Return a table as HTML, numbers to the right."""
+    """Return a table as HTML, with numbers aligned to the right."""
 
     def row(cells: Iterable[str], tag: str) -> str:
         aligned = ("right" if at in table["numbers"] else "left" for at in range(len(table["heads"])))
@@ -91,17 +93,17 @@ def show(result: xr.Dataset | xr.DataTree | ForceLibrary, *, explain: bool = Fal
         Result of `identify`, `laws`, `compare`, `discover`, `difference`, `campaign`, `look`, `modes`,
         `plan`, `backbone`, `forced_response`, or a force library.
     explain : bool
-        Whether all is said, as by `--explain`.
+        True to show all details, as with `--explain`.
 
     Returns
     -------
     Shown
-        `print` prints it, a notebook shows it as HTML.
+        Printed by `print`, and shown by a notebook as HTML.
 
     Raises
     ------
     UsageError
-        No such result.
+        The object is not such a result.
     """
     return Shown(list(_blocks_of(result)), Layer.EXPLAIN if explain else Layer.DEFAULT)
 

@@ -14,7 +14,7 @@ from sysid_trib.forces import force
 from sysid_trib.forces.library import library_of_text
 
 Item = TypeVar("Item")
-# Number of standard errors at which an effect needs a name.
+# Number of standard errors above which an effect needs a name.
 NAMED = 20.0
 
 
@@ -31,9 +31,9 @@ def birge_ratio(chi_square: float, degrees_of_freedom: int) -> float:
     return float(np.sqrt(chi_square / max(1, degrees_of_freedom)))
 
 
-# A coefficient of fewer standard errors may be zero (99.7 % of a Gaussian).
+# A coefficient with fewer standard errors may be zero (99.7 % of a Gaussian).
 SIGNIFICANT_ERRORS = 3.0
-# The same as a probability.
+# The same level as a probability.
 BY_CHANCE = math.erfc(SIGNIFICANT_ERRORS / math.sqrt(2.0))
 
 
@@ -63,7 +63,8 @@ def significant(result: xr.Dataset) -> Mask:
 def determines(result: xr.Dataset) -> bool:
     """Return true if at least one coefficient, or all together, differ from zero.
 
-    Forces that a record does not separate have errors as large as they are, though it needs one of them.
+    If a record does not separate forces, their errors are as large as the coefficients, although one force is
+    needed.
     """
     return bool(significant(result).any()) or bool(sufficient_forces(result))
 
@@ -79,21 +80,21 @@ def sufficient_forces(result: xr.Dataset) -> list[dict[str, tuple[float, float]]
     Returns
     -------
     list of dict of str to (float, float)
-        Nothing where all may be zero together, or where some are held.
+        Empty if all may be zero together, or if some are held.
 
     Notes
     -----
-    Conditional mean and covariance of those that are kept where the others are zero: the others have no
-    significant sum of squares (Wald 1943).
+    These are the conditional mean and covariance of the kept ones given that the others are zero: the others
+    have no significant sum of squares (Wald 1943).
     """
     size, count = result.standard_error.values, result.sizes["force"]
-    # All choices among more forces are not gone through.
+    # With more forces, not all subsets can be tried.
     if count > 10 or not np.all(result.active.values & (size > 0.0) & np.isfinite(size)):
         return []
     score, correlation = result.coefficient.values / size, result.covariance.values / np.outer(size, size)
     for kept in range(count + 1):
         choices = [np.isin(np.arange(count), choice) for choice in combinations(range(count), kept)]
-        # Chi square of the coefficients that would be zero.
+        # Chi-square of the coefficients that would be zero.
         among = [(score[~c], np.linalg.pinv(correlation[np.ix_(~c, ~c)])) for c in choices]
         squares = [float(part @ inverse @ part) for part, inverse in among]
         allowed = scipy.stats.chi2.isf(BY_CHANCE, max(1, count - kept))
@@ -114,13 +115,13 @@ def _where_others_are_zero(
 
 
 def candidates_of(tree: xr.DataTree) -> force.ForceLibrary:
-    """Return the candidates that were offered."""
+    """Return the offered candidates."""
     return library_of_text(tree.attrs["candidates"], "candidates")
 
 
 def steps_taken(tree: xr.DataTree) -> list[xr.Dataset]:
-    """Return the steps of a discovery, an effect each, in their order."""
-    # Without a step there is but the count.
+    """Return the steps of a discovery in order, one per effect."""
+    # Without a step, only the count is stored.
     steps = tree["steps"].to_dataset()
     return [steps.isel(step=at) for at in range(steps.attrs["count"])]
 
@@ -135,7 +136,7 @@ def inseparable_groups(step: xr.Dataset) -> list[list[str]]:
 
 
 def grouped(items: Iterable[Item], alike: Callable[[Item, Item], bool]) -> list[list[Item]]:
-    """Return groups in which each is like each: a chain of neighbours may have ends that are far apart."""
+    """Return groups in which all members are alike, unlike a chain of neighbours with distant ends."""
     groups: list[list[Item]] = []
     for item in items:
         home = next((group for group in groups if all(alike(other, item) for other in group)), None)
@@ -155,8 +156,8 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
     """Return effects whose coefficient differs from the known one, and the known one."""
     offered, steps = candidates_of(tree), tree["steps"].to_dataset()
     known = {symbol: offered[symbol].coefficient for symbol in added_effects(tree)}
-    # Standard errors by which a coefficient differs from its known physical value if it belongs to another
-    # force.
+    # Number of standard errors by which a coefficient must differ from its known physical value to belong to
+    # another force.
     return {
         symbol: value
         for at, (symbol, value) in enumerate(known.items())
@@ -166,7 +167,7 @@ def misnamed_effects(tree: xr.DataTree) -> dict[str, float]:
 
 
 def error_widening(tree: xr.DataTree) -> float:
-    """Return the factor that the errors of the final model have in them."""
+    """Return the factor by which the errors of the final model are multiplied."""
     return float(tree["omnibus"].widening[-1])
 
 
@@ -181,7 +182,7 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        Probability of each candidate. The effect comes first, then the others, the most probable first.
+        Probability of each candidate: first the effect, then the others, the most probable first.
     """
     effect = step.symbol.item()
     inside = step.isel(candidate=step.credible.values)
@@ -191,41 +192,41 @@ def credible_set(step: xr.Dataset) -> dict[str, float]:
 
 
 def replacing_pairs(step: xr.Dataset) -> list[list[str]]:
-    """Return pairs of candidates that compete with a step's effect."""
+    """Return pairs of candidates that compete with the effect of a step."""
     pairs = step.pairs.values.tolist() if "pairs" in step else []
     return [pair for pair in pairs if pair[0]]
 
 
 def alternatives_of(step: xr.Dataset) -> list[str]:
-    """Return candidates, then pairs of them, that cannot be separated from the effect that has the name."""
+    """Return candidates, then pairs of them, that cannot be separated from the named effect."""
     named = named_effect(step)
     pairs = (" and ".join(pair) for pair in replacing_pairs(step))
     return [*(symbol for symbol in credible_set(step) if symbol != named), *pairs]
 
 
 def named_effect(step: xr.Dataset) -> str:
-    """Return the effect that has the name."""
+    """Return the effect that is named."""
     symbol, likely = step.symbol.item(), credible_set(step)
     likeliest = max(likely, key=lambda name: likely[name])
-    # Fits that are as good as each other have no order.
-    # An effect that is more probable by so much than the one that was fitted has the name.
+    # Fits of equal quality have no order. Name another effect only if it is more probable than the fitted one
+    # by this much.
     return likeliest if likely[likeliest] - likely[symbol] > 0.5 else symbol
 
 
 def tied_name(step: xr.Dataset, most: int) -> str:
-    """Name an effect or its competing effects, `most` of them by name: "epsilon or 2 more"."""
+    """Name an effect or its competing effects, at most `most` by name: "epsilon or 2 more"."""
     return or_others([named_effect(step), *alternatives_of(step)], most)
 
 
 def or_others(symbols: Sequence[str], most: int) -> str:
-    """Return the symbols of which one is right, the first `most` by name; one more has its name too."""
+    """Return the symbols of competing effects, the first `most` by name; one further one is named too."""
     named = list(symbols[: most if len(symbols) > most + 1 else most + 1])
     more = len(symbols) - len(named)
     return " or ".join([*named, *([f"{more} more"] if more else [])])
 
 
 def failed_competitors(step: xr.Dataset) -> list[str]:
-    """Return candidates that were tried in the place of a step's effect, but whose fits failed."""
+    """Return candidates that were tried in place of a step's effect, but whose fits failed."""
     return step.candidate.values[np.isposinf(step.penalised_deviance.values)].tolist()
 
 
@@ -239,7 +240,7 @@ def shapes_of(step: xr.Dataset, symbol: str, values: str = "shape") -> dict[str,
     symbol : str
         Symbol of the force.
     values : str
-        The variable that has them: `shape`, or `shape_standard_error` of a step.
+        Variable with the values: `shape`, or `shape_standard_error` of a step.
     """
     if values not in step:
         return {}
@@ -252,7 +253,7 @@ def shapes_of(step: xr.Dataset, symbol: str, values: str = "shape") -> dict[str,
 
 
 def strongest(ranking: xr.Dataset, count: int) -> list[str]:
-    """Return the candidates of the highest |z| at any selection step, ordered by that of the first."""
+    """Return the candidates with the highest |z| at any selection step, ordered by their first |z|."""
     size = np.nan_to_num(np.abs(ranking.z.values), nan=-1.0)
     order = np.argsort(-size.max(axis=0), kind="stable")[:count].tolist()
     chosen = [i for i in order if size[:, i].max() >= 0.0]

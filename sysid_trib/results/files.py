@@ -1,4 +1,4 @@
-"""Results as files: which kind a result is, and netCDF that comes back equal or replaces nothing."""
+"""Results as files: the format of a result, and netCDF that is read back equal or replaces nothing."""
 
 import errno
 import io
@@ -17,7 +17,7 @@ from sysid_trib.records import tables
 from sysid_trib.records.probe import check_binary
 from sysid_trib.results.variables import FORMAT_VERSION
 
-# netCDF gives a list of one text back as the text, and an empty list as an array.
+# netCDF returns a list of one text as the text, and an empty list as an array.
 LISTS = (
     *("record_source", "record_checksum", "first_record", "second_record"),
     *("left_out", "failed_fits", "parts", "decimated"),
@@ -37,7 +37,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
     Raises
     ------
     RecordError
-        The file is of another version of the format.
+        The file has another version of the format.
     """
     for node in tree.subtree:
         version = node.attrs.get("format_version", 1)
@@ -46,7 +46,7 @@ def current_format(tree: xr.DataTree, path: Path) -> xr.DataTree:
                 f"{path.name}: a result in format {version}, and this version of sysid_trib reads format "
                 f"{FORMAT_VERSION}; make the result again."
             )
-        # A record and its envelope have one source, as one text.
+        # A record and its envelope have a single source, as text.
         lists = [name for name in LISTS if name in node.attrs and "source" not in node.attrs]
         node.attrs |= {name: np.ravel(node.attrs[name]).astype(str).tolist() for name in lists}
     return tree
@@ -57,37 +57,37 @@ TEMPORARY = ".sysid-trib-"
 
 
 def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None:
-    """Write a result as netCDF; an older file is replaced only by a whole one.
+    """Write a result as netCDF; an older file is replaced only by a complete one.
 
     Parameters
     ----------
     result : Dataset or DataTree
         Any result of this package.
     path : str or path
-        The file, replaced if it is there.
+        The file; an existing one is replaced.
 
     Raises
     ------
     RecordError
-        The place cannot be written. The older file is as it was.
+        The file cannot be written. The older file is unchanged.
     """
-    # HDF5 can crash the process when it closes a file on a full disk: it writes to memory.
+    # HDF5 can crash the process when it closes a file on a full disk: let it write to memory.
     write_file(Path(path), bytes(result.to_netcdf(engine="h5netcdf")))
 
 
 def write_figure(figure: Any, path: Path) -> None:
-    """Write a figure as PDF and PNG (300 dpi) beside each other, its folder made if need be.
+    """Write a figure as PDF and PNG (300 dpi) next to each other; create the folder if necessary.
 
     Parameters
     ----------
     figure : matplotlib Figure
     path : path
-        Where to write, without an ending.
+        Path without an ending.
 
     Raises
     ------
     RecordError
-        The place cannot be written.
+        The file cannot be written.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -102,19 +102,19 @@ def write_figure(figure: Any, path: Path) -> None:
 
 
 def write_file(target: Path, content: bytes) -> None:
-    """Write a file under another name in its folder, read it back, and rename it only if it is whole.
+    """Write a file under another name in its folder, read it back, and rename it only if it is complete.
 
     Parameters
     ----------
     target : path
-        The file, replaced if it is there.
+        The file; an existing one is replaced.
     content : bytes
-        All of the file.
+        Whole content of the file.
 
     Raises
     ------
     RecordError
-        The place cannot be written, or does not hold what was written. The older file is as it was.
+        The file cannot be written, or differs from its content when read back. The older file is unchanged.
     """
     temporary = target.with_name(f"{_mark(os.getpid())}{secrets.token_hex(8)}{target.suffix}")
     try:
@@ -123,7 +123,7 @@ def write_file(target: Path, content: bytes) -> None:
             with temporary.open("xb") as file:
                 file.write(content)
                 file.flush()
-                # A full disk may be noticed only now, or when the file is closed.
+                # A full disk may be detected only now, or when the file is closed.
                 os.fsync(file.fileno())
             if temporary.read_bytes() != content:
                 raise OSError(errno.EIO, "what was written does not read back the same")
@@ -132,16 +132,16 @@ def write_file(target: Path, content: bytes) -> None:
             temporary.unlink(missing_ok=True)
     except OSError as error:
         reason = error.strerror or error
-        raise RecordError(f"{target}: cannot be written ({reason}); choose another place with -o.") from None
+        raise RecordError(f"{target}: cannot be written ({reason}); choose another place.") from None
 
 
 def _mark(process: int) -> str:
-    """Return the beginning of the names of temporary files of a process of this machine."""
+    """Return the prefix of temporary file names of a process on this machine."""
     return f"{TEMPORARY}{uuid.getnode():x}-{process}-"
 
 
 def _clear(folder: Path) -> None:
-    """Remove what killed processes of this machine left in a folder."""
+    """Remove temporary files of killed processes of this machine from a folder."""
     for place in folder.glob(f"{TEMPORARY}{uuid.getnode():x}-*"):
         process = place.name.removeprefix(TEMPORARY).split("-")[1]
         if process.isdecimal() and not _is_alive(int(process)):
@@ -170,14 +170,14 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
     Returns
     -------
     DataTree
-        Equal to what was saved and wholly in memory. A single Dataset is its root.
+        Equal to the saved result and completely in memory. A single Dataset is its root.
 
     Raises
     ------
     UsageError
         There is no such file.
     RecordError
-        It is no result in netCDF, or one of another version of the format.
+        The file is not a result in netCDF, or has another version of the format.
     """
     place = Path(path)
     if not os.path.exists(place):
@@ -198,7 +198,7 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
             return current_format(tree.load(), place)
     except (RecordError, MemoryError):
         raise
-    # A damaged file meets readers with any exception at all.
+    # Readers may raise any exception for a damaged file.
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise RecordError(f"{place.name}: not a result in netCDF, or a damaged one ({reason}).") from None

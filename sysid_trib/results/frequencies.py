@@ -13,7 +13,7 @@ def asymptotic_frequency(library: ForceLibrary, coefficients: Array, reference: 
     value = dict(zip(library.symbols, coefficients, strict=True))
     gradient = np.zeros(len(library) + 1)
     squared = 1.0
-    # Alpha enters linearly, the damping ratio by its square.
+    # Alpha enters linearly, the damping ratio quadratically.
     if (elastic := library.role("x")) is not None:
         squared += value[elastic.symbol]
         gradient[library.symbols.index(elastic.symbol)] = 1.0
@@ -41,7 +41,7 @@ def covariance_with_frequency(result: xr.Dataset) -> Array:
         limit, gradient = asymptotic_frequency(acting, result.coefficient.values[inside], w)
         with_w = result.frequency_covariance.values
         if limit > 0.0:
-            # A result states the covariance with the asymptotic frequency; that with w follows.
+            # A result states the covariance with the asymptotic frequency; that with w follows from it.
             with_w = (with_w - covariance[:, inside] @ gradient[:-1]) / gradient[-1]
         whole[:count, count] = whole[count, :count] = with_w
         whole[count, count] = error**2

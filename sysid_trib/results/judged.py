@@ -11,7 +11,7 @@ from sysid_trib.results.effects import significant, sufficient_forces
 from sysid_trib.results.kinds import contents_text, has_input, identifications_of, kind_of
 from sysid_trib.results.variables import group_names, record_groups
 
-# A residual is large beyond this number of noise levels (RMS).
+# A residual above this multiple of the noise (RMS) is large.
 LARGE = 1.5
 # Default held-out part of `discover`.
 LAST_THIRD = "the last third"
@@ -19,6 +19,9 @@ VERDICTS = ("explained", "explained with a random force", "approximate", "not ex
 EXPLAINED_VERDICTS = ("explained", "explained with a random force")
 UNEXPLAINED = ("approximate", "not explained")
 JUDGED = "judged"
+# Attribute of a discovery: outcome of its search; the verdict on its final model is that of the judge.
+SEARCH_OUTCOME = "search_outcome"
+SEARCH_OUTCOMES = ("explained", "unknown effect", "nothing missing")
 
 
 def judged_of(tree: xr.DataTree) -> xr.Dataset:
@@ -35,7 +38,7 @@ def comparison_of(tree: xr.DataTree) -> xr.Dataset:
 
 
 def residual_of(tree: xr.DataTree, model: str) -> float:
-    """Return the RMS of record minus motion of a model over all runs, rad; nan of one that diverges."""
+    """Return the RMS of record minus motion of a model over all runs, rad; nan if the model diverges."""
     return float(judged_of(tree).residual_rms.sel(model=model))
 
 
@@ -52,8 +55,8 @@ def residual_over_noise(tree: xr.DataTree, model: str) -> float:
 def held_out_excess(tree: xr.DataTree) -> float:
     """Return the held-out residual of the final model of a discovery over the sensor noise.
 
-    Zero where that is hardly more than what it leaves of the rest, where it was fitted to all in the end, and
-    of driven records, whose noise no spline tells.
+    It is zero in three cases: the held-out residual is hardly larger than that of the fitted parts; the final
+    models were fitted to the whole records; or the records are driven, whose noise a spline does not show.
     """
     if is_refitted(tree) or has_input(tree[record_groups(tree)[0]].to_dataset()):
         return 0.0
@@ -62,7 +65,7 @@ def held_out_excess(tree: xr.DataTree) -> float:
 
 
 def is_refitted(tree: xr.DataTree) -> bool:
-    """Return true if the models of a discovery were fitted to the whole records in the end."""
+    """Return true if the final models of a discovery were fitted to the whole records."""
     return bool(tree["refitted"])
 
 
@@ -71,8 +74,13 @@ def verdict_of(tree: xr.DataTree) -> str:
     return str(judged_of(tree).attrs["verdict"])
 
 
+def has_unknown_effect(tree: xr.DataTree) -> bool:
+    """Return true if the search of a discovery ended with an effect that it could not name."""
+    return str(tree.attrs[SEARCH_OUTCOME]) == "unknown effect"
+
+
 def follows(tree: xr.DataTree) -> bool:
-    """Return true if the preferred model follows the record: only then consequences are computed."""
+    """Return true if the preferred model follows the record, so that consequences can be computed."""
     return is_explained(tree) or verdict_of(tree) == "approximate"
 
 
@@ -92,7 +100,7 @@ def preferred_of(tree: xr.DataTree) -> str:
 
 
 def last_of(tree: xr.DataTree) -> xr.Dataset:
-    """Return the last of the identifications that were judged: by the method at the statistical bound."""
+    """Return the last of the judged identifications, from the method at the statistical bound."""
     return tree[judged_of(tree).model.values[-1]].to_dataset()
 
 
@@ -103,12 +111,12 @@ def failures(tree: xr.DataTree) -> dict[str, str]:
 
 
 def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """Return the identifications that were judged by the name of their method, without one that failed.
+    """Return the judged identifications by the names of their methods, without failed ones.
 
     Raises
     ------
     KeyError
-        The result holds nothing that was judged.
+        The result contains no judged identification.
     """
     failed = failures(tree)
     names = judged_of(tree).model.values.tolist()
@@ -116,12 +124,12 @@ def kept_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
 
 
 def preferred_result(tree: xr.DataTree) -> xr.Dataset | None:
-    """Return the preferred identification; None where its method failed."""
+    """Return the preferred identification; None if its method failed."""
     return kept_results(tree).get(preferred_of(tree))
 
 
 def given_results(tree: xr.DataTree) -> dict[str, xr.Dataset]:
-    """Return the identifications that any result gives, by name: without methods that failed."""
+    """Return the identifications of any result by name, without failed methods."""
     if kind_of(tree) == "discover":
         return {"start model": tree["before"].to_dataset(), "final model": tree["after"].to_dataset()}
     if kind_of(tree) == "compare":
@@ -155,12 +163,12 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     Returns
     -------
     Dataset
-        The identification that the result prefers: see `identify`.
+        The preferred identification of the result: see `identify`.
 
     Raises
     ------
     UsageError
-        The result holds no identification, or several none of which is preferred.
+        The result contains no identification, or several without a preferred one.
     """
     if isinstance(result, xr.Dataset):
         if "coefficient" in result and "method" in result.attrs:
@@ -183,7 +191,7 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
 
 
 def fewer_forces(tree: xr.DataTree) -> list[dict[str, tuple[float, float]]]:
-    """Return fewest forces that suffice, see `sufficient_forces`, where no coefficient is known by itself."""
+    """Return the fewest sufficient forces, see `sufficient_forces`, if no coefficient is significant."""
     result = preferred_result(tree)
     if result is None or not follows(tree) or significant(result).any():
         return []
@@ -202,15 +210,8 @@ def amplitudes(tree: xr.DataTree) -> Array:
     return np.concatenate([tree[group].amplitude.values for group in groups])
 
 
-def times_of_amplitudes(tree: xr.DataTree) -> Array:
-    """Return the since the first sample of their run, s: `t` of the formulas at each of the `amplitudes`."""
-    groups = record_groups(tree)
-    pairs = zip(groups, group_names("envelope", len(groups)), strict=True)
-    return np.concatenate([tree[half].instant_time.values - tree[run].time.values[0] for run, half in pairs])
-
-
 def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
-    """Return the errors of the coefficients by the noise and by the model, (force,) each."""
+    """Return the errors of the coefficients due to the noise and to the model, (force,) each."""
     if "error_of_model" not in result:
         calibration = result["error_of_calibration"].values if "error_of_calibration" in result else 0.0
         stated = np.sqrt(np.maximum(result.standard_error.values**2 - calibration**2, 0.0))
@@ -219,9 +220,9 @@ def error_parts(result: xr.Dataset) -> tuple[Array, Array]:
 
 
 def applied_methods(table: xr.Dataset) -> xr.Dataset:
-    """Return methods of a comparison that gave a coefficient or a frequency, and whose models did not fail.
+    """Return the methods of a comparison with a coefficient or a frequency, whose models did not fail.
 
-    The one that predicts best stays, whatever it does on the whole: the others are held against it.
+    The method of the best prediction is always included, because the others are compared with it.
     """
     applied = table.coefficient.notnull().any("force") | table.asymptotic_frequency.notnull()
     failed = (table.failure != "") & (table.model != table.attrs["best"])
@@ -229,7 +230,7 @@ def applied_methods(table: xr.Dataset) -> xr.Dataset:
 
 
 def column_power(column: xr.Dataset) -> int:
-    """Return the power of ten of a column: of the best method's value or error, of all if it has none."""
+    """Return the power of ten of a column: of the best method's value or error, of all without one."""
     best = column.sel(model=column.attrs["best"])
     size = max(abs(best.coefficient.item()), best.standard_error.item())
     if not (np.isfinite(size) and size > 0.0):

@@ -1,15 +1,16 @@
-"""Kinds of results: what made a result, and which identifications it holds."""
+"""Kinds of results: the function that made a result, and the identifications in it."""
 
 import xarray as xr
 
+from sysid_trib.errors import UsageError
 from sysid_trib.records.roles import input_names
 from sysid_trib.results.variables import record_groups
 
-# The preferred model in SI units, with the measured values used, and its coefficient of friction.
+# Preferred model in SI units, with the measured values used, and its coefficient of friction.
 SI, GIVEN = "si_units", ("inertia", "mass", "load", "radius")
 MU = "friction_coefficient"
 CONSEQUENCES = "consequences"
-# Mass, stiffness and forces of a driven record in the unit of its input; the first two of them.
+# Mass, stiffness and forces of a driven record in units of its input; the first two of these.
 PER_INPUT = "per_input"
 MASS = "mass"
 STIFFNESS = "stiffness"
@@ -20,14 +21,33 @@ SIDES = ("first", "second")
 
 
 def si_of(tree: xr.DataTree) -> xr.Dataset | None:
-    """Return the preferred model of a result in SI units, where it holds it."""
+    """Return the preferred model of a result in SI units, if the result contains it."""
     return tree[SI].to_dataset() if SI in tree.children else None
+
+
+def check_is_model(tree: xr.DataTree, source: str = "This") -> None:
+    """Raise an error for a comparison of samples where a model is needed.
+
+    Parameters
+    ----------
+    tree : DataTree
+        Any result.
+    source : str
+        Description of the object, which begins the sentence: its file, for example.
+
+    Raises
+    ------
+    UsageError
+        It compares samples.
+    """
+    if kind_of(tree) == "difference":
+        raise UsageError(f"{source} is a comparison of samples, not a model; give a result of identify.")
 
 
 def kind_of(tree: xr.DataTree) -> str:
     """Return the kind of a result: identify, cross_check, laws, driven, compare, difference or discover.
 
-    Empty if none did.
+    Return an empty text if it is of none of these kinds.
     """
     if "stiffness_difference" in tree.ds:
         return "difference"
@@ -42,7 +62,7 @@ def kind_of(tree: xr.DataTree) -> str:
 
 
 def contents_text(result: object) -> str:
-    """Return in a few words what something is that is no result of the kind asked for."""
+    """Describe in a few words an object that is not a result of the wanted kind."""
     if not isinstance(result, xr.DataTree | xr.Dataset):
         return f"an object of type {type(result).__name__}"
     names = [*map(str, getattr(result, "children", ())), *sorted(map(str, result.data_vars))]
@@ -50,13 +70,13 @@ def contents_text(result: object) -> str:
 
 
 def is_of_driven(tree: xr.DataTree) -> bool:
-    """Return true if the records of a result are driven; an identification alone keeps none."""
+    """Return true if the records of a result are driven; a single identification contains none."""
     kept = (tree[group].to_dataset() for group in record_groups(tree) if group in tree.children)
     return any(map(has_input, kept))
 
 
 def has_input(record: xr.Dataset) -> bool:
-    """Return true if something that drives the motion was recorded with it."""
+    """Return true if an input that drives the motion was recorded with it."""
     return bool(input_names(record))
 
 

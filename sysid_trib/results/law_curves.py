@@ -1,4 +1,4 @@
-"""Friction and restoring force of a result as curves: their names, and how they are read."""
+"""Friction and restoring force of a result as curves: their names and values."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -13,18 +13,18 @@ from sysid_trib.results.models import library_of, shape_values_of
 OWN_LAWS = "own_laws"
 LAWS_SI = "laws_si"
 LAW_DIFFERENCE = "law_difference"
-# Attribute of an identification with a passive law: speeds at which the constraint acts, in parts of the
-# largest one that the record visits, as JSON.
+# Attribute of an identification with a passive law: speeds at which the constraint is active, relative to the
+# largest visited speed, as JSON.
 PASSIVE = "passive_at"
-# Laws, the variable of the motion that each is a function of, its name in formulas, and their names in words.
+# Laws, the motion variable of each, its name in formulas, and their names in words.
 VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
 NAME_IN_FORMULAS = {"speed": "v", "displacement": "x"}
 LAW_WORDS = {"friction": "friction", "restoring": "restoring force"}
-# Why a result holds no curves although its record determines some.
+# Why a result contains no curves although its record determines some.
 NO_BETTER = "The named forces follow the record as well as curves do: the laws are sums of the named forces."
-# A restoring force below this part of w^2 x is none.
+# A restoring force below this fraction of w^2 x counts as none.
 NO_RESTORING_FORCE = 1e-9
-# More standard errors of both methods than this are a difference.
+# Number of standard errors of both methods above which they differ.
 LARGE_DIFFERENCE = 3.0
 
 
@@ -55,7 +55,7 @@ class Curve:
         return Curve(self.places, self.values - known, self.errors, *ends, self.visited)
 
     def on_both_sides(self) -> "Curve":
-        """Return the law for both signs; one that is known for positive places alone is odd."""
+        """Return the law for both signs; a law that is known for positive places only is odd."""
         if np.any(self.places < 0.0):
             return self
 
@@ -105,7 +105,7 @@ def curve_of(result: xr.Dataset, law: str) -> Curve:
 
 
 def restores(result: xr.Dataset) -> bool:
-    """Return True if anything restores: a body that is free to move has no such law."""
+    """Return True if there is a restoring force; a body that is free to move has none."""
     size = result.reference_frequency.item() ** 2 * np.abs(result.displacement.values)
     return bool(np.any(np.abs(result.restoring.values) > NO_RESTORING_FORCE * size))
 
@@ -118,7 +118,7 @@ def laws_in(result: xr.Dataset) -> list[str]:
 def curves_of(
     results: Mapping[str, xr.Dataset], law: str, answer: str, *, mirrored: bool = False
 ) -> dict[str, Curve]:
-    """Return a law by each identification, as far as it can be held against that of the preferred one.
+    """Return a law from each identification, in a form comparable with the preferred one.
 
     Parameters
     ----------
@@ -126,9 +126,9 @@ def curves_of(
         Identifications by name.
     law : {"friction", "restoring"}
     answer : str
-        The preferred one. Of other ones the odd part is taken where its law is odd.
+        The preferred identification. If its law is odd, the odd part of the others is used.
     mirrored : bool
-        Whether an odd law stands on both sides beside one that is not odd; else it is left out.
+        Whether an odd law is shown for both signs next to one that is not odd; otherwise it is left out.
     """
     curves = {name: curve_of(result, law) for name, result in results.items()}
     sides = {name: bool(np.any(curve.places < 0.0)) for name, curve in curves.items()}
@@ -162,12 +162,12 @@ def _odd_curve(result: xr.Dataset, law: str) -> Curve:
 
 
 def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
-    """Return the odd part of a law with its standard error, at positive places: what averages see of it.
+    """Return the odd part of a law with its standard error, at positive places: averages show only this part.
 
     Parameters
     ----------
     result : Dataset
-        With `friction(speed)` and `restoring(displacement)`.
+        Identification with `friction(speed)` and `restoring(displacement)`.
     law : {"friction", "restoring"}
 
     Returns
@@ -180,7 +180,7 @@ def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
     names = [law, f"{law}_standard_error"]
     if not np.any(places < 0.0):
         return result[names]
-    # Places are the same on both sides, in rising order.
+    # The places are the same on both sides, in increasing order.
     half = len(places) // 2
     part = 0.5 * np.hstack([-np.eye(half)[::-1], np.eye(half)])
     covariance = part @ result[f"{law}_covariance"].values @ part.T
@@ -196,7 +196,7 @@ def odd_part(result: xr.Dataset, law: str) -> xr.Dataset:
 
 
 def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
-    """Return the straight line w^2 x with the forces that are held, at some places, and these forces' names.
+    """Return the straight line w^2 x plus the held forces, at some places, and the names of these forces.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def known_part(result: xr.Dataset, places: Array) -> tuple[Array, list[str]]:
         return known, names
     shapes = shape_values_of(result)
     for force in library_of(result, whole=True):
-        # A fit of the motion to driven records holds the curves; they belong to the law all the same.
+        # A fit of the motion to driven records holds the curves; they still belong to the law.
         is_held = constraint.sel(force=force.symbol).item() == "fixed"
         if force.curve or not is_held or not force.depends_only_on("x"):
             continue
@@ -236,7 +236,7 @@ def stretches(places: Array, chosen: Mask) -> list[tuple[float, float]]:
 def difference_over_error(first: Curve, second: Curve) -> Array:
     """Return the difference of two curves over the errors of both, (place,).
 
-    Both methods saw the same noise: the numbers are rather too small.
+    Both methods use the same noisy record, so these numbers are rather too small.
     """
     error = np.hypot(first.errors, second.errors)
     difference = first.values - second.values
@@ -282,7 +282,7 @@ def feeds_energy(result: xr.Dataset) -> tuple[Array, Array]:
 
 
 def places_shown(curve: Curve, parts: Sequence[float]) -> Array:
-    """Return places near these parts of the largest visited one, on both sides of a law that is not odd."""
+    """Return places near these fractions of the largest visited one, on both sides if the law is not odd."""
     largest = float(np.max(curve.places[curve.visited]))
     places = largest * np.asarray(parts)
     return np.concatenate([-places[::-1], places]) if np.any(curve.places < 0.0) else places

@@ -1,4 +1,4 @@
-"""The model of an identification as it is stored: its forces, its shape parameters, what they refer to."""
+"""The stored model of an identification: its forces, shape parameters and reference frequencies."""
 
 import numpy as np
 import xarray as xr
@@ -6,14 +6,14 @@ import xarray as xr
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import library_of_text
 
-# Marks an option that is kept as text alone and cannot be read back: an optimiser, a start model.
+# Marks an option that is stored as text only and cannot be read back: an optimiser, a start model.
 NOT_KEPT = "not kept"
-# Attribute of a result: units of the inputs that have one of their own.
+# Attribute of a result: units of the inputs that have separate units.
 INPUT_UNITS = "input_units"
 
 
 def library_of(result: xr.Dataset, whole: bool = False) -> ForceLibrary:
-    """Return force library of an identification: the forces it holds, or the whole file it was read from."""
+    """Return the force library of an identification: its forces, or the whole file it was read from."""
     library = library_of_text(result.attrs["library"], result.attrs["library_source"])
     return library if whole else library.select(result.force.values.tolist())
 

@@ -6,23 +6,23 @@ import numpy as np
 import xarray as xr
 
 DENSITY_UNITS = "(rad/s^2)^2/Hz"
-# Level at which a random force depends on something, and at which there is one at all.
+# Significance level of a random force, and of its dependence on the motion or on time.
 DEPENDENCE_LEVEL = 0.01
 
 
 @dataclass(frozen=True)
 class RandomForce:
-    """White acceleration a(t) in theta'' = ... + a(t), as it was estimated in one run.
+    """White acceleration a(t) in theta'' = ... + a(t), estimated in one run.
 
     Attributes
     ----------
     density : float, (rad/s^2)^2/Hz
-        One-sided power spectral density of the acceleration: a velocity that it alone drives has the variance
-        density/2 * time. 0 where the maximum of the likelihood is there.
+        One-sided power spectral density of the acceleration: a velocity that only this acceleration drives
+        has the variance density/2 * time. 0 if the likelihood has its maximum there.
     standard_error : float, (rad/s^2)^2/Hz
-        Standard error of the density; nan where it was given, or left out.
+        Standard error of the density; nan if the density was given or left out.
     p_value : float
-        P-value of no random force, by half a chi-square (Chernoff 1954); nan if it was given, or left out.
+        P-value of no random force, from half a chi-square (Chernoff 1954); nan if it was given or left out.
     """
 
     density: float = 0.0
@@ -37,7 +37,7 @@ class RandomForce:
         return float(np.sqrt(self.density)) / frequency**2
 
     def per_tau(self, frequency: float) -> float:
-        """Return growth of the variance of v = theta'/w by a unit of tau = w t (rad^2): density/(2 w^3)."""
+        """Return growth of the variance of v = theta'/w per unit of tau = w t (rad^2): density/(2 w^3)."""
         return 0.5 * self.density / frequency**3
 
     @staticmethod
@@ -46,16 +46,17 @@ class RandomForce:
         return 2.0 * per_tau * frequency**3
 
     def periods_to(self, size: float, frequency: float) -> float:
-        """Return periods after which a motion that is known now has wandered by `size` (rad, RMS).
+        """Return the periods after which a known motion is uncertain by `size` (rad, RMS).
 
-        Half of the growth of v is in x: its variance is per_tau * tau / 2. Infinite without a random force.
+        Half of the variance growth of v appears in x: its variance is per_tau * tau / 2. Infinite without a
+        random force.
         """
         growth = self.per_tau(frequency)
         return float(np.inf) if growth == 0.0 else 2.0 * size**2 / growth / (2.0 * np.pi)
 
 
 def random_force_of(result: xr.Dataset, run: int | None = None) -> RandomForce:
-    """Return the random force of an identification, in one run or on the mean; None if it states none."""
+    """Return the random force of an identification, in one run or as the mean; None if it states none."""
     if "random_force_density" not in result:
         return RandomForce()
     of_run = run is not None and "run_random_force_density" in result

@@ -1,4 +1,4 @@
-"""Reference frequency of coefficients: a common one for comparison, and that without contact."""
+"""Changes of an identification: the frequency without contact as its reference, errors of a calibration."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -6,103 +6,16 @@ from typing import TypeVar
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array, Mask
+from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.notation import signal_powers
 from sysid_trib.results import kinds, models, schema, variables
-from sysid_trib.results.frequencies import asymptotic_frequency
-from sysid_trib.results.models import forces_in_model as forces_in_model, in_model as in_model
 
 Result = TypeVar("Result", xr.Dataset, xr.DataTree)
-ASYMPTOTIC_FREQUENCY = "asymptotic frequency"
-
-
-def comparable(*results: xr.Dataset) -> list[str]:
-    """Return the symbols of the forces in which identifications are compared, in the first's order.
-
-    Each has them in its model, and one at least leaves them free: what is fixed, tied or at a bound adds no
-    difference of its own.
-    """
-    in_models = [forces_in_model(result) for result in results]
-    constrained = [_constrained(result) for result in results]
-    return [
-        symbol
-        for symbol in results[0].force.values.tolist()
-        if all(symbol in forces for forces in in_models)
-        and not all(symbol in forces for forces in constrained)
-    ]
-
-
-def held(result: xr.Dataset) -> Mask:
-    """Return true where a coefficient is fixed, (force,): it stays as it is at every reference frequency."""
-    if "constraint" not in result.coords:
-        return np.zeros(result.sizes["force"], dtype=bool)
-    return np.asarray(result.constraint.values == "fixed", dtype=bool)
-
-
-def _constrained(result: xr.Dataset) -> list[str]:
-    """Return forces whose coefficient is fixed, tied or at a bound."""
-    if "constraint" not in result.coords:
-        return []
-    return [str(symbol) for symbol in result.force.values[result.constraint.values != ""]]
-
-
-def comparison_values(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Return coefficients at one reference frequency, and the asymptotic frequency.
-
-    Parameters
-    ----------
-    result : Dataset
-        An identification.
-    kept : sequence of str
-        Symbols of the forces.
-    frequency : float, rad/s
-        The reference frequency.
-    """
-    factors = reference_factors(result, kept, frequency)
-    coefficients = result.coefficient.sel(force=list(kept)).values * factors
-    return np.append(coefficients, result.asymptotic_frequency.item())
-
-
-def comparison_slopes(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Return the derivatives of `comparison_values` by the coefficients and the reference frequency.
-
-    Parameters
-    ----------
-    result, kept, frequency
-        As of `comparison_values`.
-
-    Returns
-    -------
-    (quantity, force + 1) array of float
-        Over the forces in the model (see `forces_in_model`), in their order, and the frequency.
-    """
-    symbols = forces_in_model(result)
-    coefficients = result.coefficient.sel(force=symbols).values
-    w = result.reference_frequency.item()
-    factors = reference_factors(result, kept, frequency)
-    powers = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
-    places = [symbols.index(symbol) for symbol in kept]
-    slopes = np.zeros((len(kept) + 1, len(symbols) + 1))
-    slopes[np.arange(len(kept)), places] = factors
-    slopes[:-1, -1] = powers * factors * coefficients[places] / w
-    acting = models.library_of(result).select(symbols)
-    slopes[-1] = asymptotic_frequency(acting, coefficients, w)[1]
-    return slopes
-
-
-def reference_factors(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Return the factors of coefficients to a reference frequency (rad/s); 1 for forces that keep their own.
-
-    See `rescaling_factors`.
-    """
-    degrees = result.speed_degree.sel(force=list(kept)).values
-    factors = (result.reference_frequency.item() / frequency) ** (2.0 - degrees)
-    return np.asarray(np.where(np.isnan(degrees), 1.0, factors))
 
 
 def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
-    """Return the covariance that a method states, of the coefficients and the asymptotic frequency."""
+    """Return the stated covariance of a method, of the coefficients and the asymptotic frequency."""
     symbols = list(kept)
     count = len(kept)
     covariance = np.empty((count + 1, count + 1))
@@ -110,19 +23,6 @@ def stated_covariance(result: xr.Dataset, kept: Sequence[str]) -> Array:
     covariance[count, :count] = covariance[:count, count] = result.frequency_covariance.sel(force=symbols)
     covariance[count, count] = result.asymptotic_frequency_standard_error.item() ** 2
     return covariance
-
-
-def comparison_covariance(result: xr.Dataset, kept: Sequence[str], frequency: float) -> Array:
-    """Return the covariance of `comparison_values`; conversion adds the frequency's error."""
-    factors = reference_factors(result, kept, frequency)
-    count = len(kept)
-    jacobian = np.diag(np.append(factors, 1.0))
-    if result.reference_frequency_standard_error.item() > 0.0:
-        power = np.nan_to_num(2.0 - result.speed_degree.sel(force=list(kept)).values)
-        converted = factors * result.coefficient.sel(force=list(kept)).values
-        # The reference and the asymptotic frequency change together.
-        jacobian[:count, count] = power * converted / result.asymptotic_frequency.item()
-    return np.asarray(jacobian @ stated_covariance(result, kept) @ jacobian.T)
 
 
 def _of_each(result: xr.DataTree, change: Callable[[xr.Dataset], xr.Dataset]) -> xr.DataTree:
@@ -137,17 +37,18 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
     Parameters
     ----------
     result : Dataset or DataTree
-        An identification, or a result that holds some.
+        An identification, or a result that contains some.
     omega0 : float, rad/s
         Frequency of the oscillator without contact.
     standard_error : float, rad/s
-        Its standard error.
+        Standard error of `omega0`.
 
     Returns
     -------
     Dataset or DataTree
-        The same with one force more (the library's force of formula `x`), which refers to `omega0`; the
-        others stay referred to the fitted frequency. One that has it already is returned as it is.
+        The same with one additional force (the library's force of formula `x`), which refers to `omega0`; the
+        others still refer to the fitted frequency. An identification that has this force is returned
+        unchanged.
 
     Raises
     ------
@@ -156,7 +57,7 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
 
     Notes
     -----
-    Le Bot et al. 2019, Sec. 2.3; errors of both frequencies propagated to first order.
+    Le Bot et al. 2019, Sec. 2.3; the errors of both frequencies are propagated to first order.
     """
     if isinstance(result, xr.DataTree):
         return _of_each(result, lambda own: with_contactless_frequency(own, omega0, standard_error))
@@ -196,25 +97,26 @@ def with_scale_error(result: Result, relative_error: float) -> Result:
     Parameters
     ----------
     result : Dataset or DataTree
-        An identification, or a result that holds some.
+        An identification, or a result that contains some.
     relative_error : float
         Standard error of the factor by which the signal was calibrated, over the factor: 0.003.
 
     Returns
     -------
     Dataset or DataTree
-        The same with `covariance` and `standard_error` that hold it, and `error_of_calibration(force)`, its
-        part. Coefficients that are known, and forces of no degree in the signal as `sin(x) - x`, have none.
+        The same with this error in `covariance` and `standard_error`, and with `error_of_calibration(force)`.
+        Known coefficients, and forces without a degree in the signal such as `sin(x) - x`, have no such
+        error.
 
     Raises
     ------
     UsageError
-        No error from 0 to 1.
+        The error is not between 0 and 1.
 
     Notes
     -----
-    With s x in the place of x the coefficient of a force of degree p in x is s^(1-p) c: its relative error is
-    |1 - p| that of s, and those of two forces are wholly correlated.
+    With s x in place of x, the coefficient of a force of degree p in x is s^(1-p) c: its relative error is
+    |1 - p| times that of s, and the errors of two forces are fully correlated.
     """
     if not 0.0 <= relative_error < 1.0:
         raise UsageError(f"The relative error of a scale is a number from 0 to 1, not {relative_error}.")

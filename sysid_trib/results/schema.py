@@ -1,4 +1,4 @@
-"""The one schema of an identification: plain xarray, with provenance."""
+"""The common schema of an identification: plain xarray, with provenance."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -29,13 +29,13 @@ class Estimate:
     coefficients : (force,) array of float
         Coefficients of the forces.
     covariance : (force + 1, force + 1) array of float
-        Their covariance; the last row and column belong to the reference frequency (zero where it was given).
+        Covariance; the last row and column belong to the reference frequency (zero if it was given).
     reference_frequency : float, rad/s
-        w.
+        Reference frequency w.
     noises : (run,) sequence of float, rad
         Standard deviation of the sensor's noise in each run.
     extra : mapping of str to (values, str, str)
-        Further scalars, or one number for each run: values, units, long name.
+        Further scalars, or one value per run: values, units, long name.
     shape_errors : mapping of str to float
         Standard errors of the shape parameters that were fitted.
     """
@@ -57,7 +57,7 @@ def identification(
     offered: ForceLibrary,
     active: Mask | None = None,
 ) -> xr.Dataset:
-    """Return the Dataset that every method returns, provenance in its attrs.
+    """Return the Dataset that every method returns, with provenance in its attributes.
 
     Parameters
     ----------
@@ -68,11 +68,11 @@ def identification(
     library : ForceLibrary
         The forces that were identified, in the order of the estimate.
     estimate : Estimate
-        The numbers.
+        Values and errors of the estimate.
     offered : ForceLibrary
-        All forces to choose from.
+        All offered forces.
     active : (force,) array of bool, optional
-        Which forces were kept; the others have coefficient 0 and the error they would have had.
+        Forces that were kept; the others have coefficient 0 and the error that they would have.
     """
     count, covariance = len(library), estimate.covariance
     kept = np.ones(count, bool) if active is None else active
@@ -81,7 +81,7 @@ def identification(
     variances = covariance[count, count], gradient @ covariance @ gradient
     w_error, limit_error = np.sqrt(np.fmax(0.0, variances)).tolist()
     of_force = covariance[:count, :count]
-    # A motion that does not oscillate at rest has no asymptotic frequency.
+    # A motion that does not oscillate at small amplitudes has no asymptotic frequency.
     with_frequency = covariance @ gradient if limit > 0.0 else covariance[:, count]
     values_of: dict[str, Any] = {
         "coefficient": np.where(kept, estimate.coefficients, 0.0),
@@ -91,7 +91,7 @@ def identification(
         "refers_to": np.full(count, w),
         "frequency_covariance": with_frequency[:count],
         "noise": root_mean_square(estimate.noises),
-        # The error is 0 of one that was given.
+        # A given frequency has the error 0.
         "reference_frequency": (w, w_error),
         "asymptotic_frequency": (limit, limit_error),
     }
@@ -99,16 +99,16 @@ def identification(
         values_of["run_noise"] = list(estimate.noises)
     variables = described("identification", values_of | _shape_values(method, library, estimate))
     for name, (values, units, long_name) in estimate.extra.items():
-        # A scalar, also if there is but one run.
+        # A scalar, also for a single run.
         numbers = np.squeeze(np.asarray(values, dtype=float))
         variables[name] = variable(("run",) * numbers.ndim, numbers, long_name, units)
     symbols = list(library.symbols)
     coords: dict[str, Any] = {"force": symbols, "other_force": symbols}
     recorded = as_runs(decay, driven=True)[0].variables.items()
-    # A constant, such as the gain of a loop, is a number of the formula, and no unit of a coefficient.
+    # A constant, such as the gain of a loop, is a number in the formula and not a unit of a coefficient.
     of_inputs = {str(k): _unit_of_input(v) for k, v in recorded if CONSTANT not in v.attrs}
     coords |= force_labels(library.forces, of_inputs)
-    # All at once: xarray takes a quarter of a millisecond for each on its own.
+    # Create all variables at once: xarray takes a quarter of a millisecond for each one.
     return xr.Dataset(variables, coords, provenance(method, decay, offered))
 
 
@@ -121,7 +121,7 @@ def _unit_of_input(values: xr.Variable) -> str:
 
 def force_labels(forces: Sequence[Force], inputs: Mapping[str, str] | None = None) -> dict[str, Variable]:
     """Return the coordinates that describe each force, with the units of inputs by name."""
-    # The degree in the rate says how a coefficient changes with its reference: a sensor's does not.
+    # The degree in the rate determines how a coefficient changes with its reference; a sensor term has none.
     speed_degree = [None if f.kind == "sensor" else f.speed_degree for f in forces]
     values = {
         "name": [f.name for f in forces],
@@ -170,11 +170,11 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
     ----------
     result : an identification.
     run : int
-        Of several, from 0, where forces have coefficients of each run's own.
+        Index of the run, from 0, if forces have separate coefficients in each run.
 
     Returns
     -------
-    Model with the coefficients, frequency (rad/s) and shape parameters found, without their errors.
+    Model with the identified coefficients, frequency (rad/s) and shape parameters, without their errors.
     """
     refuse_whole_result(result)
     frequency = result.reference_frequency.item()

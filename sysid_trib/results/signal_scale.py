@@ -1,9 +1,9 @@
-"""Scaling of displacements and tiny angles to a unit of their own motion, and back.
+"""Scaling of displacements and tiny angles to a unit of the size of the motion, and back.
 
-Every tolerance of a computation means radians. A displacement of 1e-9 m or of 900 px is therefore counted
-in a power of two of its unit near the motion's own size, in which it looks like an angle; coefficients come
-back in the record's unit. So is an angle of 1e-12 rad, unless a force knows a radian. A power of two rounds
-nothing, so that results are the same in every unit.
+Every tolerance of a computation assumes radians. A displacement of 1e-9 m or of 900 px is therefore scaled by
+a power of two to the size of a usual angle, and coefficients are converted back to the record's unit. The
+same is done for an angle of 1e-12 rad, unless the formula of a force needs radians. A power of two causes no
+rounding, so results are the same in every unit.
 """
 
 import inspect
@@ -21,13 +21,14 @@ from sysid_trib.forces import notation
 from sysid_trib.forces.constraints import Constraint, Constraints, ConstraintTable
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.forces.library import library_of_text
+from sysid_trib.forces.symmetry import as_factor
 from sysid_trib.records.signal import ANGLE_UNIT, checked_signal, unit_of_signal
 from sysid_trib.results.variables import PER_FORCE_UNIT, refuse_whole_result, scaling_of
 
 P = ParamSpec("P")
 R = TypeVar("R")
 
-# rad; amplitudes for which a computation in radians loses no digit that counts.
+# rad; range of amplitudes for which a computation in radians loses no significant digit.
 USUAL_ANGLES = 1e-4, 1e4
 POWERS = {"rad": 1, "rad/s": 1, "rad/s^2": 1, "(rad/s^2)^2": 2, "(rad/s^2)^2/Hz": 2}
 # Units of variables over coefficients.
@@ -42,12 +43,13 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
     Parameters
     ----------
     function : callable
-        Takes and gives Datasets, DataTrees, lists of them, force libraries, methods. Angles pass as they are.
+        A function of Datasets, DataTrees, lists of them, force libraries and methods. Usual angles are not
+        scaled.
 
     Raises
     ------
     UsageError
-        The function does if a force is asked for that knows a radian, `sin(x)`, where no angle was measured.
+        Raised by the returned function if a force needs radians, `sin(x)`, but no angle was measured.
     """
     parameters = inspect.signature(function).parameters
     names = list(parameters)
@@ -63,7 +65,7 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
         if scale is None:
             return function(**given)  # type: ignore[call-arg]
         if isinstance(candidates := given.get("candidates"), ForceLibrary):
-            # Offer possible candidates where they apply; raise an error for forces that were named.
+            # Leave out default candidates that need radians; raise an error for named forces.
             kept = tuple(force for force in candidates if scalable(force))
             given["candidates"] = replace(candidates, forces=kept)
         inside = scale.inwards(given)
@@ -75,7 +77,7 @@ def in_units_of_the_motion(function: Callable[P, R]) -> Callable[P, R]:
 
 
 def _usual_forms(name: str, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the record and the library of a call as Datasets and a `ForceLibrary`, where they are not."""
+    """Convert the record and the library of a call to Datasets and a `ForceLibrary`."""
     changed: dict[str, Any] = {}
     decay = given.get("decay")
     library_given = given.get("library")
@@ -93,7 +95,7 @@ def counts_angles(decay: xr.Dataset) -> bool:
 
 
 def scalable(force: Force) -> bool:
-    """Return true if a force has a meaning for a displacement: its formula does not need radians."""
+    """Return true if a force is defined for a displacement: its formula does not need radians."""
     return notation.signal_powers(force) is not None
 
 
@@ -101,7 +103,7 @@ def scalable(force: Force) -> bool:
 class _SignalScale:
     """Scale of a signal: its unit, the size counted as one, and the degrees of the forces by symbol.
 
-    `inputs` are those in the unit of the signal; others stay as they are.
+    `inputs` are those in the unit of the signal; the others are unchanged.
     """
 
     unit: str
@@ -114,7 +116,7 @@ class _SignalScale:
         return _changed(given, self._scaled)
 
     def outwards(self, made: Any) -> Any:
-        """Convert results to the unit of the record; individual forces of runs have their own names."""
+        """Convert results to the unit of the record; separate forces of runs have their own names."""
         whole = replace(self, degrees=_degrees(made) | self.degrees)
         return _changed(made, lambda part: whole._dataset(part) if isinstance(part, xr.Dataset) else part)
 
@@ -174,19 +176,19 @@ class _SignalScale:
         return total
 
     def _power_of(self, name: str) -> float:
-        """Return the power of the signal in a coefficient, or in a shape parameter as `dahl.s`."""
+        """Return the power of the signal in a coefficient, or in a shape parameter such as `dahl.s`."""
         symbol, _, shape = name.partition(".")
         return self.degrees.get(symbol, {}).get(shape, 0.0)
 
     def _unit(self, symbol: str, unit: str, inside: bool) -> str:
-        """Return the unit of a coefficient: a power of the signal's, and of s where it drifts."""
+        """Return the unit of a coefficient: a power of the signal's unit, and of s for a drift."""
         power = self._power_of(symbol)
         own, slash, of_inputs = unit.partition("/")
         time = next((part for part in own.split() if part.startswith("s-") or part == "s"), "")
         if inside or not power:
             return (time or "1") + slash + of_inputs
-        signal = f"{self.unit}{'' if power == 1 else f'^{power:g}'}{f' {time}' if time else ''}"
-        return signal + slash + of_inputs
+        signal = self.unit if power == 1 else f"{as_factor(self.unit)}^{power:g}"
+        return (f"{signal} {time}" if time else signal) + slash + of_inputs
 
     def _method(self, method: Any) -> Any:
         """Return a method whose options, given in the record's unit, are those of the scaled motion."""
@@ -246,8 +248,8 @@ def _scale_of(given: dict[str, Any]) -> _SignalScale | None:
     inputs = frozenset(c.input for force in _forces(given) for c in force.channels if c.kind)
     if known:
         return _SignalScale(str(known[0].attrs[UNIT_ATTR]), float(known[0].attrs[SIZE_ATTR]), degrees, inputs)
-    # A signal without motion, or not finite, is rejected where it is used.
-    # The largest displacement becomes 1/4 to 1/2: a usual angle in rad.
+    # A signal that is constant or not finite is rejected where it is used. The largest displacement becomes
+    # 1/4 to 1/2: a usual angle in rad.
     size = 2.0 ** np.ceil(np.log2(largest / 0.5)) if 0.0 < largest < np.inf else 1.0
     unit = unit_of_signal((displacements or decays)[0])
     return _SignalScale(unit, float(size), degrees, inputs)
@@ -262,7 +264,7 @@ def _units_of_results(datasets: Sequence[xr.Dataset]) -> list[str]:
 
 
 def _refuse_mixed_units(units: Sequence[str]) -> None:
-    """Refuse records and results that are not all in one unit."""
+    """Raise an error for records and results that do not all have the same unit."""
     if len(different := sorted({*units})) > 1:
         raise UsageError(
             f"The records and results are in different units ({', '.join(different)}); convert them to one."
@@ -270,7 +272,7 @@ def _refuse_mixed_units(units: Sequence[str]) -> None:
 
 
 def _degrees(given: Any) -> dict[str, notation.Powers]:
-    """Return the degree of each force that is given and has one, by symbol."""
+    """Return the degree of each given force that has one, by symbol."""
     return {force.symbol: degree for force in _forces(given) if (degree := notation.signal_powers(force))}
 
 
@@ -294,7 +296,7 @@ def _parts(given: Any) -> list[Any]:
 
 
 def _forces(given: Any) -> Iterator[Force]:
-    """Yield the forces of libraries that are given, and of those that results hold."""
+    """Yield the forces of given libraries, and those in results."""
     for part in _parts(given):
         if isinstance(part, ForceLibrary):
             yield from part
@@ -310,7 +312,7 @@ def _power(units: str, old: str) -> int:
 
 
 def _labels(data: xr.Dataset, dim: str) -> Any:
-    """Return the symbols of the forces along a dimension; None if it counts something else."""
+    """Return the symbols of the forces along a dimension; None if it is a dimension of other items."""
     counting = ("force", "other_force", "candidate", "quantity", "parameter")
     if (dim in counting or dim.endswith("shape_parameter")) and dim in data.coords:
         return data[dim].values

@@ -1,4 +1,4 @@
-"""Variables of a result: their dimensions, units and names, and what is each run's own."""
+"""Variables of a result: dimensions, units and descriptions, and separate values of each run."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
+from scipy.special import ndtri
 
 from sysid_trib.arrays import (
     Variable as Variable,
@@ -17,23 +18,25 @@ from sysid_trib.arrays import (
 )
 from sysid_trib.errors import UsageError
 
-# Goes up with every change of variables, groups or attributes. Files without it are of version 1.
-FORMAT_VERSION = 7
-# Parts of each run in which a result is fitted again, from and to in parts of its length.
+# Increase this with every change of variables, groups or attributes. Files without it have version 1.
+FORMAT_VERSION = 8
+# Parts of each run in which a result is fitted again: start and end as fractions of its duration.
 PARTS_OF_RECORD = {"first 70 %": (0.0, 0.7), "middle 70 %": (0.15, 0.85), "last 70 %": (0.3, 1.0)}
-# Confidence of all intervals, and of bands that hold a whole curve.
+# Confidence of all intervals, and of bands that contain a whole curve.
 CONFIDENCE = 0.95
+# Half width of such an interval, in standard errors of a normal distribution.
+HALF_INTERVAL = float(-ndtri(0.5 * (1.0 - CONFIDENCE)))
 # A coefficient's unit differs from force to force.
 PER_FORCE_UNIT = "see the coordinate unit"
 # Variables of validation and physics, by name.
 RESULT_TABLES = tomllib.loads(Path(__file__).with_name("variables.toml").read_text(encoding="utf-8"))
 
 
-# Scaling of each variable with the unit of the signal, where its own unit does not say it.
+# Scaling of each variable with the unit of the signal, if its own unit does not show it.
 SCALINGS: Mapping[str, str] = {
     name: row[3] for table in RESULT_TABLES.values() for name, row in table.items() if len(row) > 3
 }
-# Beginnings and endings of the names of variables that scale as another one.
+# Prefixes and suffixes of names whose variables scale like another one.
 OF_A_PERIOD = "period_"
 ERRORS_AND_LIMITS = ("_standard_error", "_low", "_high")
 
@@ -44,12 +47,12 @@ def scaling_of(name: str) -> str:
     Parameters
     ----------
     name : str
-        Its standard errors and limits scale as the variable itself.
+        Name of a variable; its standard errors and limits scale in the same way.
 
     Returns
     -------
     str
-        "fixed", "coefficient", "shape", or "unit" where its own unit says it.
+        "fixed", "coefficient", "shape", or "unit" if its own unit shows it.
     """
     if name not in SCALINGS:
         name = name.removeprefix(OF_A_PERIOD)
@@ -59,15 +62,15 @@ def scaling_of(name: str) -> str:
 
 
 def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any]) -> Variables:
-    """Return variables as a table describes them.
+    """Return variables with the descriptions of a table.
 
     Parameters
     ----------
     table : mapping of str to (str, str, str), or str
-        Dimensions, apart by spaces, unit, and what each is; "text" is the unit of texts; a fourth text is the
-        scaling. Or the name of a table in `variables.toml`.
+        Dimensions separated by spaces, unit, and description; "text" is the unit of texts; a fourth entry is
+        the scaling. Or the name of a table in `variables.toml`.
     values : mapping of str to array_like, or to a pair of them
-        By names of the table; a pair is values and their standard errors.
+        Values by the names in the table; a pair contains values and their standard errors.
     """
     known, variables = RESULT_TABLES[table] if isinstance(table, str) else table, Variables()
     for name, value in values.items():
@@ -75,7 +78,7 @@ def described(table: Mapping[str, Sequence[str]] | str, values: Mapping[str, Any
         if isinstance(value, tuple):
             variables |= with_error(name, tuple(dims.split()), value, meaning, units)
         elif units == "text":
-            # An array of texts has the width of its longest.
+            # An array of texts has the width of its longest text.
             variables[name] = variable(tuple(dims.split()), np.asarray(value, dtype=str), meaning)
         else:
             variables[name] = variable(tuple(dims.split()), value, meaning, units)
@@ -88,7 +91,7 @@ def refuse_whole_result(result: Any) -> None:
     Raises
     ------
     UsageError
-        With how to take one of its identifications.
+        The message states how to take one of the identifications.
     """
     if isinstance(result, xr.DataTree) and result.children:
         raise UsageError(
@@ -100,7 +103,7 @@ def refuse_whole_result(result: Any) -> None:
 def start_variables(
     starts: Sequence[tuple[float, float]], offsets: ArrayLike
 ) -> Mapping[str, tuple[ArrayLike, str, str]]:
-    """Start and sensor's zero of each run, as `Estimate.extra` takes them.
+    """Return start and sensor's zero of each run, in the form of `Estimate.extra`.
 
     Parameters
     ----------
@@ -135,12 +138,12 @@ def record_groups(tree: xr.DataTree) -> list[str]:
     return group_names("record", max(1, count))
 
 
-# Variables in the unit of the signal; each part of a result has one of them.
+# Variables in the unit of the signal; each part of a result has at least one of them.
 STATED_IN = ("angle", "noise", "innovation", "measured", "amplitude", "force")
 
 
 def signal_units(data: Any) -> str:
-    """Return the unit of the signal in a dataset, or in the records of a tree; rad where none is stated.
+    """Return the unit of the signal in a dataset, or in the records of a tree; rad if none is stated.
 
     Parameters
     ----------
@@ -154,7 +157,7 @@ def signal_units(data: Any) -> str:
 
 
 def small_units(units: str) -> tuple[float, str]:
-    """Return factor and unit for small parts of the signal: mrad for angles, else the same."""
+    """Return factor and unit for small values of the signal: mrad for angles, otherwise unchanged."""
     return (1e3, "mrad") if units == "rad" else (1.0, units)
 
 

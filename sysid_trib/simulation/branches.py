@@ -18,7 +18,7 @@ def put(source: Any, target: Any) -> None:
 
 @inner
 def state_at(program, c, J, y, ahead):
-    """Put a state so much after the clock into the first order, and what is given over time into two."""
+    """Write the state at a time `ahead` of the clock into order 0, and the inputs into orders 0 and 1."""
     for i in range(program.states):
         J[i, 0] = y[i]
     J[program.states, 0] = c.v[at.CLOCK, 0] + ahead
@@ -29,7 +29,7 @@ def state_at(program, c, J, y, ahead):
 
 @inner
 def parameters_at(program, J, memory, signs):
-    """Put memory and signs into the first orders."""
+    """Write memory and signs into order 0."""
     kept = program.inputs - program.memory
     for m in range(program.memory):
         J[kept + m, 0] = memory[m]
@@ -62,7 +62,7 @@ def by_nearness(values, near, far, out):
 
 @inner
 def reverses(program):
-    """Return true if v is a surface of the motion: then it is the first of them."""
+    """Return true if v is a surface of the motion; it is then the first surface."""
     return len(program.surfaces) > 0 and program.surfaces[0] == 1
 
 
@@ -76,12 +76,12 @@ def signs_and_values(program, c, out):
 
 @inner
 def signs_ahead(program, c):
-    """Set the signs of a motion that continues: near a surface, those shortly after."""
+    """Set the signs of a motion that continues: near a surface, those shortly afterwards."""
     J, y, later = c.aside[at.TRIAL], c.v[at.STATE], c.v[at.STATE_LATER]
     state_at(program, c, J, y, 0.0)
     signs_and_values(program, c, c.v[at.SIGNS_FAR])
     if reverses(program):
-        # A reversal is a separate event, at which the memory is replaced: before it v has its sign.
+        # A reversal is a separate event that replaces the memory; before it, v keeps its sign.
         c.v[at.VALUES, 0] = np.inf
     by_nearness(c.v[at.VALUES], c.v[at.SIGNS], c.v[at.SIGNS_FAR], c.v[at.SIGNS])
     rates_of(program, J, c.v[at.SIGNS])
@@ -95,7 +95,7 @@ def signs_ahead(program, c):
 
 @inner
 def branch(program, c, way, memory, signs):
-    """Return acceleration at rest of a motion about to go `way` (+1, -1); memory and signs of that branch."""
+    """Return acceleration at rest for a start to `way` (+1, -1), with memory and signs of that branch."""
     J, y, later, ahead = c.aside[at.TRIAL], c.v[at.STATE_AT_REST], c.v[at.STATE_LATER], c.v[at.SIGNS_AHEAD]
     put(c.v[at.STATE], y)
     y[1] = 0.0
@@ -135,10 +135,10 @@ def settle(program, c):
         up = branch(program, c, 1.0, c.v[at.MEMORY_UP], c.v[at.SIGNS_UP])
         down = branch(program, c, -1.0, c.v[at.MEMORY_DOWN], c.v[at.SIGNS_DOWN])
         sticks = up <= 0.0 and down >= 0.0
-        # Detent and friction make ever shorter swings without end: they end where less than CREEP remains.
+        # With detent and friction the swings become shorter without end: stop when less than CREEP remains.
         if speed <= at.AT_REST or (sticks and speed * speed < 2.0 * at.CREEP * min(-up, down)):
             if not sticks:
-                # If both sides push away (negative friction) it goes towards x = 0.
+                # If both sides push away (negative friction), the motion goes towards x = 0.
                 rises = up > 0.0 and (down >= 0.0 or c.v[at.STATE, 0] < 0.0)
                 put(c.v[at.MEMORY_UP] if rises else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
                 put(c.v[at.SIGNS_UP] if rises else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])
@@ -163,10 +163,10 @@ def grip_of(program, J, slot):
 
 @inner
 def held_by(program, c):
-    """Return the surface near which both sides push towards it, so that a motion stays there, or `FREE`.
+    """Return the surface towards which both sides push, so that the motion stays on it, or `FREE`.
 
-    The surface of v alone is rest, which `settle` decides. Most surfaces are crossed, which the first side
-    shows.
+    The surface of v alone is rest, which `settle` handles. Most surfaces are crossed, which already the first
+    side shows.
     """
     for m in range(1, len(program.signs)):
         near = abs(c.v[at.VALUES, m]) < at.NEAR_SURFACE
@@ -178,7 +178,7 @@ def held_by(program, c):
 
 @inner
 def _rise_on(program, c, m, way):
-    """Return the rate at which a surface rises on this side; the trial holds its first two orders."""
+    """Return the rate at which a surface value rises on this side; the trial has its first two orders."""
     J = c.aside[at.TRIAL]
     state_at(program, c, J, c.v[at.STATE], 0.0)
     parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])

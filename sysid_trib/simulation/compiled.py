@@ -21,18 +21,18 @@ from numba.core.caching import FunctionCache
 
 from sysid_trib.simulation import program as op
 
-# Numba's own types know half of its options.
+# Numba's type annotations miss half of its options.
 njit: Any = numba.njit
-# Nothing compiled makes an array or keeps one: without the counts of references, which every view of an array
-# would raise and lower, it takes half the time.
+# Compiled functions create and keep no arrays. So reference counts, which every view of an array would
+# change, are switched off; this halves the time.
 NUMBA_OPTIONS: dict[str, Any] = {
     "nogil": True,
     "error_model": "numpy",
     "no_cfunc_wrapper": True,
     "_nrt": False,
 }
-# For functions that only compiled functions call: an entry from Python would take a third of the time to
-# compile.
+# For functions that only compiled functions call: an entry point from Python would add a third to the compile
+# time.
 inner: Any = njit(**NUMBA_OPTIONS, fastmath={"contract"}, no_cpython_wrapper=True)
 
 
@@ -42,7 +42,7 @@ _COMPILING = "Compiling the simulator, once: up to a minute ..."
 class _RebuiltCache(FunctionCache):
     """Cache of numba on disk; a damaged file is compiled again instead of raising an error.
 
-    A file is cut short where a process was killed or the disk was full. Reading it raises any exception.
+    A file is incomplete if a process was killed or the disk was full. Reading it may raise any exception.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -51,22 +51,22 @@ class _RebuiltCache(FunctionCache):
         except Exception:
             if sys.stderr.isatty():
                 print(_COMPILING, file=sys.stderr, flush=True)
-            # An index without entries: functions compiled now are written anew.
+            # Write an empty index, so that newly compiled functions are stored.
             with suppress(OSError):
                 self.flush()
             return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        # Without room on the disk each process compiles for itself.
+        # If the disk is full, each process compiles the functions again.
         with suppress(Exception):
             super().save_overload(sig, data)
 
 
 def compiled(function: Callable[..., Any]) -> Any:
-    """Return a function compiled when it is first called, and kept on disk where the user may write.
+    """Return a function that is compiled at its first call, and cached on disk if the user may write there.
 
-    Numba looks at the file of the function alone; the folder is named by all of the engine's, so that nothing
-    stale is run. Where nothing can be kept each process compiles anew.
+    Numba checks only the source file of the function. The folder name therefore depends on all sources of the
+    engine, so that outdated code is never used. Without a cache each process compiles again.
     """
     settings: Any = numba.config
     before, settings.CACHE_DIR = settings.CACHE_DIR, str(_folder())
@@ -81,14 +81,14 @@ def compiled(function: Callable[..., Any]) -> Any:
 
 
 def tell_of_compiling() -> None:
-    """Say on a terminal that the engine is compiled, where it was not kept."""
+    """Report on a terminal that the engine is being compiled, if it is not cached."""
     if sys.stderr.isatty() and not any(_folder().rglob("*.nbi")):
         print(_COMPILING, file=sys.stderr, flush=True)
 
 
 @cache
 def _folder() -> Path:
-    """Return the folder of compiled functions, of this user and of these sources."""
+    """Return the cache folder for this user and these sources."""
     here = Path(__file__).parent
     texts = b"".join(file.read_bytes() for file in sorted(here.glob("*.py")))
     digest = hashlib.sha256(texts + numba.__version__.encode()).hexdigest()[:16]
@@ -96,13 +96,13 @@ def _folder() -> Path:
         root = os.getenv("LOCALAPPDATA", "")
     else:
         root = os.getenv("XDG_CACHE_HOME", "")
-    # Without a home there is no place; the name of it cannot be made either.
+    # Without a home directory the path does not exist and cannot be created.
     base = Path(root) if root else Path(os.path.expanduser("~")) / ".cache"
     return base / "sysid_trib" / f"engine-{digest}"
 
 
-# The functions below are called most often. They take the arrays that they need one by one: a call takes
-# time for each entry of the tuples, and a program has seventy.
+# These functions are called most often. They take arrays one by one, because a call takes time for each entry
+# of a tuple, and a program has seventy.
 @inner
 def _row_by_row(code, c, J, first, last, live):
     """Compute slots from `first` up to `last` at order 0; signs follow their surfaces where `live`."""
@@ -113,7 +113,7 @@ def _row_by_row(code, c, J, first, last, live):
         elif o == op.SUB:
             J[s, 0] = J[p, 0] - J[q, 0]
         elif o == op.LINEAR:
-            # A branch that is off does not act even where it is singular.
+            # A branch that is off has no effect even if it is singular.
             factor = c[s] * J[d, 0]
             J[s, 0] = J[p, 0] + factor * J[q, 0] if factor != 0.0 else J[p, 0]
         elif o == op.SCALE:
@@ -259,7 +259,7 @@ def _derivatives(code, c, J, T, k, s):
             here[i] = (here[i] + T[p, k, i] - w[0] * of_u[k, i]) / u[0]
         return
     for m in range(k + 1):
-        # The factors of the derivatives of the operands, and of the slot itself, at order m.
+        # Factors of the derivatives of the operands, and of the slot itself, at order m.
         of_p, of_q, of_s, at_last = 0.0, 0.0, 0.0, m == k
         if o in (op.LOG, op.POWER):
             of_p = (1.0 if at_last else 0.0) if o == op.LOG else c[s] * J[s, k - m]

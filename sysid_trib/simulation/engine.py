@@ -1,7 +1,7 @@
-"""A motion by Taylor series: from switching to switching, stuck or free, with its derivatives.
+"""A motion by Taylor series: between switchings, sticking or free, with its derivatives.
 
-One compiled function follows any program. Signs are numbers that change where their surfaces, which are
-series as well, cross zero.
+One compiled function runs any program. Signs are numbers that change where their surfaces, which are series
+too, cross zero.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from sysid_trib.simulation.taylor import length, look_ahead, of_parameter, rest_
 
 @inner
 def sampled(program, given, c, done, until, n, reach):
-    """Write the samples up to `reach` in tau since the clock; return how many of the grid are done."""
+    """Write the samples up to `reach`, in tau since the clock; return how many samples are done."""
     states, held, kept, count = program.states, program.memory, program.inputs - program.memory, c.T.shape[2]
     while done < until:
         s = (given.grid[done] - c.v[at.CLOCK, 0]) - c.v[at.CLOCK, 1]
@@ -58,7 +58,7 @@ def advance(program, c, n, h, held):
 
 @inner
 def forgotten(program, c):
-    """Set faded derivatives to zero: their rounding errors would make every step short."""
+    """Set decayed derivatives to zero: their rounding errors would make every step short."""
     for q in range(c.dy.shape[1]):
         for i in range(program.states):
             c.v[at.LARGEST_DERIVATIVES, q] = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.dy[i, q]))
@@ -69,7 +69,7 @@ def forgotten(program, c):
 
 @inner
 def begun_anew(program, given, c, start):
-    """Begin at a given state and memory, with their derivatives."""
+    """Restart at a given state and memory, with their derivatives."""
     size, held, kept = program.states, program.memory, program.inputs - program.memory
     for m in range(len(program.signs)):
         c.v[at.SIGNS, m], c.v[at.ZEROS, m] = 0.0, 0.0
@@ -85,7 +85,7 @@ def begun_anew(program, given, c, start):
 
 @inner
 def at_knot(program, given, c, piece, held):
-    """Apply the events of a knot: a start, impulses, impulses to the derivatives; true for a new start."""
+    """Apply the events of a knot: start, impulses, impulses of the derivatives; return true for a start."""
     c.v[at.CLOCK, 0], c.v[at.CLOCK, 1] = given.knots[piece], 0.0
     if given.marks[piece] >= 0:
         begun_anew(program, given, c, given.marks[piece])
@@ -114,7 +114,7 @@ def driven(given, c, piece):
 
 @inner
 def on_branch(program, c, held):
-    """Put memory and signs into the series; at rest the states go on with the signs of rest."""
+    """Put memory and signs into the series; at rest the states continue with the signs of rest."""
     if held == at.RESTS:
         state_at(program, c, c.aside[at.TRIAL], c.v[at.STATE], 0.0)
         parameters_at(program, c.aside[at.TRIAL], c.v[at.MEMORY_NOW], c.v[at.SIGNS])
@@ -134,11 +134,11 @@ def outcome_of(c, h, furthest, steps, most_steps):
 
 @compiled
 def run(program, given, c, limits):
-    """Follow the motions of `given`, one after the other, and write its `rows`, `tangents` and `reversals`.
+    """Run the motions of `given`, one after another, and write its `rows`, `tangents` and `reversals`.
 
-    `limits`: rad beyond which one diverges, switchings and steps that all may take, and what a step may leave
-    of the series of the states. Returns how
-    often the sign of v changes; where it comes to rest for good, or nan; how it ended, at the clock.
+    `limits` : angle (rad) beyond which a motion diverges, most switchings and steps of all motions together,
+    and the truncation error of a step for the series of the states. Return the number of sign changes of v,
+    the time at which the motion comes to rest for good (or nan), and the outcome at the time of the clock.
     """
     furthest, budget, most_steps, part = limits
     piece, done, steps, held = np.int64(0), np.int64(0), 0, np.int64(at.FREE)

@@ -14,19 +14,21 @@ from sysid_trib.simulation.stand_in import accuracy_of, has_curves, most_steps_o
 from sysid_trib.simulation.trajectory import trajectory
 
 MAX_ROUNDS = 8
-# A last step of the start, in parts of the swing; of a motion that need only be near the record.
+# Last step of the start, as a fraction of the swing; the second for a motion that need only be near the
+# record.
 SETTLED_START, NEAR_START = 1e-5, 3e-5
-# After a step as long as this part of the swing the derivatives are taken anew.
+# After a step longer than this fraction of the swing, compute the derivatives again.
 FAR_START = 1e-2
-# And after a step that is not shorter than this part of the one before: if both sides of a rest with friction
-# have one slope, the start alternates between them.
+# Compute them again too after a step that is longer than this fraction of the last step: if both sides of a
+# rest with friction have the same slope, the start alternates between them.
 NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
-# A direction is lost in rounding if it moves the motion by this part of the other directions.
+# A direction is lost in rounding if it moves the motion by less than this fraction of the largest.
 SINGULAR = 1e-7
-# A motion that does not come near the record in this number of rounds has slipped out of phase.
+# If a motion does not come near the record in this number of rounds, it has lost the phase.
 NEARBY_ROUNDS = 4
-# Nor does one along curves that after so many rounds is farther from the record than rest.
+# The same for motions along curves, if after this number of rounds they are farther from the record than rest
+# is.
 ROUNDS_OF_CURVES = 2
 
 
@@ -47,12 +49,12 @@ class FittedMotion:
     v : (sample,) array of float, rad
         theta'/w at the record's times.
     stop_time : float, s
-        When the motion stops; nan if it does not within the record.
+        Time at which the motion stops; nan if it does not stop within the record.
     hidden : mapping of str to (sample,) array of float
-        States and memory of forces as `dahl.z`.
+        States and memory of forces by their names, such as `dahl.z`.
     sensitivity : (sample, 2) array of float, or None
-        Derivative of the angle by that (1) and the rate (s) at the first sample, of a motion nearby; None
-        where none was computed.
+        Derivatives of the angle by the angle (1) and the rate (s) at the first sample, for a nearby motion;
+        None if not computed.
     """
 
     angle: float
@@ -66,33 +68,34 @@ class FittedMotion:
 
 
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
-    """Return the angle (rad) and rate (rad/s) at the first sample, of the smoothed record."""
+    """Return the angle (rad) and rate (rad/s) of the smoothed record at its first sample."""
     value, slope = first_of_spline(frequency * (time - time[0]), angle)
     return value, slope * frequency
 
 
 def first_zero(model: Model) -> float | None:
-    """Return first guess of the sensor's zero, as `fit_start` takes it: none for a body that is free to move.
+    """Return the first estimate of the sensor's zero for `fit_start`; None for a body that is free to move.
 
-    Nothing tells it from where such a body begins. A zero that is a term of the model is not fitted again.
+    The zero of such a body cannot be separated from its position. A zero that is a sensor term of the model
+    is not fitted again.
     """
     known = any(not sensor.formula.names for sensor in model.sensors)
     return None if known or is_free_to_move(model.library, model.coefficients) else 0.0
 
 
-# Newton steps from what a sensor shows at a start to the angle of the motion.
+# Number of Newton steps from the sensor's reading at the start to the angle of the motion.
 SENSOR_STEPS = 3
 
 
 def true_start(model: Model, shown: float, rate: float) -> float:
-    """Return the angle (rad) of a motion at its start where the sensor shows another one.
+    """Return the angle (rad) of a motion at its start for a given reading of the sensor.
 
     Parameters
     ----------
     model : Model
-        With its sensor terms.
+        Model with its sensor terms.
     shown, rate : float, rad and rad/s
-        What the sensor shows at the start, and the rate there.
+        Sensor's reading at the start, and the rate there.
     """
     if not model.sensors:
         return shown
@@ -125,16 +128,16 @@ def fit_start(
     angle : (sample,) array of float, rad
         The record.
     start : (float, float), rad and rad/s
-        First guess of angle and rate at the first sample.
+        First estimate of angle and rate at the first sample.
     offset : float or None, rad
-        First guess of the sensor's zero; None holds it at zero.
+        First estimate of the sensor's zero; None holds it at zero.
     sensitivity : (sample, 2) array of float, optional
-        Sensitivity of a model nearby; by default its own.
+        Sensitivity of a nearby model; by default that of the model itself.
     near : bool
-        Whether the motion need only be near the record, not the best of all: the last step is then taken by
-        its start alone.
+        Whether the motion need only be near the record and not the best one: the last step of the start is
+        then applied without a new motion.
     most_steps : int
-        Of `trajectory`.
+        Largest number of steps, see `trajectory`.
 
     Returns
     -------
@@ -147,14 +150,15 @@ def fit_start(
 
     Notes
     -----
-    Gauss-Newton with one set of sensitivities (a chord): the motion is nearly linear in its start.
+    This is Gauss-Newton with constant sensitivities (chord method): the motion is nearly linear in its start.
     """
     amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
-    # A rate in a power of two near w, in which it counts as an angle does, whatever the unit of time.
+    # Scale the rate by a power of two near w, so that it is comparable to an angle in any unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero, longest = np.array(start, dtype=float), offset or 0.0, np.inf
     by = BY_START if sensitivity is None else ()
-    # Derivatives of a motion along many narrow parts of a curve take many times as long as the motion itself.
+    # Derivatives along the many narrow basis functions of a curve take many times as long as the motion
+    # itself.
     of_curves = has_curves(model)
     smooth = without_curves(model, float(np.ptp(angle))) if of_curves else None
     accuracy, most_steps = accuracy_of(model), most_steps_of(model, most_steps)
@@ -169,14 +173,14 @@ def fit_start(
             break
         columns = sensitivity * units
         columns = columns if offset is None else np.column_stack([columns, np.ones(len(time))])
-        # Three columns of many rows: their products tell a step as well, and ten times as fast.
+        # With three columns and many rows, the normal equations give the step as well, and ten times as fast.
         residual = angle - zero - motion.angle
         if of_curves and done >= ROUNDS_OF_CURVES and np.std(residual) > np.std(angle):
             break
         steps, *_ = np.linalg.lstsq(columns.T @ columns, columns.T @ residual, rcond=SINGULAR**2)
         steps[:2] *= units
         before, longest = longest, np.max(np.abs(steps[:2]) / amplitude)
-        # A step as long as the swing itself is a phase slip, not a start.
+        # A step as long as the swing itself would be a phase slip: limit it.
         begin = begin + steps[:2] * min(1.0, 0.5 / max(longest, 1e-300))
         zero += float(steps[2]) if offset is not None else 0.0
         if near and longest < NEAR_START:

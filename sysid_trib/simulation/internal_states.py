@@ -1,7 +1,7 @@
-"""Internal states of history-dependent forces along a motion that is given, a record's or a model's.
+"""Internal states of history-dependent forces along a given motion, of a record or a model.
 
-To rounding, by the compiled engine. The force itself does not act: what pushes the body is what leads
-it along the given path.
+They are exact to rounding, from the compiled engine. The force itself does not act on the motion: an imposed
+acceleration moves the body along the given path.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,19 +21,19 @@ from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.motions import Forcing, integrate
 
 NO_FORCE = parse("0", frozenset(), frozenset(), "no force")
-# rad/s; at such a frequency `t` is constant, whatever the length of the motion.
+# rad/s; with such a frequency `t` is constant, however long the motion is.
 FROZEN = 1e300
 
 
 def watched(force: Force, shapes: ShapeValues | None, frequency: float) -> Model:
-    """Return a model in which a force has its history but does not act; `t` counts tau over a frequency."""
+    """Return a model in which a force has states but does not act; `t` is tau over a frequency."""
     idle = replace(force, formula=NO_FORCE, kind="force")
     values = {f"{force.symbol}.{k}": value for k, value in force.shape_values(shapes).items()}
     return Model(ForceLibrary("watched", (idle,)), {force.symbol: 0.0}, frequency, values)
 
 
 def begun_with(force: Force, values: Mapping[str, float]) -> Force:
-    """Return a force that begins with these states and memory."""
+    """Return a force that starts with these states and memory."""
     nothing = frozenset[str]()
     starts = {name: parse(repr(value), nothing, nothing, force.symbol) for name, value in values.items()}
     return replace(force, start=starts)
@@ -62,28 +62,29 @@ def states_along(
     Parameters
     ----------
     force : Force
-        One that does not depend on history gives an empty mapping.
+        A force; for a memoryless one the result is empty.
     tau : (sample,) array of float
         w t, increasing.
     x, v : (sample,) array of float, rad
         Angle and dx/dtau.
     shapes : mapping of str to float, optional
-        Shape parameters, `{"dahl.s": 0.02}`; defaults where left out.
+        Shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
     time : (sample,) array of float, s
-        The `t` of formulas, in proportion to tau, or one number.
+        The `t` of formulas, proportional to tau, or one number.
 
     Returns
     -------
     dict of str to (sample,) array
-        To be given to `Force.value` as `hidden`. The motion is interpolated by cubics; memory is replaced at
-        its reversals. The first sample holds the force's `start`, else zero.
+        States and memory for the argument `hidden` of `Force.value`. Cubics interpolate the motion; memory is
+        replaced at its reversals. The first sample has the force's `start`, or zero.
 
     Raises
     ------
     DecayError
-        Fewer than four samples, unequal lengths, not finite, or tau not increasing.
+        There are fewer than four samples, the lengths differ, values are not finite, or tau does not
+        increase.
     LibraryError
-        The states or memory cannot be followed along this motion, are not finite, or hold an input.
+        The states or memory cannot be computed along this motion, are not finite, or contain an input.
     """
     if force.memoryless:
         return {}
@@ -109,9 +110,9 @@ def states_along(
 def begun_after(
     force: Force, tau: ArrayLike, x: ArrayLike, v: ArrayLike, shapes: Mapping[str, float], time: ArrayLike
 ) -> Force:
-    """Return a force that begins with states and memory of the end of a motion (see `states_along`).
+    """Return a force that starts with the states and memory at the end of a motion (see `states_along`).
 
-    As it was where it has none, or cannot be followed.
+    A force without states, or whose states cannot be computed, is returned unchanged.
     """
     try:
         hidden = states_along(force, tau, x, v, shapes, time=time)
@@ -121,7 +122,7 @@ def begun_after(
 
 
 def history_on_cycle(force: Force, phase: Array, a: float, shapes: ShapeValues | None) -> dict[str, Array]:
-    """Return states along x = a cos phi, v = -a sin phi, (phase,) in order, with `t` at rest."""
+    """Return states along x = a cos phi, v = -a sin phi, for ordered phases (phase,), at constant `t`."""
     start = a * float(np.cos(phase[0])), -a * float(np.sin(phase[0]))
     return _followed(force, watched(force, shapes, FROZEN), phase - phase[0], start, None)
 
@@ -142,9 +143,9 @@ def _followed(
 
 @lru_cache(maxsize=1024)
 def is_stepped(force: Force) -> bool:
-    """Return true if `values_along` can follow a force, by its formulas.
+    """Return true if the formulas of a force are suitable for `values_along`.
 
-    It has no memory that depends on a state, and one state, or several with constant coefficients.
+    The memory must not depend on a state. There may be one state, or several with constant coefficients.
     """
     if any(f.names & set(force.state) for f in force.memory.values()):
         return False

@@ -1,4 +1,4 @@
-"""Motions of records whose rate or acceleration was measured, as the sensor shows them."""
+"""Motions for records of a measured rate or acceleration, in the quantity of the sensor."""
 
 import numpy as np
 import xarray as xr
@@ -25,7 +25,7 @@ def measured_part(decay: xr.Dataset) -> tuple[tuple[str, float], Array, Array]:
     Parameters
     ----------
     decay : Dataset
-        As `free_decay` returns it. Of a part of one, only what was measured within it counts.
+        Result of `free_decay`. For a part of it, only the measurement within this part is used.
     """
     time = decay["time"].to_numpy().astype(float)
     if MEASURED not in decay:
@@ -42,18 +42,18 @@ def measured_motion(
     *,
     fitted: slice | None = None,
 ) -> tuple[SimulatedMotion, Array]:
-    """Fit the start of a motion, and the sensor's bias, to what was measured of a run.
+    """Fit the start of a motion, and the sensor's bias, to the measured signal of a run.
 
     Parameters
     ----------
     model : Model
-        With its inputs.
+        Model with its inputs.
     run : Dataset
         See `measured_part`.
     start : (float, float), rad and rad/s
-        First guess of angle and rate at the first sample.
+        First estimate of angle and rate at the first sample.
     fitted : slice, optional
-        Samples that the start is fitted to; all where left out.
+        Samples to which the start is fitted; by default all.
 
     Returns
     -------
@@ -68,7 +68,7 @@ def measured_motion(
     """
     (quantity, distance), time, values = measured_part(run)
     part = slice(None) if fitted is None else fitted
-    # The bias of a body that may be anywhere, and moves at any speed, cannot be determined.
+    # The bias of a body that is free in position and speed cannot be determined.
     biased = first_zero(model) is not None
     begin, last = np.array(start, dtype=float), np.inf
     scale = np.array([1.0, model.reference_frequency, model.reference_frequency])[: 2 + biased]

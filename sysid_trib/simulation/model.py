@@ -1,4 +1,4 @@
-"""A model: forces with coefficients at a reference frequency, and its motion as a switching system."""
+"""A model: forces with coefficients at a reference frequency, and its equations as a switching system."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -19,10 +19,10 @@ from sysid_trib.simulation.program import FUNCTIONS, Instructions, Listing, Slot
 
 Vector = NDArray[np.float64]
 RATE = parse("v", frozenset("v"), frozenset(), "v")
-# Names of parameters of derivatives other than symbols of forces and names of shape parameters: they have a
-# space.
+# Names of derivative parameters that are neither forces nor shape parameters. They contain a space, so they
+# cannot collide.
 FREQUENCY, BY_ANGLE, BY_RATE = "reference frequency", "start angle", "start rate"
-# Common factor of all rates: 1, but its derivative is that by the frequency at given times.
+# Common factor of all rates, equal to 1; its derivative gives that by the frequency at given times.
 PACE = "pace of time"
 
 
@@ -35,21 +35,21 @@ class Model:
     library : ForceLibrary, str, or what `library` takes
         Forces to choose from.
     coefficients : mapping of str to float
-        By symbol, dimensionless with angles in rad; forces left out are absent.
+        Coefficients by symbol, dimensionless with angles in rad; missing forces have none.
     reference_frequency : float, rad/s
-        w.
+        Reference frequency w.
     shapes : mapping of str to float
-        `{"dahl.s": 0.02}`; defaults of the library where left out.
+        Shape parameters, `{"dahl.s": 0.02}`; default values of the library for missing ones.
     inputs : mapping of str to KnownInput
         Inputs that drive the motion, by their names in formulas; `input` is an acceleration (rad/s^2) on the
-        right side of the equation. An input that is not given is zero.
+        right side of the equation. A missing input is zero.
 
     Raises
     ------
     UsageError
-        A symbol or shape parameter that the library does not have.
+        The library does not have a symbol or shape parameter.
     LibraryError
-        A coefficient or frequency that is not a finite number (the frequency: positive).
+        A coefficient or frequency is not a finite number, or the frequency is not positive.
     """
 
     library: ForceLibrary
@@ -76,7 +76,7 @@ class Model:
 
     @property
     def sensors(self) -> tuple[Force, ...]:
-        """Terms that change what is measured, not the motion."""
+        """Terms that change the sensor's reading, not the motion."""
         return tuple(f for f in self.library if f.symbol in self.coefficients and f.kind == "sensor")
 
     @property
@@ -98,15 +98,15 @@ class Model:
 def rescaling_factors(forces: tuple[Force, ...], old: float, new: float) -> NDArray[np.float64]:
     """Return the factor of each coefficient when the reference frequency changes from `old` to `new` (rad/s).
 
-    A force homogeneous of degree q in v and without states gets (old/new)^(2 - q); NaN marks the others,
-    which keep their reference, terms of the sensor among them.
+    The factor is (old/new)^(2 - q) for a memoryless force that is homogeneous of degree q in v. It is NaN for
+    the others, including sensor terms, which keep their reference.
     """
     degrees = [np.nan if f.speed_degree is None or f.kind == "sensor" else f.speed_degree for f in forces]
     return np.asarray((old / new) ** (2.0 - np.array(degrees)))
 
 
 def check_shapes(names: Iterable[str], library: ForceLibrary) -> None:
-    """Refuse a shape parameter, such as `dahl.s`, that no force of the library has.
+    """Raise an error for a shape parameter, such as `dahl.s`, that no force of the library has.
 
     Raises
     ------
@@ -150,7 +150,7 @@ class Motion:
     forces : tuple of Force
         The forces.
     forced : bool
-        Whether an acceleration is added that the engine is given: the first channel, before the forces' own.
+        Whether an imposed acceleration is added: it is the first channel, before those of the forces.
     paced : bool
         Whether all rates are multiplied by `PACE`, for derivatives by the frequency.
     """
@@ -161,7 +161,7 @@ class Motion:
 
     @cached_property
     def hidden(self) -> tuple[str, ...]:
-        """Internal states, as `dahl.z`, then the memory, held between reversals, as `jenkins.xr`."""
+        """Names of internal states (`dahl.z`), then of the memory between reversals (`jenkins.xr`)."""
         states = (f"{f.symbol}.{k}" for f in self.forces for k in f.state)
         return (*states, *(f"{f.symbol}.{k}" for f in self.forces for k in f.memory))
 
@@ -169,7 +169,7 @@ class Motion:
     def names(self) -> tuple[str, ...]:
         """Names of the initial values (x, v, internal states) and of the parameters."""
         shapes = (f"{f.symbol}.{k}" for f in self.forces for k in f.shape)
-        # A formula may hold the coefficient of a term of the sensor, which is no force.
+        # A formula may contain the coefficient of a sensor term, which is not among the forces.
         symbols = dict.fromkeys([*(f.symbol for f in self.forces), *(s for f in self.forces for s in f.uses)])
         return (BY_ANGLE, BY_RATE, *self.hidden, PACE, *symbols, *shapes, "1/w")
 
@@ -180,7 +180,7 @@ class Motion:
 
     @cached_property
     def switches(self) -> dict[str, tuple[Force, Formula]]:
-        """Switching surfaces and a force whose names each holds; v comes first where a reversal matters."""
+        """Switching surfaces, each with a force that has its names; v comes first if reversals matter."""
         switches: dict[str, tuple[Force, Formula]] = {}
         for force in self.forces:
             for surface in force.surfaces:
@@ -189,7 +189,7 @@ class Motion:
         return {"v": (self.forces[0], RATE)} | switches if reverses else switches
 
     def start(self, model: Model, x: float, v: float, by: Sequence[str] = ()) -> tuple[Vector, Vector]:
-        """Return initial values of the `names` for a model, (name,); derivatives, (name, parameter)."""
+        """Return the initial values of the `names` for a model, (name,), and slopes, (name, parameter)."""
         w, place = model.reference_frequency, {name: at for at, name in enumerate(self.names)}
         given = {**model.coefficients, BY_ANGLE: x, BY_RATE: v, PACE: 1.0, "1/w": 1.0 / w}
         for force in self.forces:
@@ -198,7 +198,7 @@ class Motion:
         slopes = np.zeros((len(place), len(by)))
         for column, name in enumerate(by):
             if name == FREQUENCY:
-                # v = rate/w at the start; then all goes faster.
+                # The initial v is rate/w; after it, a higher frequency speeds up the whole motion.
                 slopes[place[BY_RATE], column], slopes[place[PACE], column] = -v / w, 1.0 / w
             elif name in place:
                 slopes[place[name], column] = 1.0 / w if name == BY_RATE else 1.0
@@ -215,7 +215,7 @@ class Motion:
 
     @cached_property
     def program(self) -> Instructions:
-        """The equations as a program of the engine, in which the memory stands behind the parameters."""
+        """The equations as a program of the engine, with the memory after the parameters."""
         memory = sum(len(force.memory) for force in self.forces)
         states, channels = 2 + len(self.hidden) - memory, len(self.channels)
         rows = Listing(states + 1 + channels, len(self.names) - states)
@@ -238,7 +238,7 @@ class Motion:
 
         def value(force: Force, formula: Formula) -> Any:
             """Return the value of a formula of a force on the branch of the signs."""
-            # Inner surfaces come first: their signs are known where an outer one is reached.
+            # Inner surfaces come first, so their signs are known when an outer surface is evaluated.
             known = {s.text: signs.get(surface_key(force, s), 0.0) for s in force.surfaces}
             return formula.evaluate(names(force), FUNCTIONS, known)
 
@@ -262,11 +262,11 @@ class Motion:
 
 @lru_cache(maxsize=512)
 def motion_of(forces: tuple[Force, ...], *, forced: bool, paced: bool) -> Motion:
-    """Return the equations of motion under these forces (see `Motion`), whose program is kept."""
+    """Return the equations of motion with these forces (see `Motion`); their program is cached."""
     return Motion(forces, forced, paced)
 
 
 def surface_key(force: Force, surface: Formula) -> str:
-    """Return the name of a force's surface: forces share those of x, v and t, not those of their states."""
+    """Return the name of a force's surface: surfaces of x, v and t are shared, those of states are not."""
     common = {"x", "v", "t", *(channel.name for channel in force.channels), *force.uses}
     return surface.text if surface.names <= common else f"{force.symbol}: {surface.text}"

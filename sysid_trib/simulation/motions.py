@@ -1,4 +1,4 @@
-"""A model's motion by the compiled engine: what it is given, what comes back, and what its failures mean."""
+"""A model's motion by the compiled engine: its input, its output, and its failures."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -26,13 +26,14 @@ class SimulatedMotion:
     rows : (sample, number) array of float
         x and v = dx/dtau (rad), states and memory of forces; last dv/dtau.
     hidden : dict of str to (sample,) array of float
-        The states and the memory by their names, as `dahl.z`.
+        The states and the memory by their names, such as `dahl.z`.
     stop, turns : float and array of float
-        tau where it stops, NaN if it goes on or is pushed; where v = 0, known where a force switches there.
+        tau of the stop, NaN if the motion continues or has a random force; and tau of the zeros of v, if a
+        force switches there.
     by : tuple of str
-        Parameters of its derivatives.
+        Parameters of the derivatives.
     tangents : (sample, number, parameter) array of float
-        Derivatives of the rows by these, at given times.
+        Derivatives of the rows by these parameters, at given times.
     start : float, s
         Time of the start.
     """
@@ -54,12 +55,12 @@ class SimulatedMotion:
 
     @cached_property
     def rate(self) -> Vector:
-        """Its derivative, (sample,), rad/s."""
+        """Derivative of the true angle, (sample,), rad/s."""
         return self.model.reference_frequency * self.rows[:, 1]
 
     @property
     def acceleration(self) -> Vector:
-        """Its second derivative, (sample,), rad/s^2."""
+        """Second derivative of the true angle, (sample,), rad/s^2."""
         return self.model.reference_frequency**2 * self.rows[:, -1]
 
     @cached_property
@@ -69,25 +70,25 @@ class SimulatedMotion:
 
     @property
     def stop_time(self) -> float:
-        """Time at which it stops (s); NaN if it goes on, or has a random force."""
+        """Time at which the motion stops (s); NaN if it continues, or has a random force."""
         return self.start + self.stop / self.model.reference_frequency
 
     @property
     def reversals(self) -> Vector:
-        """Exact times of v = 0 (s), known where a force switches there."""
+        """Exact times of v = 0 (s), known if a force switches there."""
         return self.start + self.turns / self.model.reference_frequency
 
     def shown(self, quantity: str, distance: float = 0.0) -> Vector:
-        """Return the signal of a sensor without its zero: a quantity above, or that of an accelerometer.
+        """Return a sensor's reading without its zero: of a quantity above, or of an accelerometer.
 
-        It feels gravity along its path too, at a distance (m) from the axis of the pendulum.
+        An accelerometer at a distance (m) from the axis of a pendulum measures gravity along its path too.
         """
         if quantity == ACCELEROMETER:
             return distance * self.acceleration + STANDARD_GRAVITY * np.sin(self.position)
         return np.asarray(getattr(self, quantity))
 
     def shown_derivatives(self, quantity: str, distance: float = 0.0) -> Vector:
-        """Return the derivatives of that by the parameters, (sample, parameter)."""
+        """Return the derivatives of that reading by the parameters, (sample, parameter)."""
         if quantity == ACCELEROMETER:
             gravity = STANDARD_GRAVITY * np.cos(self.position)[:, None] * self.derivatives["position"]
             return distance * self.derivatives["acceleration"] + gravity
@@ -110,7 +111,7 @@ class SimulatedMotion:
 
     @property
     def start_by_sensor(self) -> Vector:
-        """Derivatives of the angle at the start by the parameters, (parameter,), if the sensor shows one."""
+        """Derivatives of the start angle by the parameters, (parameter,), for a given sensor reading."""
         _, by_motion, by_names = self._sensor_error
         return np.asarray(-by_names[0] / (1.0 + by_motion[0, 0]))
 
@@ -126,10 +127,10 @@ class Forcing(NamedTuple):
     Attributes
     ----------
     knots : (knot,) array of float
-        tau, increasing, the first at the start and none at the end.
+        tau of the knots, increasing; the first is at the start, and none is at the end.
     polynomials : (knot, channel, power) array of float
-        From each knot on by powers of tau since it. The first channel is an acceleration over w^2 (rad) that
-        pushes if there is one more than forces hold.
+        Polynomials in tau since each knot. If there is one more channel than the forces contain, the first is
+        an imposed acceleration over w^2 (rad).
     increments : (knot, 2) array of float
         Increments of x and v at the knots except the start.
     """
@@ -139,11 +140,11 @@ class Forcing(NamedTuple):
     increments: Vector
 
 
-# Steps a period that a motion may take: of a stiff state thousands, for which a fit does not wait.
+# Most steps per period of a motion: a stiff state takes thousands, and a fit uses the smaller number.
 STEPS_A_PERIOD, FEW_STEPS_A_PERIOD = 20_000, 500
-# Bytes of address space that the engine takes when it is loaded.
+# Address space (bytes) that the engine takes when it is loaded.
 ENGINE_ROOM = 300_000_000
-DIVERGED = 1e3  # rad; no pendulum swings there
+DIVERGED = 1e3  # rad; no pendulum swings so far
 
 
 def integrate(
@@ -162,22 +163,22 @@ def integrate(
     ----------
     model : Model
     tau : (sample,) array of float
-        w t, increasing; the start is its first.
+        w t, increasing, from the start.
     at : (float, float), rad
-        x and v there.
+        x and v at the start.
     by : sequence of str
         Parameters of the derivatives: symbols, `dahl.s`, `FREQUENCY`, `BY_ANGLE`, `BY_RATE`.
     forcing : Forcing, optional
-        Nothing where left out: what forces hold of inputs is zero.
+        Inputs and random force; by default the inputs are zero.
     most_steps : int
-        A period.
+        Largest number of steps per period.
     accuracy : float
-        Truncation error of the series of x and v that a step may have, relative to these.
+        Truncation error of a step in the series of x and v, relative to x and v.
 
     Raises
     ------
     SimulationError
-        It diverges, switches without end, takes too many steps, or is not finite.
+        The motion diverges, switches without end, takes too many steps, or is not finite.
     """
     own = len(channels_of(model.forces))
     knots, polynomials, increments = forcing or Forcing(tau[:1], np.zeros((1, own, 1)), np.zeros((1, 2)))
@@ -210,7 +211,7 @@ def _jumps(knots: Vector, held: Vector) -> Mask:
     steps = np.diff(knots)[:, None, None] ** np.arange(held.shape[2])
     rises = np.abs(held[1:, :, 0] - np.sum(held[:-1] * steps, axis=2))
     largest = np.abs(held[..., 0]).max(axis=0, initial=0.0)
-    # Relative difference of a value before and after a knot: a larger one is a jump.
+    # Relative difference of the values before and after a knot above which it is a jump.
     return np.append(False, (rises > 1e-9 * largest).any(axis=1))
 
 
@@ -222,37 +223,37 @@ def run(
     given: under_way.Given,
     limits: tuple[int, int, float],
 ) -> tuple[Vector, Vector, Vector, float]:
-    """Follow motions by the compiled engine.
+    """Run motions by the compiled engine.
 
     Parameters
     ----------
     motion, model, by
-        The equations of the model, and what derivatives are by (see `integrate`).
+        Equations of the model, and parameters of the derivatives (see `integrate`).
     parameters : (parameter,) and (parameter, by) array of float
-        Values and derivatives of what stays (see `Motion.names`).
+        Values and derivatives of the constant quantities (see `Motion.names`).
     given : under_way.Given
-        But for what is written.
+        The motions, without the output arrays.
     limits : (int, int, float)
-        Switchings and steps that all may take, and the accuracy of a step (see `integrate`).
+        Most switchings and steps of all motions together, and the accuracy of a step (see `integrate`).
 
     Returns
     -------
     rows, tangents : array of float
         See `under_way.Given`.
     turns, rest : (turn,) array of float, and float
-        Where the sign of v changes, and where it rests, in tau.
+        tau of the sign changes of v, and tau at which the motion comes to rest.
 
     Raises
     ------
     SimulationError
-        One diverges, switches without end, takes too many steps, or is not finite.
+        A motion diverges, switches without end, takes too many steps, or is not finite.
     """
     program, shape = motion.program, (len(given.grid), len(motion.hidden) + 3)
     rows, tangents = np.empty(shape), np.empty((*shape, len(by)))
     if not len(given.grid):
         return rows, tangents, np.empty(0), np.nan
-    # One kind of array, for which it is compiled once.
-    # As often as it may switch, or begin anew.
+    # Use one kind of array, so that the engine is compiled once. Its length is the most sign changes and
+    # restarts.
     reversals = np.empty(limits[0] + len(given.knots) + 2)
     parts = given._replace(rows=rows, tangents=tangents, reversals=reversals)._asdict()
     given = under_way.Given(
@@ -263,7 +264,7 @@ def run(
     state.J[slots, 0] = state.aside[:, slots, 0] = parameters[0]
     state.T[slots, 0] = parameters[1]
     if FREQUENCY in by:
-        # A quantity over w^p decreases by p/w of itself with w.
+        # A quantity over w^p changes by -p/w of itself per unit of w.
         powers = np.array([channel.power for channel in motion.channels])
         state.of_drive[:, by.index(FREQUENCY)] = -powers / model.reference_frequency
     turns, rest, outcome = _engine()(program, given, state, (DIVERGED, *limits))
@@ -274,8 +275,9 @@ def run(
 
 @cache
 def _engine() -> Callable[..., Any]:
-    """Import and return the compiled function: the import is slow."""
-    # The compiler ends the process where memory does; what is not there is missed here instead.
+    """Import and return the compiled function; the import is slow."""
+    # The compiler would end the process if memory is short: allocate here first, which raises an error
+    # instead.
     np.empty(ENGINE_ROOM, np.uint8)
     from sysid_trib.simulation.compiled import tell_of_compiling
     from sysid_trib.simulation.engine import run

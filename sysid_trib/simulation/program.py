@@ -1,7 +1,7 @@
-"""The equations of a motion as a straight-line program, one row an operation, that the engine runs.
+"""The equations of a motion as a straight-line program, with one row per operation, for the engine.
 
-A formula becomes rows by being evaluated once on `Slot`s, which note what is done to them. Slots are
-numbered: the states `y`, tau, what is given over time, the parameters `p` up to the memory, then a row each.
+A formula is evaluated once on `Slot`s, which record the operations as rows. Slots are numbered: the states
+`y`, tau, the inputs over time, the parameters `p` up to the memory, then one slot per row.
 """
 
 from collections.abc import Callable
@@ -13,33 +13,34 @@ from numpy.typing import NDArray
 
 from sysid_trib.forces.formulas import Functions, divided
 
-# Operations. PARTNER is the second of two rows that need each other: cos with sin. LINEAR is a + c d b with
-# constant d: most of an equation of motion.
+# Operations. PARTNER is the second of two rows that need each other, such as cos for sin. LINEAR is a + c d b
+# with constant d, the most frequent operation of an equation of motion.
 ADD, SUB, LINEAR, MUL, SCALE, DIV, NEG, CONST, SIGN, SIN, PARTNER, EXP, LOG, POWER, TANH = range(15)
 Integers = NDArray[np.int64]
-# Below this distance from a surface (rad), infinite values are smoothed.
+# Distance from a surface (rad) below which infinite values are smoothed.
 SMOOTHED = 1e-9
-# A function of time is a polynomial in tau between knots, of so many numbers at most.
+# Most coefficients of a function of time, which is a polynomial in tau between knots.
 FORCING_NUMBERS = 8
 
 
 class Instructions(NamedTuple):
-    """Listing of operations, and where to find what in them.
+    """List of operations, and the places of their inputs and results.
 
     Attributes
     ----------
     code : (slot, 4) array of int
-        Operation and operands a, b, d of each slot; those of the inputs are not read.
+        Operation and operands a, b, d of each slot; those of the inputs are not used.
     c : (slot,) array of float
-        Number of a constant, exponent of a power.
+        Value of a constant, or exponent of a power.
     rows : (row,) array of int
-        Slots that change along a motion, in their order.
+        Slots that change along a motion, in order.
     inputs, main : int
         Number of input slots; first slot that only the memory needs.
     states, channels, memory : int
-        How many there are; channels are what is given over time.
+        Numbers of states, of inputs over time (channels), and of memory values.
     rates, surfaces, signs, replaced : array of int
-        Slots of the states' rates, of the switching surfaces and their signs, of the memory's next values.
+        Slots of the states' rates, of the switching surfaces and their signs, and of the memory's next
+        values.
     """
 
     code: Integers
@@ -62,12 +63,12 @@ class Listing:
     Parameters
     ----------
     changing, parameters : int
-        Number of inputs that change along a motion, and of those that stay.
+        Number of inputs that change along a motion, and of those that are constant.
     """
 
     def __init__(self, changing: int, parameters: int) -> None:
         self.inputs = changing + parameters
-        # Operation, operands a, b and d, number c of each.
+        # Operation, operands a, b and d, and number c of each row.
         self.rows: list[tuple[int, int, int, int, float]] = [(0, 0, 0, 0, 0.0)] * self.inputs
         self.still = [False] * changing + [True] * parameters
         self._known: dict[tuple[int, int, int, int, float], int] = {}
@@ -83,7 +84,7 @@ class Listing:
         return self._known[row]
 
     def pair(self, op: int, a: int, partner: Callable[[int], tuple[int, int, int]]) -> tuple[int, int]:
-        """Return two rows of which the first reads the second."""
+        """Return two rows; the first reads the second."""
         first = self.add(op, a, -1)
         if self.rows[first][2] < 0:
             self.rows[first] = (op, a, self.add(*partner(first)), 0, 0.0)
@@ -97,7 +98,7 @@ class Listing:
         return self.add(ADD if way > 0.0 else SUB, a, b)
 
     def product(self, a: int, b: int) -> int:
-        """Return the slot of a b; of a factor that does not change it is a row of its own kind."""
+        """Return the slot of a b; the product with a constant factor has its own operation."""
         if self.still[b] and not self.still[a]:
             a, b = b, a
         if not self.still[a]:
@@ -135,7 +136,7 @@ class Listing:
         kept = np.array(sorted(needed))
         table = np.array(self.rows, dtype=float)[kept]
         code = table[:, :4].astype(np.int64)
-        # New place of a slot among the kept ones.
+        # New index of a slot among the kept ones.
         code[:, 1:] = np.searchsorted(kept, code[:, 1:])
         changing = [i for i in kept if self.inputs <= i < main and not self.still[i]]
         places = [np.searchsorted(kept, output).astype(np.int64) for output in (changing, *outputs)]
@@ -168,7 +169,7 @@ ROWS_OF: dict[np.ufunc, Callable[..., int]] = {
 
 
 class Slot(NDArrayOperatorsMixin):
-    """A value in a program; arithmetic and functions of NumPy add rows.
+    """A value in a program; arithmetic and functions of NumPy add rows to the program.
 
     Parameters
     ----------
@@ -187,7 +188,7 @@ class Slot(NDArrayOperatorsMixin):
 
 
 def _power(base: Any, exponent: Any) -> Any:
-    """Return whole powers as products; others as b (b^2 + e^2)^((p-1)/2), analytic where b changes sign."""
+    """Return whole powers as products; others as b (b^2 + e^2)^((p-1)/2), analytic if b changes sign."""
     if isinstance(exponent, int | float) and float(exponent).is_integer():
         whole = _product(base, abs(int(exponent)))
         return whole if exponent >= 0 else divided(1.0, whole)
@@ -205,7 +206,7 @@ def _product(base: Any, count: int) -> Any:
     return base if half is None else half * half * base if count % 2 else half * half
 
 
-# Those that switch follow their arguments; they are not called where a branch is given.
+# Functions that switch depend on the branch; they are not called if the branch is given.
 FUNCTIONS: Functions = {
     "sign": np.sign,
     "abs": lambda u: np.sign(u) * u,

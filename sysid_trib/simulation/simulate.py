@@ -1,4 +1,4 @@
-"""Exact motion of a model: switchings, sticking and memory at their true times; the embedded example."""
+"""Exact motion of a model, with exact times of switching, sticking and reversals; the synthetic example."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -35,7 +35,7 @@ def simulate(
     model : Model
         Forces, coefficients and reference frequency.
     time : (time,) array of float, s
-        Increasing, not necessarily evenly spaced; `t` in a formula counts from the first.
+        Increasing times, not necessarily equidistant; `t` in a formula counts from the first.
     angle, rate : float, rad and rad/s
         Angle and its derivative at time[0].
     random_force : float, (rad/s^2)^2/Hz
@@ -43,8 +43,8 @@ def simulate(
     seed : int
         Seed of the random force.
     known_input : (time,) array of float, rad/s^2, or KnownInput, optional
-        An acceleration a(t) in theta'' + w^2 (theta + f) = a. An array is smooth between the times, or held
-        where it moves in steps (`usual_between`); a `KnownInput` says it.
+        An acceleration a(t) in theta'' + w^2 (theta + f) = a. An array is interpolated smoothly, or held
+        between the times if it moves in steps (`usual_between`); a `KnownInput` states its interpolation.
     inputs : mapping of str to (time,) array of float or KnownInput, optional
         Inputs by their names in formulas, `{"u": ...}`, each in its own unit.
 
@@ -52,17 +52,17 @@ def simulate(
     -------
     Dataset
         `angle(time)` in rad as measured (with the sensor terms of the model), the true `rate(time)` in rad/s,
-        `stop_time` in s (NaN if the motion does not stop, or is pushed), states and memory of forces
-        (`dahl.z(time)`), and the inputs, `input(time)` in rad/s^2 and those of forces by their names, with
-        which `methods.Direct` and `methods.Trajectory` identify it.
+        `stop_time` in s (NaN if the motion does not stop, or has a random force), states and memory of forces
+        (`dahl.z(time)`), and the inputs: `input(time)` in rad/s^2, and those of forces by their names.
+        `methods.Direct` and `methods.Trajectory` identify the model from this record.
 
     Raises
     ------
     SimulationError
         The motion diverges or switches without end, or the times do not increase.
     UsageError
-        Not a model; a negative or infinite density; an input that is not one finite number for each time, or
-        that no force contains.
+        The argument is not a model; a density is negative or infinite; an input does not have one finite
+        number for each time, or no force contains it.
     """
     if not isinstance(model, Model):
         raise UsageError(
@@ -71,7 +71,7 @@ def simulate(
         )
     time = np.asarray(time, dtype=float)
     if not (np.isfinite(random_force) and random_force >= 0.0):
-        raise UsageError(f"random_force={random_force} is no density; give (rad/s^2)^2/Hz, zero or more.")
+        raise UsageError(f"random_force={random_force} is not a density; give (rad/s^2)^2/Hz, zero or more.")
     if not all(model.coefficients.values()):
         model = model.with_coefficients({k: c for k, c in model.coefficients.items() if c != 0.0})
     given = dict(inputs or {}) | ({} if known_input is None else {INPUT: known_input})
@@ -113,7 +113,7 @@ PAPER_FREQUENCY = 9.91
 START_ANGLE = 0.3
 PAPER_DURATION = 25.0
 PAPER_SAMPLING_RATE = 100.0
-# The paper gives neither; with this step the signal is coarse at 0.02 rad, where the authors stopped.
+# The paper gives neither. With this step the signal is coarse at 0.02 rad, where the authors stopped.
 SENSOR_NOISE = 5e-4
 SENSOR_STEP = 1e-3
 
@@ -129,7 +129,7 @@ def paper_twin(*, seed: int = 2019) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Record with `angle(time)` in rad. It is synthetic, and its attrs say so.
+        Record with `angle(time)` in rad. Its attributes state that it is synthetic.
     """
     time = np.arange(round(PAPER_DURATION * PAPER_SAMPLING_RATE)) / PAPER_SAMPLING_RATE
     model = Model(load_library(), PAPER_COEFFICIENTS, PAPER_FREQUENCY)

@@ -1,4 +1,4 @@
-"""A model with polynomials in the place of its curves: its motion is near, and quick to differentiate."""
+"""A model with polynomials in place of its curves: its motion is close, and its derivatives are fast."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -10,18 +10,19 @@ from sysid_trib.forces.library import parse_library
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.under_way import STATE_PART
 
-# Powers of the speed and of the displacement that replace curves, and places of their fit.
+# Powers of speed and displacement that replace curves, and number of points of their fit.
 FITTED_POWERS, FITTED_PLACES = (1, 3, 5, 7), 60
-# Truncation error of the series in a step of a motion along curves: thousands of them are far below any
+# Truncation error of the series in a step along curves: even thousands of steps stay far below any noise.
 # noise.
 CURVE_PART = 1e-10
-# Steps a period that a motion along curves may take: along those of a record it takes fewer than a hundred.
-# Curves that a poor fit made steep take thousands, each of many parts: such a motion took six minutes.
+# Most steps per period of a motion along curves; for those of a record fewer than a hundred are needed. Steep
+# curves from a poor fit take thousands of steps with many basis functions each: such a motion took six
+# minutes.
 STEPS_ALONG_CURVES = 200
 
 
 def has_curves(model: Model) -> bool:
-    """Return True if forces of a model are parts of smooth curves."""
+    """Return True if forces of a model are basis functions of smooth curves."""
     return any(force.curve for force in model.forces)
 
 
@@ -31,12 +32,12 @@ def accuracy_of(model: Model) -> float:
 
 
 def most_steps_of(model: Model, most_steps: int) -> int:
-    """Return the number of steps a period that a fitted motion may take, of at most `most_steps`."""
+    """Return the number of steps per period that a fitted motion may take, at most `most_steps`."""
     return min(most_steps, STEPS_ALONG_CURVES) if has_curves(model) else most_steps
 
 
 def without_curves(model: Model, largest: float) -> Model:
-    """Return a model whose odd curves are polynomials and whose even ones are left out.
+    """Return a model whose odd curves are replaced by polynomials and whose even curves are left out.
 
     Parameters
     ----------
@@ -47,7 +48,8 @@ def without_curves(model: Model, largest: float) -> Model:
     Returns
     -------
     Model
-        The sum of many narrow parts costs a motion many steps, and its derivatives many times that.
+        The simplified model. A sum of many narrow basis functions needs many steps, and many more for
+        derivatives.
     """
     kept = [force for force in model.library if not force.curve]
     coefficients = {symbol: c for symbol, c in model.coefficients.items() if not model.library[symbol].curve}

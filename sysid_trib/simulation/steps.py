@@ -1,12 +1,12 @@
-"""Steps of a motion from states that are given, exact or expected.
+"""Steps of a motion from given states, exact or expected.
 
-Each interval starts at a state that is given (multiple shooting, Bock 1981), and is followed by the compiled
-engine.
+Each interval starts at a given state (multiple shooting, Bock 1981), and the compiled engine integrates it.
 
-Where a force switches with the speed, the step about one path holds one branch, though either may be the
-true one; of a body that friction nearly holds it claims that nothing moves it. The best linear step over the
-law of the state has the mean of the ends and, as they are continuous in the state, the mean of their
-derivatives (Stein 1981): statistical linearisation (Gelb 1974; Garcia-Fernandez, Svensson and Sarkka 2017).
+If a force switches with the speed, the linear model about one path contains only one branch, although the
+other may be the true one; for a body that friction nearly holds, it claims that no force moves it. The best
+linear step over the distribution of the state has the mean of the ends and, because the ends are continuous
+in the state, the mean of their derivatives (Stein 1981). This is statistical linearisation (Gelb 1974;
+Garcia-Fernandez, Svensson and Sarkka 2017).
 """
 
 from typing import NamedTuple
@@ -21,14 +21,14 @@ from sysid_trib.simulation.motions import run
 from sysid_trib.simulation.trajectory import bends_of, polynomials_of
 from sysid_trib.simulation.under_way import MOTION_ENDS, STATE_PART, Given
 
-# In an interval, and in each unit of tau of it.
+# Most switchings in an interval, and most steps per unit of tau.
 SWITCHINGS_ALLOWED, STEPS_ALLOWED = 60, 3000
 GAUSS_POINTS, GAUSS_WEIGHTS = (0.5 * part for part in np.polynomial.legendre.leggauss(3))
 GAUSS_POINTS = GAUSS_POINTS + 0.5
 
 
 class Steps(NamedTuple):
-    """Exact motion over intervals, from states that are given at their beginnings.
+    """Exact motion over intervals, from given states at their beginnings.
 
     The state is x, v (rad), then the internal states of the forces, then their memory (`Motion.hidden`).
 
@@ -39,10 +39,10 @@ class Steps(NamedTuple):
     transition : (step, state, start) array of float
         Derivative of the end by the beginning.
     sensitivity : (step, state, parameter) array of float
-        Derivative of the end by the parameters that were asked for, the beginning (x, v, ...) held.
+        Derivative of the end by the given parameters, at a fixed beginning (x, v, ...).
     diffusion : (step, state, state) array of float
-        Covariance of the end by a white acceleration that makes the variance of v grow by one a unit of tau;
-        zero where it was not asked for.
+        Covariance of the end due to a white acceleration that increases the variance of v by one per unit of
+        tau; zero if not requested.
     """
 
     end: Array
@@ -70,23 +70,23 @@ def steps_of(
     diffuses: bool = False,
     by_start: int | None = None,
 ) -> Steps:
-    """Follow a motion over intervals, each from a state that is given.
+    """Compute a motion over intervals, each from a given state.
 
     Parameters
     ----------
     model : Model
-        Forces with coefficient zero are followed too.
+        Model; the states of forces with coefficient zero are computed too.
     spans : two (interval,) arrays of float
-        Beginning and length of each in tau.
+        Beginning and length of each interval in tau.
     states : (interval, state) array of float
-        At the beginnings.
+        States at the beginnings.
     by : tuple of str
-        Parameters by which the ends are derived, as in `integrate`.
+        Parameters of the derivatives, as in `integrate`.
     diffuses : bool
-        Whether the diffusion is asked for: that of impulses within the interval, carried to its end by the
+        Whether the diffusion is computed: that of impulses within the interval, propagated to its end by the
         same derivatives, at Gauss's points.
     by_start : int, optional
-        By so many of the first numbers of the beginnings the ends are derived; by all where left out.
+        Number of first components of the beginnings by which the ends are differentiated; by default all.
 
     Raises
     ------
@@ -99,7 +99,7 @@ def steps_of(
     size = 2 + len(motion.hidden)
     starts = size if by_start is None else by_start
     first = starts + len(by)
-    # The start of each interval is given, and so are the derivatives there.
+    # The start of each interval is given, with the derivatives there.
     columns = ("",) * starts + by + ("",) * len(places)
     knots, marks, points = _knots(tau, length, model.reference_frequency * bends_of(model), places)
     impulses = np.zeros((len(knots), len(columns)))
@@ -126,9 +126,10 @@ def steps_of(
 
 
 def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Array, Index, Index]:
-    """Return tau and mark of each knot, and the index of its place in an interval, or -1.
+    """Return tau and mark of each knot, and the index of its Gauss point in an interval, or -1.
 
-    A knot begins and ends each interval; between are the places, and where an input bends.
+    Knots are at the beginning and end of each interval, at the Gauss points, and where an input changes its
+    polynomial.
     """
     count, many = len(tau), len(places)
     fractions = np.concatenate([[0.0], places, [1.0]])
@@ -149,24 +150,24 @@ def _knots(tau: Array, length: Array, bends: Array, places: Array) -> tuple[Arra
 
 
 def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple[str, ...] = ()) -> Steps:
-    """Return the exact motion over intervals of any length, with what a random force adds (see `steps_of`).
+    """Return the exact motion over intervals of any length, with the diffusion (see `steps_of`).
 
     Parameters
     ----------
     model : Model
     tau, length : (interval,) array of float
-        Beginning and length of each.
+        Beginning and length of each interval.
     states : (interval, state) array of float
-        At the beginnings.
+        States at the beginnings.
     by : tuple of str
-        Parameters by which the ends are derived.
+        Parameters of the derivatives.
 
     Raises
     ------
     SimulationError
         The motion diverges within an interval, or switches without end.
     """
-    # In tau; longer intervals are followed in parts.
+    # Limit in tau; longer intervals are divided.
     parts = np.maximum(1, np.ceil(length / 0.5).astype(int))
     whole = steps_of(model, (tau, length / parts), states, by, diffuses=True)
     for done in range(1, int(parts.max(initial=1))):
@@ -179,31 +180,31 @@ def steps_over(model: Model, tau: Array, length: Array, states: Array, by: tuple
     return whole
 
 
-# Speeds of equal probability that represent the normal law.
+# Number of speeds of equal probability that represent the normal distribution.
 SPEEDS = 8
 _QUANTILES = ndtri((np.arange(SPEEDS) + 0.5) / SPEEDS)
 NORMAL = _QUANTILES / np.sqrt(np.mean(_QUANTILES**2))
-# A speed has one sign if it is this number of standard errors from zero.
+# A speed has a certain sign if it is more than this number of standard errors from zero.
 ONE_SIGN = 4.0
 
 
 def expected_steps(
     model: Model, time: Array, states: Array, rate_error: Array | float, by: tuple[str, ...] = ()
 ) -> Steps:
-    """Return the motion over each interval between samples, of which v is known to a standard error alone.
+    """Return the motion over each interval between samples, with v known only to a standard error.
 
     Parameters
     ----------
     model : Model
-        Forces with coefficient zero are followed too.
+        Model; the states of forces with coefficient zero are computed too.
     time : (sample,) array of float, s
-        Increasing, with steps of any length.
+        Increasing times, with steps of any length.
     states : (sample, state) array of float
-        x, v (rad), internal states and memory at each sample, from which the motion starts anew.
+        x, v (rad), internal states and memory at each sample, where each interval starts.
     rate_error : float or (sample,) array of float, rad
-        Standard error of v at each sample; 0 where it is known.
+        Standard error of v at each sample; 0 if v is known.
     by : tuple of str
-        Parameters by which the ends are derived.
+        Parameters of the derivatives.
 
     Raises
     ------

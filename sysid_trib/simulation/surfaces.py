@@ -1,4 +1,4 @@
-"""Switching surfaces of a motion: the step up to one, and signs, memory and derivatives after it."""
+"""Switching surfaces of a motion: the step to a surface, and signs, memory and derivatives after it."""
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from sysid_trib.simulation.branches import (
 from sysid_trib.simulation.compiled import at_once, at_once_live, derivatives_at_once, inner, order
 from sysid_trib.simulation.taylor import first_crossing, look_ahead, of_parameter, radius, slope, value
 
-# In tau: how far it is held where a surface is crossed at rest.
+# Least step, in tau, beyond a surface that is crossed at rest.
 PASSED = 1e-9
-# Relative to the size of the motion: within rounding of a surface.
+# Distance from a surface, relative to the size of the motion, that is rounding.
 AT_ZERO = 1e-14
-# For held bodies, upwards and downwards: table, way, memory and signs.
+# For held bodies, upwards and downwards: table, direction, memory and signs.
 HELD_SIDES = ((at.UP, 1.0, at.MEMORY_UP, at.SIGNS_UP), (at.DOWN, -1.0, at.MEMORY_DOWN, at.SIGNS_DOWN))
-# Rates of states that are less do not change them.
+# Rates of states below this count as zero.
 UNCHANGED = 1e-14
 
 
@@ -41,7 +41,7 @@ def free_step(program, c, n, h):
 def held_step(program, c, n, h, held, ends):
     """Return the largest step of a held body, and the side to which it is released (+1, -1), or 0.
 
-    Third is the surface that it meets there, or -1.
+    The third value is the surface that the body meets there, or -1.
     """
     way, which, near, pull = 0.0, -1, AT_ZERO * abs(c.v[at.STATE, 0]), program.rates[1]
     if held == at.RESTS:
@@ -55,7 +55,7 @@ def held_step(program, c, n, h, held, ends):
             put(c.v[at.SIGNS], c.v[signs])
             put(c.v[at.MEMORY_NOW], c.v[memory])
             c.v[signs, held] = rises
-        # Upwards is where the surface rises.
+        # Upwards is the direction in which the surface value rises.
         grip = 1.0 if held == at.RESTS else c.v[at.GRIP, 0]
         _pulls(program, c, c.aside[side], n, c.v[memory], c.v[signs], grip)
     if not ends or not _is_still(program, c, n):
@@ -102,7 +102,7 @@ def _pulls(program, c, other, n, memory, signs, grip):
 
 @inner
 def _is_still(program, c, n):
-    """Return true if nothing at rest changes: what would accelerate it, and its states."""
+    """Return true if nothing changes at rest: neither the force on the held body, nor its states."""
     for i in range(2, program.states):
         if abs(c.J[i, 1]) > UNCHANGED:
             return False
@@ -114,7 +114,7 @@ def _is_still(program, c, n):
 
 @inner
 def released(program, c, held, way):
-    """Let a body go from where it is held: from there it begins without speed and without acceleration."""
+    """Release a body that was held: its motion starts without speed and without acceleration."""
     put(c.v[at.MEMORY_UP] if way > 0.0 else c.v[at.MEMORY_DOWN], c.v[at.MEMORY_NOW])
     put(c.v[at.SIGNS_UP] if way > 0.0 else c.v[at.SIGNS_DOWN], c.v[at.SIGNS])
     c.v[at.ZEROS, held] = 2
@@ -136,12 +136,12 @@ def switched(program, c, which, n, h):
     if count > 0:
         rate = slope(c.J[slot], n, h)
         for q in range(count):
-            # Change of the instant of the switching with the parameter.
+            # Change of the switching time with the parameter.
             moves[q] = -of_parameter(c.T, slot, q, n, h) / rate if rate != 0.0 else 0.0
             for i in range(size):
                 c.dy[i, q] += value(c.J[program.rates[i]], n, h) * moves[q]
     if slot < size:
-        # The surface is a state: exactly zero here.
+        # The surface is a state: set it to exactly zero here.
         c.v[at.STATE, slot], c.v[at.STATE_ROUNDING, slot] = 0.0, 0.0
     c.v[at.ZEROS, which] = 1
     put(c.v[at.MEMORY_NOW], c.v[at.MEMORY_BEFORE])
@@ -149,7 +149,7 @@ def switched(program, c, which, n, h):
     held = _settled(program, c)
     turned = way * c.v[at.SIGNS, 0] < 0.0
     if program.memory > 0 and turned and slot >= size:
-        # Another memory takes it elsewhere.
+        # A new memory changes the value of the surface.
         c.v[at.ZEROS, which] = 0
     if count > 0:
         after(program, c, moves, turned, held)
@@ -172,7 +172,7 @@ def _settled(program, c):
 
 @inner
 def _onto(program, c, held):
-    """Put v, and its derivatives, on the surface by which a motion is held."""
+    """Put v, and its derivatives, on the surface that holds a motion."""
     J, T, slot, count = c.J, c.T, program.surfaces[held], c.T.shape[2]
     state_at(program, c, J, c.v[at.STATE], 0.0)
     parameters_at(program, J, c.v[at.MEMORY_NOW], c.v[at.SIGNS])
@@ -193,7 +193,7 @@ def _onto(program, c, held):
 
 @inner
 def after(program, c, moves, turned, held):
-    """Compute the derivatives after a switching whose instant `moves`; of the memory if it was replaced."""
+    """Compute the derivatives after a switching whose time `moves`; of the memory if it was replaced."""
     J, T, size, kept, count = c.J, c.T, program.states, program.memory, c.T.shape[2]
     first = program.inputs - kept
     state_at(program, c, J, c.v[at.STATE], 0.0)
@@ -216,7 +216,7 @@ def after(program, c, moves, turned, held):
 
 @inner
 def begun(program, c):
-    """Return the signs of a motion that starts or gets an impulse, what holds it, and whether it turned."""
+    """Return the signs of a motion after a start or impulse, what holds it, and whether it reversed."""
     way = c.v[at.SIGNS, 0] if len(program.signs) > 0 else 0.0
     held = _settled(program, c)
     if held > at.RESTS:

@@ -1,4 +1,4 @@
-"""Taylor series of a motion: values, where one first crosses zero, order and length of a step."""
+"""Taylor series of a motion: values, first zero crossing, order and length of a step."""
 
 import numpy as np
 
@@ -7,9 +7,9 @@ from sysid_trib.simulation.branches import grip_of, state_at
 from sysid_trib.simulation.compiled import at_once, derivatives_at_once, derivatives_of_order, inner, order
 from sysid_trib.simulation.program import FORCING_NUMBERS
 
-# A surface this near to zero, of the size of its series, is at zero.
+# A surface whose value is below this fraction of its series is at zero.
 ZERO_PART = 1e-13
-# Number of parts of a step that are searched for a root, none shorter than this.
+# Most intervals of a step that are searched for a root, and the shortest one.
 MOST_INTERVALS, SHORTEST_INTERVAL = 500, 1e-13
 
 
@@ -69,9 +69,9 @@ def _keeps_clear(g, n, low, high):
 def first_crossing(series, n, h, side, zero, work):
     """Find the place in (0, h] at which a series leaves its side (+1, -1) of zero; h + 1 if it does not.
 
-    A zero at 0 itself, up to the number or of the order in `zero`, is divided out; a wrong side there is a
-    crossing at 0. The interval is halved where neither a quadratic with a bound on the rest, nor its
-    derivative, decides.
+    A zero at 0 itself, up to the value or the order in `zero`, is divided out; a wrong side there is a
+    crossing at 0. The interval is halved where neither a quadratic with a bound on the rest nor its
+    derivative decides.
     """
     g, low = work[0], _reduced(series, n, h, side, zero, work)
     if low < 0:
@@ -79,18 +79,18 @@ def first_crossing(series, n, h, side, zero, work):
     n -= low
     start = 0.0
     if g[0] < 0.0:
-        # The side after the zero is known: just before its zero the series is no longer on the wrong side,
-        # nor where it grazes the surface and soon returns.
+        # The side after the zero is known. So the series is not on the wrong side just before its zero, nor
+        # where it touches the surface and soon returns.
         if n == 0 or not g[1] > 0.0:
             return 0.0
         start = -2.0 * g[0] / g[1]
         if (start * h > at.LOOKAHEAD) if low > 0 else abs(series[0]) > at.NEAR_SURFACE:
             return 0.0
         start = min(1.0, start)
-    # First about the beginning: mostly that decides.
+    # Test the whole interval about its beginning first: this decides in most cases.
     if _keeps_clear(g, n, 0.0, 1.0):
         return h + 1.0
-    # In units of the step: ends of intervals that are still to be looked at, the first on top.
+    # In units of the step: ends of intervals that remain to be searched, the next one on top.
     shifted, begins, ends = work[1], work[2], work[3]
     begins[0], ends[0], top = start, 1.0, 0
     for _ in range(MOST_INTERVALS):
@@ -118,7 +118,7 @@ def first_crossing(series, n, h, side, zero, work):
 
 @inner
 def _reduced(series, n, h, side, zero, work):
-    """Return order of the zero at 0, its cofactor in work[0], in units of the step; -1 for zeros alone."""
+    """Return order of the zero at 0, its cofactor in work[0], in units of the step; -1 for a zero series."""
     near, known = zero
     size, scale = 0.0, 1.0
     for k in range(n + 1):
@@ -139,7 +139,7 @@ def _reduced(series, n, h, side, zero, work):
 
 @inner
 def _is_monotonic(g, n, half):
-    """Return true if a series only rises, or only falls, as far as `half` from 0."""
+    """Return true if a series is monotonic up to `half` from 0."""
     rest, power = 0.0, half * half
     for k in range(3, n + 1):
         rest += k * abs(g[k]) * power
@@ -149,7 +149,7 @@ def _is_monotonic(g, n, half):
 
 @inner
 def _only_root(g, n, lo, hi):
-    """Find the only zero of a falling series between two points, by Newton's iteration with bisection."""
+    """Find the only zero of a decreasing series between two points, by Newton's iteration with bisection."""
     u = 0.5 * (lo + hi)
     for _ in range(80):
         f = value(g, n, u)
@@ -170,8 +170,8 @@ def _only_root(g, n, lo, hi):
 def series(program, c, h, held):
     """Compute the series of all slots from here, to the order that a step of h needs; return that order.
 
-    At rest x and v stay and the states go on; on another surface v keeps it at zero. Derivatives follow where
-    there are any.
+    At rest x and v are constant and the states continue; on another surface v keeps the surface at zero.
+    Derivatives are computed too if there are any.
     """
     J, T, size, count, degree = c.J, c.T, program.states, c.T.shape[2], 0
     slot = program.surfaces[held] if held > at.RESTS else 0
@@ -191,14 +191,14 @@ def series(program, c, h, held):
         derivatives_at_once(program, J, T, program.main)
     small, power = 0, h
     for k in range(at.ORDER):
-        # The acceleration of a held body, which only the rates contain, needs all orders.
+        # Only the rates contain the acceleration of a held body, and it needs all orders.
         ends = k > degree and held == at.FREE
         for i in range(size):
             stays, rate = held == at.RESTS and i < 2, program.rates[i]
             J[i, k + 1] = 0.0 if stays else J[rate, k] / (k + 1)
             for q in range(count):
                 T[i, k + 1, q] = 0.0 if stays else T[rate, k, q] / (k + 1)
-            # If the step is short for another reason, few orders are enough.
+            # If the step is short for another reason, a few orders are enough.
             ends = ends and abs(J[i, k + 1]) * power <= 1e-17 * max(abs(J[i, 0]), abs(J[i, 1]) * h)
         order(program, J, k + 1)
         if held > at.RESTS:
@@ -220,8 +220,7 @@ def series(program, c, h, held):
         if small == 2:
             return k + 1
     if held != at.FREE:
-        # A body held by friction has the acceleration of its surface, whatever the rates with these signs
-        # are.
+        # A body held by friction has the acceleration of its surface, not that of the rates with these signs.
         for k in range(at.ORDER + 1):
             J[program.rates[1], k] = (k + 1) * J[1, k + 1] if k < at.ORDER else 0.0
             for q in range(count):
@@ -231,7 +230,7 @@ def series(program, c, h, held):
 
 @inner
 def radius(J, s, other, n, part):
-    """Return a step after which two slots' series change by less than this part of their first large term."""
+    """Return a step after which two series change by less than this fraction of their first large term."""
     largest = 0.0
     for m in range(4):
         largest = max(largest, abs(J[s, m]), abs(J[other, m]))
@@ -248,7 +247,7 @@ def radius(J, s, other, n, part):
 
 @inner
 def _part_of_derivatives(program, c, k):
-    """Return the largest term of an order of the derivatives, over what that parameter has moved so far."""
+    """Return the largest term of an order of the derivatives, relative to the parameter's effect so far."""
     largest = 0.0
     for q in range(c.T.shape[2]):
         scale, term = max(c.v[at.LARGEST_DERIVATIVES, q], abs(c.T[1, 1, q])), 0.0
@@ -271,7 +270,7 @@ def length(program, c, n, part):
         if s >= program.states:
             h = min(h, radius(J, s, s, n, at.SURFACE_PART))
     for k in range(n - 1, n + 1 if program.states > 2 else n - 1):
-        # The derivatives of a stiff state fade, and grow again in steps that are too long for them.
+        # The derivatives of a stiff state decay, but grow again in steps that are too long for them.
         last = _part_of_derivatives(program, c, k)
         if last > 0.0:
             h = min(h, (at.SURFACE_PART / last) ** (1.0 / k))

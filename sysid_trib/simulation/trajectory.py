@@ -22,16 +22,16 @@ def trajectory(
     most_steps: int = STEPS_A_PERIOD,
     accuracy: float = STATE_PART,
 ) -> SimulatedMotion:
-    """Simulate without labels, the fast way for repeated use (see `simulate`).
+    """Simulate without labels, which is faster for repeated use (see `simulate`).
 
     Parameters
     ----------
     model, time, angle, rate
         See `simulate`.
     by : sequence of str
-        Parameters of which derivatives are taken: symbols of forces, `dahl.s`, and the names in `integrate`.
+        Parameters of the derivatives: symbols of forces, `dahl.s`, and the names in `integrate`.
     most_steps : int
-        A period; a stiff state may take thousands.
+        Largest number of steps per period; a stiff state may need thousands.
     accuracy : float
         See `integrate`.
 
@@ -41,8 +41,8 @@ def trajectory(
 
     Notes
     -----
-    Coefficients, shapes and frequency of the same forces are free. Forces with coefficient zero stay in:
-    their states and memory follow the motion.
+    Repeated calls may change coefficients, shapes and frequency of the same forces without a new program.
+    Forces with coefficient zero remain in the model: their states and memory are computed.
     """
     tau, w = checked_start(model, time, angle, rate), model.reference_frequency
     forcing = forcing_of(model, tau)
@@ -63,7 +63,7 @@ def checked_start(model: Model, time: Vector, angle: float, rate: float) -> Vect
     return model.reference_frequency * (time - float(time[0]))
 
 
-# Impulses a period of a motion with a random force: their law is then right to a percent.
+# Number of impulses per period of a motion with a random force: their distribution is correct to a percent.
 INCREMENTS_PER_PERIOD = 40
 
 
@@ -76,13 +76,14 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
     tau : (sample,) array of float
         w t from 0.
     random_force : float, (rad/s^2)^2/Hz
-        One-sided density of the acceleration; at least `INCREMENTS_PER_PERIOD` a period make it.
+        One-sided density of the acceleration; it consists of at least `INCREMENTS_PER_PERIOD` impulses per
+        period.
     seed : int
 
     Notes
     -----
-    Over an interval h of tau a white acceleration adds to (x, v) a Gaussian vector of covariance
-    per_tau [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
+    Over an interval h of tau, a white acceleration adds to (x, v) a Gaussian vector of covariance per_tau
+    [[h^3/3, h^2/2], [h^2/2, h]] to lowest order in h; per_tau = density/(2 w^3).
     """
     w = model.reference_frequency
     if not random_force and not any(channel.input in model.inputs for channel in model.driven):
@@ -100,29 +101,29 @@ def forcing_of(model: Model, tau: Vector, random_force: float = 0.0, seed: int =
 
 
 def _impulses(tau: Vector, per_tau: float, seed: int) -> tuple[Vector, Vector]:
-    """Return instants at and between the samples, and the sums of random force in x and v up to each."""
+    """Return times at and between the samples, and the increments of x and v due to a random force."""
     parts = np.maximum(1, np.ceil(np.diff(tau) * INCREMENTS_PER_PERIOD / (2.0 * np.pi))).astype(int)
     fractions = np.concatenate([np.arange(count) / count for count in parts])
     instants = np.append(tau[:-1].repeat(parts) + fractions * np.diff(tau).repeat(parts), tau[-1])
     h = np.diff(instants)
-    # A separate random stream: noise that is added with the same seed is independent of it.
+    # Use a separate random stream: noise that is added with the same seed is independent of it.
     of_v, of_x = np.random.default_rng([seed, 1]).standard_normal((2, len(h)))
     increment_v = np.sqrt(per_tau * h) * of_v
     # Three quarters of the variance h^3/3 of x are due to the gain of v, a quarter is independent.
     increment_x = 0.5 * h * increment_v + np.sqrt(per_tau * h**3 / 12.0) * of_x
-    # Nothing at the start; the increment at the end comes too late.
+    # No increment at the start, and none at the end, where it has no effect.
     added = np.pad(np.stack([increment_x, increment_v], axis=1), ((1, 0), (0, 0)))
     return instants[:-1], added[:-1]
 
 
 def bends_of(model: Model) -> Vector:
-    """Return the times at which an input begins another polynomial, (knot,), s."""
+    """Return the times at which an input changes its polynomial, (knot,), s."""
     names = {channel.input for channel in model.driven} & {*model.inputs}
     return np.unique(np.concatenate([*(model.inputs[name].bends for name in names), []]))
 
 
 def polynomials_of(model: Model, knots: Vector) -> Vector:
-    """Return the inputs after each knot (tau) as polynomials in tau since it, (knot, channel, power)."""
+    """Return the inputs after each knot (tau) as polynomials in tau since then, (knot, channel, power)."""
     w, channels = model.reference_frequency, model.driven
     polynomials = np.zeros((len(knots), len(channels), FORCING_NUMBERS))
     for at, channel in enumerate(channels):

@@ -1,1 +1,1 @@
-"""The law itself: friction against speed and restoring force against displacement, as curves with bands."""
+"""Laws: friction against speed and restoring force against displacement, as curves with bands."""

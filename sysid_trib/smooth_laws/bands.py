@@ -13,9 +13,9 @@ from sysid_trib.results.frequencies import covariance_with_frequency
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import CONFIDENCE, Variables, described
 
-# Points of a law over the range that the record visits, and the part beyond that is shown as continuation.
+# Points of a law in the visited range of the record, and width of the extrapolated range relative to it.
 VISITED_POINTS, SHOWN_BEYOND = 40, 0.25
-# Draws from which the width of a simultaneous band follows.
+# Number of draws for the width of a simultaneous band.
 DRAWS = 4000
 
 
@@ -29,10 +29,10 @@ class Law:
     variable : {"speed", "displacement"}
     places : (place,) array of float, rad/s or rad
     visited : (place,) array of bool
-        Whether the record reaches them.
+        True at the places that the record reaches.
     values : (place,) array of float, rad/s^2
     covariance : (place, place) array of float
-        By the noise and the smoothness.
+        Covariance due to the noise and to the smoothness penalty.
     """
 
     name: str
@@ -48,14 +48,14 @@ class Law:
 
 
 def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
-    """Return places of a law, (place,), and which of them the record visits.
+    """Return the places of a law, (place,), and the mask of those that the record visits.
 
     Parameters
     ----------
     largest : float
         Largest speed or displacement of the record.
     both_sides : bool
-        Whether the law is shown for both signs, because it is not odd.
+        True if the law is shown for both signs because it is not odd.
     """
     step = largest / VISITED_POINTS
     count = VISITED_POINTS + round(SHOWN_BEYOND * VISITED_POINTS)
@@ -68,21 +68,21 @@ def grid(largest: float, *, both_sides: bool) -> tuple[Array, Mask]:
 
 
 def laws_of(result: xr.Dataset, largest: Mapping[str, float], run: int | None = None) -> list[Law]:
-    """Return the laws of any identification whose forces depend on speed or displacement alone.
+    """Return the laws of any identification with forces that depend on speed or displacement alone.
 
     Parameters
     ----------
     result : Dataset
         An identification.
     largest : dict
-        Largest displacement `x` (rad) and speed `v` (rad/s) of its records.
+        Largest displacement `x` (rad) and speed `v` (rad/s) of the records.
     run : int, optional
-        Number of the run, from 1, if runs have laws of their own; without it their mean.
+        Number of the run, from 1, if runs have separate laws; if omitted, the mean of these laws.
 
     Returns
     -------
     list of Law
-        `friction` of the forces of v alone, and `restoring` of w^2 x and the forces of x alone.
+        `friction`, from the forces of v alone, and `restoring`, from w^2 x and the forces of x alone.
     """
     library = models.library_of(result)
     laws = []
@@ -106,14 +106,14 @@ def law_and_jacobian(
     places: Array,
     run: int | None,
 ) -> tuple[Array, Array]:
-    """Return a law (place,), rad/s^2, and its derivatives by coefficients and frequency, (place, force + 1).
+    """Return a law (place,), rad/s^2, and its derivatives to coefficients and w, (place, force + 1).
 
     Parameters
     ----------
     result : Dataset
         An identification.
     library : ForceLibrary
-        Its forces.
+        Forces of the identification.
     forces : sequence of Force
         Forces of the law.
     of : {"v", "x"}
@@ -128,13 +128,13 @@ def law_and_jacobian(
     runs = max((force.run or 1 for force in library), default=1)
 
     def part(force: Force) -> float:
-        """Return the part of a force in the law of the run, or in the mean of all runs."""
+        """Return the factor of a force in the law of the run, or in the mean of all runs."""
         if force.run is None:
             return 1.0
         return 1.0 / runs if run is None else float(force.run == run)
 
     def columns(frequency: float) -> Array:
-        """Return the forces over the inertia of coefficient 1, (place, force), rad/s^2."""
+        """Return the forces over the inertia with unit coefficients, (place, force), rad/s^2."""
         x, v = (0.0 * places, places / frequency) if of == "v" else (places, 0.0 * places)
         values = np.zeros((len(places), len(symbols)))
         for force in forces:
@@ -151,7 +151,7 @@ def law_and_jacobian(
 
 
 def standard_errors(covariance: Array) -> Array:
-    """Return the square roots of the variances, (place,); rounding may make one of them negative.
+    """Return the square roots of the variances, (place,); negative ones from rounding count as zero.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def largest_of_draws(covariance: Array) -> Array:
 
 
 def simultaneous_factor(covariance: Array) -> float:
-    """Return the number of standard errors of a band that is valid at all places at once, in 95 %.
+    """Return the number of standard errors of a band with a simultaneous confidence of 95 %.
 
     Parameters
     ----------
@@ -188,7 +188,8 @@ def simultaneous_factor(covariance: Array) -> float:
 
     Notes
     -----
-    The quantile of the largest of correlated normal variables, from draws (Ruppert, Wand & Carroll 2003,
+    This is the quantile of the largest of correlated normal variables, from draws (Ruppert, Wand & Carroll
+    2003,
     Sec. 6.5).
     """
     draws = largest_of_draws(covariance)
@@ -196,7 +197,7 @@ def simultaneous_factor(covariance: Array) -> float:
 
 
 def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str, Array]:
-    """Return the standard error of a curve and its simultaneous 95 % band, by their names.
+    """Return the standard error of a curve and its simultaneous 95 % band, by name.
 
     Parameters
     ----------
@@ -205,7 +206,7 @@ def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str
     values : (place,) array of float
     covariance : (place, place) array of float
     visited : (place,) array of bool
-        Places over which the band is simultaneous.
+        Places at which the band is simultaneous.
     """
     error = standard_errors(covariance)
     half = simultaneous_factor(covariance[np.ix_(visited, visited)]) * error
@@ -213,13 +214,13 @@ def band(name: str, values: Array, covariance: Array, visited: Mask) -> dict[str
 
 
 def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Variables, Variables]:
-    """Return the variables of laws with their bands, and their coordinates with their units.
+    """Return the variables of laws with their bands, and their coordinates with units.
 
     Parameters
     ----------
     laws : sequence of Law
     of_model : sequence of (place, place) arrays of float
-        Covariance of the error of the model, of each law.
+        Covariance of the error of the model, for each law.
     """
     values: dict[str, object] = {}
     places: dict[str, object] = {}
@@ -236,19 +237,19 @@ def law_variables(laws: Sequence[Law], of_model: Sequence[Array]) -> tuple[Varia
 
 
 def interpolation(places: Array, common: Array) -> Array:
-    """Return the matrix that gives a law at other places from its values, (common, place).
+    """Return the matrix that interpolates a law at common places, (common, place).
 
     Parameters
     ----------
     places : (place,) array of float
-        Places of the law; one that is known for positive places alone is odd.
+        Places of the law; if all are positive, the law is odd.
     common : (common,) array of float
     """
     weights = np.zeros((len(common), len(places)))
     two_sided = bool(np.any(places < 0.0))
     for row, place in enumerate(common):
         sign = 1.0 if two_sided else float(np.sign(place))
-        # A law may jump at zero: its two sides are not interpolated between.
+        # A law may be discontinuous at zero, so the two sides are interpolated separately.
         side = np.flatnonzero(places * place > 0.0) if two_sided else np.arange(len(places))
         at, target = np.abs(places[side]), abs(float(place))
         order = np.argsort(at)

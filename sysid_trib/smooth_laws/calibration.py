@@ -1,4 +1,4 @@
-"""The error of the signal's calibration in the laws of an identification."""
+"""Calibration error of the signal in the laws of an identification."""
 
 import numpy as np
 import xarray as xr
@@ -11,31 +11,31 @@ from sysid_trib.smooth_laws.bands import band
 
 
 def with_scale_error(result: references.Result, relative_error: float) -> references.Result:
-    """Return an identification whose errors, also those of its laws, hold that of the signal's calibration.
+    """Return an identification whose errors, also in its laws, include the signal's calibration error.
 
     Parameters
     ----------
     result : Dataset or DataTree
-        An identification, or a result that holds some.
+        An identification, or a result that contains some.
     relative_error : float
-        Standard error of the factor by which the signal was calibrated, over the factor: 0.003.
+        Relative standard error of the signal's calibration factor, such as 0.003.
 
     Returns
     -------
     Dataset or DataTree
-        As `results.references.with_scale_error`; `friction(speed)` and `restoring(displacement)` have their
-        errors and bands with that of the calibration in them, and `friction_error_of_calibration`, ..., its
-        part.
+        As from `results.references.with_scale_error`; the errors and bands of `friction(speed)` and
+        `restoring(displacement)` include the calibration error, and `friction_error_of_calibration`, ...,
+        contains it alone.
 
     Raises
     ------
     UsageError
-        No error from 0 to 1.
+        The error is not between 0 and 1.
 
     Notes
     -----
-    With s x in the place of x a law F(v) is s F(v/s): its error is that of s times F - v F', wholly
-    correlated over all speeds. A law that is proportional to v has none.
+    With s x in place of x, a law F(v) becomes s F(v/s): its error is the error of s times F - v F', fully
+    correlated over all speeds. A law proportional to v has no such error.
     """
     whole = references.with_scale_error(result, relative_error)
     if isinstance(whole, xr.DataTree):
@@ -64,12 +64,12 @@ def _with_laws(result: xr.Dataset, relative_error: float) -> xr.Dataset:
 
 
 def slope(places: Array, values: Array) -> Array:
-    """Return the derivative of a law at its places; that of each sign is taken by itself.
+    """Return the derivative of a law at its places, computed separately for each sign.
 
     Parameters
     ----------
     places, values : (place,) array of float
-        Friction may jump between negative and positive speeds.
+        Friction may be discontinuous between negative and positive speeds.
     """
     derivative = np.zeros_like(values)
     for side in (places < 0.0, places > 0.0):

@@ -1,4 +1,4 @@
-"""Smooth laws as forces: a library of many parts of one formula, spread over the range of the records."""
+"""Smooth laws as forces: many basis functions of one formula, distributed over the records' range."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import replace
@@ -11,9 +11,9 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.records.smoothing import first_frequency, smooth
 
 CURVE_LIBRARY = "curves"
-# Places of the parts of a curve, in parts of the largest speed or displacement: evenly in the logarithm up to
-# the middle, then evenly. None is at the end: beyond it the law is a straight line and the named forces.
-# Friction may change at low speed; what is narrow costs the simulation many steps.
+# Places of the basis functions, as fractions of the largest speed or displacement: logarithmic up to the
+# middle, then linear. None is at the end: beyond it the law is a straight line plus the named forces.
+# Friction may change at low speed, but narrow functions need many time steps of the simulation.
 FIRST_PLACES = {"v": 0.03, "x": 0.1}
 MIDDLE, GEOMETRIC_PARTS = 0.5, 8
 UPPER_PLACES = (0.6, 0.7, 0.8, 0.9)
@@ -22,14 +22,14 @@ ODD_CURVES = ("friction", "restoring")
 
 
 def ranges(decays: Sequence[xr.Dataset], frequency: float | None = None) -> dict[str, float]:
-    """Return the largest displacement (rad) and speed over w (rad) of the records.
+    """Return the largest displacement (rad) and the largest speed over w (rad) of the records.
 
     Parameters
     ----------
     decays : sequence of Dataset
         `angle(time)`.
     frequency : float, rad/s, optional
-        w; that of the swing where left out.
+        w; the frequency of the swing if omitted.
     """
     largest = {"x": 0.0, "v": 0.0}
     for decay in decays:
@@ -44,18 +44,18 @@ def ranges(decays: Sequence[xr.Dataset], frequency: float | None = None) -> dict
 def with_curves(
     named: ForceLibrary, curves: Iterable[str], largest: dict[str, float], lowest: float = 0.0
 ) -> ForceLibrary:
-    """Add the parts of curves to a library of named forces.
+    """Add the basis functions of curves to a library of named forces.
 
     Parameters
     ----------
     named : ForceLibrary
-        Forces that stay outside of the penalty, and forces that are held.
+        Forces without penalty, and fixed forces.
     curves : iterable of str
         Symbols of `libraries/curves.toml`.
     largest : dict
         See `ranges`.
     lowest : float
-        Least place of a part, in parts of the largest speed or displacement.
+        Smallest place of a basis function, as a fraction of the largest speed or displacement.
     """
     offered = load_library(CURVE_LIBRARY).select(curves)
     parts = [part for force in offered for part in _parts(force, largest, lowest)]
@@ -63,7 +63,7 @@ def with_curves(
 
 
 def _parts(force: Force, largest: dict[str, float], lowest: float) -> list[Force]:
-    """Return copies of a force, each at a place of its own."""
+    """Return copies of a force at different places."""
     ((name, shape),) = force.shape.items()
     by = "v" if "v" in force.formula.names else "x"
     first = min(max(FIRST_PLACES[by], lowest), 0.5 * MIDDLE)

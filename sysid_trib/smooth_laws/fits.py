@@ -1,4 +1,4 @@
-"""Fits of law models: curves where the data allow them, with sensor errors and even parts if significant."""
+"""Fits of law models: curves if the data allow them, with sensor errors and even parts if significant."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,6 +13,7 @@ from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.selection import EFFECTS
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL
 from sysid_trib.methods import Averaging, Direct, Trajectory
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
@@ -23,32 +24,31 @@ from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
 from sysid_trib.smooth_laws.passive import Passive, made_passive
-from sysid_trib.validation.judge import RESIDUAL_LEVEL
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 
-# Forces that differ between directions and sides, and errors that cameras, encoders and potentiometers have.
+# Forces that differ between directions or sides, and typical errors of cameras, encoders and potentiometers.
 EVEN_FORCES = ("even_speed", "even_drag", "even_spring", "bilinear")
 SENSOR_TERMS = ("shutter", "sensor_curve", "sensor_cubic", "sensor_delay")
-# Level of a test that finds them; they are kept where the residual shrinks to less than this part.
+# Significance level of these terms; they are kept if the residual decreases to less than this fraction.
 EXTENSION_LEVEL, EXTENSION_GAIN = 1e-4, 0.8
-# Motions that give the columns of a fit which begins at another one, and of a fit to a part of the record.
+# Number of refinements in a fit that starts at another fit, and in a fit to a part of the record.
 REFINEMENTS_OF_EXTENSION, REFINEMENTS_OF_PART = 4, 2
 
 
 @dataclass(frozen=True)
 class LawFit:
-    """One method's fit of a law model to runs.
+    """Fit of a law model to runs by one method.
 
     Attributes
     ----------
     method : Direct, Averaging or Trajectory
     model : LawModel
     library : ForceLibrary
-        The forces of the model over the range of the runs.
+        Forces of the model over the range of the runs.
     followed : FollowedRuns
         The identification, and its motion in each run.
     largest : mapping of str to float, optional
-        Largest displacement `x` (rad) and speed `v` (rad/s) of the runs, where friction is passive.
+        Largest displacement `x` (rad) and speed `v` (rad/s) of the runs; given if friction is made passive.
     """
 
     method: Direct | Averaging | Trajectory
@@ -59,16 +59,16 @@ class LawFit:
 
     @property
     def asked_method(self) -> Method:
-        """The method with passivity, where that is asked for."""
+        """Method, made passive if requested."""
         return self.method if self.largest is None else Passive(self.method, self.largest)
 
     def made_passive(self, largest: Mapping[str, float]) -> "LawFit":
-        """Return the fit with friction that takes energy out at every speed."""
+        """Return the fit with friction that dissipates energy at every speed."""
         result = made_passive(self.followed.result, largest)
         return replace(self, largest=largest, followed=FollowedRuns(self.followed.runs, result))
 
     def method_from_here(self, refinements: int) -> Direct | Averaging | Trajectory:
-        """Return the method, that of Direct as a fit which begins at this one."""
+        """Return the method; Direct becomes a fit that starts at this one."""
         if not isinstance(self.method, Direct) or self.method.random_force != "off":
             return self.method
         start = schema.model_of(self.followed.result)
@@ -76,7 +76,7 @@ class LawFit:
 
     @property
     def method_of_parts(self) -> Method:
-        """The method for parts of the record: it begins at this fit, with passivity if that is asked for."""
+        """Method for parts of the record: it starts at this fit, and is made passive if requested."""
         method = self.method_from_here(REFINEMENTS_OF_PART)
         return method if self.largest is None else Passive(method, self.largest)
 
@@ -87,14 +87,14 @@ class LawFit:
 
     @property
     def is_white(self) -> bool:
-        """True if the residual is nothing but noise."""
-        return bool(self._residuals.p_value.item() >= RESIDUAL_LEVEL)
+        """True if the residual is only noise."""
+        return bool(self._residuals.p_value.item() >= WHITE_LEVEL)
 
     @property
     def residual_rms(self) -> float:
         """RMS of record minus motion, rad; infinite without a motion."""
         of = self.followed
-        # A run without a motion decides: those after it are not computed.
+        # One run without a motion is decisive, so that later runs are not computed.
         if any(of.motion(at) is None for at in of.runs):
             return float("inf")
         pairs = zip(of.runs.values(), of.motions, strict=True)
@@ -106,7 +106,7 @@ class LawFit:
 def fit_of(
     runs: Sequence[xr.Dataset], method: Direct | Averaging, model: LawModel, lowest: float = 0.0
 ) -> LawFit:
-    """Fit a law model with a method as it is."""
+    """Fit a law model with a method, without further forces."""
     library = model.library(runs, lowest, method.reference_frequency)
     if model.own and isinstance(method, Direct):
         method = replace(method, own=tuple(dict.fromkeys((*method.own, *model.own_symbols(library)))))
@@ -121,11 +121,11 @@ def fitted(
     lowest: float = 0.0,
     named: LawFit | None = None,
 ) -> LawFit:
-    """Fit curves, or only the named forces where the motion of no curve follows the record better.
+    """Fit curves, or only the named forces if no curve's motion follows the record better.
 
-    An error of the model within the cycle may become a curve without a possible motion. With a random force
-    each half period is a separate equation, which avoids this. `named` : the fit of the named forces, if it
-    is known.
+    A model error within the cycle may lead to a curve without a possible motion. With a random force each
+    half period is a separate equation, which avoids this. `named`: the fit of the named forces, if it has
+    been computed.
     """
     without = replace(model.without_curves, reason=model.reason or NO_BETTER)
     if not model.odd:
@@ -148,9 +148,9 @@ def fitted(
 
 
 def fitted_to_driven(runs: Sequence[xr.Dataset], method: Direct, model: LawModel) -> LawFit:
-    """Fit curves, or only the named forces where these follow driven records better, each extended.
+    """Fit curves, or only the named forces if these follow driven records better, each with extensions.
 
-    Curves can follow a motor axis better than odd named forces, and worse than these with even parts.
+    Curves can follow a motor axis better than odd named forces, but worse than named forces with even parts.
     """
     plain = fit_of(runs, method, replace(model.without_curves, reason=model.reason or NO_BETTER))
     named = extended(plain)
@@ -163,15 +163,15 @@ def fitted_to_driven(runs: Sequence[xr.Dataset], method: Direct, model: LawModel
 
 
 def extended(fit: LawFit) -> LawFit:
-    """Return the fit with errors of the sensor, or even parts of the laws, where the record asks for them.
+    """Return the fit with errors of the sensor, or even parts of the laws, if the record requires them.
 
-    An even error of the sensor looks like an even force: the one with the smaller residual is taken first.
+    An even error of the sensor is similar to an even force: the one with the smaller residual is added first.
     """
     whole, offered = fit, [SENSOR_TERMS] * _is_angle(fit) + [EVEN_FORCES]
     while offered and not whole.is_white:
         tried = [(names, other) for names in offered if (other := _with_forces(whole, names)) is not None]
         names, best = min(tried, key=lambda pair: pair[1].residual_rms, default=((), whole))
-        # At much noise, a residual that is noise at last is hardly smaller.
+        # At a high noise level, a residual that becomes pure noise hardly decreases.
         if not (best.residual_rms < EXTENSION_GAIN * whole.residual_rms or best.is_white):
             break
         whole, offered = best, [other for other in offered if other != names]
@@ -179,27 +179,27 @@ def extended(fit: LawFit) -> LawFit:
 
 
 def _is_angle(fit: LawFit) -> bool:
-    """Return True if an angle was measured, which cameras and encoders distort."""
-    # A displacement is counted in a unit of its motion here, as an angle is.
+    """Return true if an angle was measured, which cameras and encoders distort."""
+    # A displacement is scaled by its motion here like an angle, so its original unit is compared.
     units = [run.attrs.get(signal_scale.UNIT_ATTR, ANGLE_UNIT) for run in fit.followed.runs.values()]
     return all(unit == ANGLE_UNIT for unit in units)
 
 
 def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
-    """Return the fit with more forces, or errors of each run's sensor; None where they are not needed."""
+    """Return the fit with more forces, or errors of each run's sensor; None if they are not needed."""
     runs = list(fit.followed.runs.values())
     added = load_library(EFFECTS).select(symbols)
     model, method = fit.model, fit.method
     if not isinstance(method, Direct):
         return None
     if model.is_free_to_move:
-        # A body without a restoring force has no sides.
+        # A body without a restoring force has no equilibrium and therefore no sides.
         added = added.select(force.symbol for force in added if "x" not in force.formula.names)
         symbols = added.symbols
     model = replace(model, named=replace(model.named, forces=(*model.named.forces, *added.forces)))
     even = symbols != SENSOR_TERMS
     if even and model.odd:
-        # Laws whose odd part is a curve.
+        # Even parts are added to the laws whose odd part is a curve.
         model = replace(model, even=tuple(f"{name}_even" for name in model.odd))
     elif not even and len(runs) > 1:
         method = replace(method, own=symbols)
@@ -213,7 +213,7 @@ def _with_forces(fit: LawFit, symbols: tuple[str, ...]) -> LawFit | None:
 
 
 def p_value_of(result: xr.Dataset, symbols: Sequence[str]) -> float:
-    """Return the p-value that some coefficients, or those of each run, are all zero (Wald's test)."""
+    """Return the p-value for some coefficients, or those of each run, being all zero (Wald's test)."""
     names = result.force.values.tolist()
     at = [i for i, name in enumerate(names) if name in symbols or name.rsplit("_", 1)[0] in symbols]
     values, covariance = result.coefficient.values[at], result.covariance.values[np.ix_(at, at)]
@@ -222,9 +222,9 @@ def p_value_of(result: xr.Dataset, symbols: Sequence[str]) -> float:
 
 
 def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
-    """Fit the motion itself: the named forces are free, the parts of curves are held as Direct found them."""
+    """Fit the motion itself: named forces are free, basis functions of curves keep their estimates."""
     result = fit.followed.result
-    # With a copy of each run's own forces.
+    # The library contains one copy of each run's own forces.
     library = library_of(result)
     start = _model_of_all_runs(result, library)
     held = {force.symbol: start.coefficients[force.symbol] for force in library if force.curve}
@@ -235,11 +235,11 @@ def refitted(runs: Sequence[xr.Dataset], fit: LawFit) -> LawFit:
         reference_frequency=fit.method.reference_frequency,
         random_force="off",
         constraints=asked.table,
-        # A fit without a motion is no place to begin at.
+        # A fit without a motion is not a suitable start.
         start=start if np.isfinite(fit.residual_rms) else None,
     )
     result = method.identify(one_or_all(list(runs)), library)
-    # Fits of parts begin where this one ended.
+    # Fits of parts start where this one ended.
     method = replace(method, start=_model_of_all_runs(result, library))
     return LawFit(method, fit.model, library, FollowedRuns(dict(enumerate(runs)), result))
 

@@ -18,12 +18,12 @@ from sysid_trib.results import schema, signal_scale
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.results.variables import described
 
-# Most terms of a formula, and most formulas that are listed: each is fitted to a part of the record.
+# Largest number of terms, and of listed formulas: each is also fitted to a part of the record.
 MOST_TERMS, MOST_FORMULAS = 3, 4
-# Values at which a shape parameter is tried first, evenly in the logarithm over the visited range.
+# Number of start values of a shape parameter, logarithmic over the visited range.
 SHAPE_VALUES = 8
 SMALLEST_SHAPE, LARGEST_SHAPE = 0.03, 1.5
-# Directions of a law's covariance below this part of the largest tell nothing but rounding.
+# Directions of a law's covariance below this fraction of the largest contain only rounding errors.
 SMALLEST_VARIANCE = 1e-5
 
 
@@ -45,24 +45,25 @@ def law_formulas(
     Returns
     -------
     Dataset
-        Over `alternative` (the fewest terms that suffice, then one more, each by information) and `force` the
-        `coefficient`, nan of a force that is not in the formula, and its `standard_error`; `chi_square`,
-        `information` (Akaike's, less the least), `largest_deviation` from the law over the half width of its
-        band; and the law by each formula, `friction(alternative, speed)` or `restoring(alternative,
-        displacement)`, over the inertia. Empty over `alternative` where no formula of up to three terms stays
-        inside. The fitted value of a shape parameter is in the force's `formula`.
+        Over `alternative` (the fewest sufficient terms, then one more, each ordered by information) and
+        `force`: `coefficient`, nan for a force that is not in the formula, and its `standard_error`;
+        `chi_square`, `information` (Akaike's, minus the smallest), `largest_deviation` from the law over the
+        half width of its band; and the law of each formula, `friction(alternative, speed)` or
+        `restoring(alternative, displacement)`, over the inertia. `alternative` is empty if no formula of up
+        to three terms stays within the band. The fitted value of a shape parameter is written in the force's
+        `formula`.
 
     Raises
     ------
     UsageError
-        Not a law, or no candidate of its variable.
+        `law` is not the name of a law, or no candidate depends on its variable alone.
     DecayError
-        The identification holds no law, or one without an error.
+        The identification contains no law, or a law without an error.
 
     Notes
     -----
-    Every sum that stays inside is solved by `WhitenedLeastSquares`, an optimiser of pysindy, on the features
-    of `ForceFeatures`, in the metric of the law's covariance.
+    Each sum is fitted by `WhitenedLeastSquares`, an optimiser of pysindy, with the features of
+    `ForceFeatures`, in the metric of the law's covariance.
     """
     if law not in VARIABLE_OF_LAW:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")
@@ -75,7 +76,7 @@ def law_formulas(
     w = result.reference_frequency.item()
     at = np.flatnonzero(result[f"{variable}_visited"].values)
     if not np.any(part[f"{law}_standard_error"].values > 0.0):
-        raise DecayError(f"The {law} law of this identification has no error: it is held, or there is none.")
+        raise DecayError(f"The {law} law of this identification has no error: it is fixed, or it is absent.")
     problem = _LawProblem(
         places=places,
         of=of,
@@ -90,7 +91,7 @@ def law_formulas(
 
 
 def _candidates(candidates: ForceLibrary | None, of: str) -> list[Force]:
-    """Return the forces of one variable that a formula may hold."""
+    """Return the forces of one variable that a formula may contain."""
     if candidates is None:
         shipped = (*load_library(), *load_library(EFFECTS))
         candidates = ForceLibrary("candidates of formulas", tuple({f.symbol: f for f in shipped}.values()))
@@ -118,16 +119,16 @@ class LawFormula:
     Attributes
     ----------
     forces : sequence of Force
-        Shape parameters are written into their formulas.
+        Forces with their shape parameters written into the formulas.
     coefficients, errors : (force,) array of float
     chi_square : float
         Chi square of the law minus the formula, in the metric of the law's covariance.
     values : (place,) array of float
-        The law by this formula over the inertia.
+        Law of this formula over the inertia.
     deviation : float
         Largest deviation from the law, over the half width of its band.
     shapes : int
-        Number of shape parameters that were fitted.
+        Number of fitted shape parameters.
     """
 
     forces: Sequence[Force]
@@ -140,7 +141,7 @@ class LawFormula:
 
     @property
     def information(self) -> float:
-        """Akaike's information criterion; a fitted shape parameter counts, too."""
+        """Akaike's information criterion; fitted shape parameters count as well."""
         return self.chi_square + 2.0 * (len(self.forces) + self.shapes)
 
 
@@ -150,7 +151,7 @@ class _Distance(NamedTuple):
     Attributes
     ----------
     chi_square : float
-        In the metric of the law's covariance.
+        Chi square in the metric of the law's covariance.
     deviation : float
         Largest deviation over the half width of the band.
     """
@@ -161,7 +162,7 @@ class _Distance(NamedTuple):
 
 @dataclass(frozen=True)
 class _LawProblem:
-    """A law over its visited range, and how sums of forces are held against it.
+    """A law over its visited range, and its comparison with sums of forces.
 
     Attributes
     ----------
@@ -170,11 +171,11 @@ class _LawProblem:
     frequency : float, rad/s
         w.
     law, known, half : (place,) array of float, rad/s^2
-        The law, what is known of it (w^2 x of a restoring force), and the half width of its band.
+        The law, its known part (w^2 x of a restoring force), and the half width of its band.
     whitening : (direction, place) array of float
     columns : dict of (str, float or None) to (place,) array of float
-        Forces of coefficient 1 over the inertia by their symbols and the value of the shape parameter, as far
-        as they are computed.
+        Forces with coefficient 1 over the inertia, computed so far, by symbol and value of the shape
+        parameter.
     """
 
     places: Array
@@ -188,11 +189,11 @@ class _LawProblem:
 
     @property
     def target(self) -> Array:
-        """The law without what is known of it, (place,)."""
+        """The law without its known part, (place,)."""
         return self.law - self.known
 
     def formulas_inside(self, offered: Sequence[Force]) -> list[LawFormula]:
-        """Return sums within the band, of the fewest terms and then of one more, each by information."""
+        """Return sums within the band, with the fewest terms and one more, each ordered by information."""
         inside: list[LawFormula] = []
         for count in range(1, MOST_TERMS + 1):
             enough = bool(inside)
@@ -204,7 +205,7 @@ class _LawProblem:
             formulas = [self.inside(forces) for forces in chosen]
             inside += [formula for formula in formulas if formula is not None]
             if enough:
-                # Longer ones hold these.
+                # Longer sums contain these.
                 break
         return sorted(inside, key=lambda formula: (len(formula.forces), formula.information))
 
@@ -219,11 +220,11 @@ class _LawProblem:
         (name,) = shaped[0].shape
         written = [_with_value(force, name, value) if force.shape else force for force in forces]
         formula = replace(self.solved(written), shapes=1)
-        # The value that is written has four digits.
+        # The written value is rounded to four digits.
         return formula if formula.deviation <= 1.0 else None
 
     def nearest_shape(self, forces: Sequence[Force]) -> float:
-        """Return the value of the shape parameter at which a sum of forces is nearest to the law; or nan."""
+        """Return the shape parameter at which a sum of forces is nearest to the law, or nan."""
         shapes = [shape for force in forces for shape in force.shape.values()]
         if not shapes:
             return float("nan")
@@ -257,7 +258,7 @@ class _LawProblem:
         return _Distance(float(residual @ residual), float(deviation.max()))
 
     def column(self, force: Force, value: float) -> Array:
-        """Return a force of coefficient 1 over the inertia at the places, (place,)."""
+        """Return a force with coefficient 1 over the inertia at the places, (place,)."""
         key = force.symbol, value if force.shape else None
         if key not in self.columns:
             rest = np.zeros_like(self.places)
@@ -268,7 +269,7 @@ class _LawProblem:
 
     def solved(self, forces: Sequence[Force]) -> LawFormula:
         """Return the sum of forces that is nearest to the law, by an optimiser of pysindy."""
-        # Here, since importing pysindy takes as long as twenty identifications.
+        # Imported here, because the import of pysindy takes as long as twenty identifications.
         from sysid_trib.likelihood.pysindy_features import ForceFeatures, WhitenedLeastSquares
 
         states = np.zeros((len(self.places), 2))
@@ -302,21 +303,21 @@ def _with_value(force: Force, name: str, value: float) -> Force:
 
 
 def _whitening(covariance: Array) -> Array:
-    """Return the matrix that makes a law's errors independent of unit variance, (direction, place)."""
+    """Return the matrix that transforms a law's errors to independent unit errors, (direction, place)."""
     values, vectors = np.linalg.eigh(covariance)
     kept = values > SMALLEST_VARIANCE * values.max()
     return np.asarray(vectors[:, kept].T / np.sqrt(values[kept])[:, None])
 
 
 def _as_dataset(inside: Sequence[LawFormula], law: str, places: xr.DataArray) -> xr.Dataset:
-    """Return the formulas by their distance from the law, over the forces that they hold.
+    """Return the formulas, ordered by distance from the law, over their forces.
 
     Parameters
     ----------
     inside : sequence of LawFormula
     law : {"friction", "restoring"}
     places : (place,) DataArray
-        The visited speeds or displacements.
+        Visited speeds or displacements.
     """
     listed = inside[:MOST_FORMULAS]
     forces: dict[str, Force] = {}
@@ -324,7 +325,7 @@ def _as_dataset(inside: Sequence[LawFormula], law: str, places: xr.DataArray) ->
     for formula in listed:
         of_formula = []
         for force in formula.forces:
-            # The same force with another value of its shape parameter is another one.
+            # A force with another value of its shape parameter is a different force.
             same = (name for name, other in forces.items() if other.formula.text == force.formula.text)
             symbol = next(same, "")
             if not symbol:

@@ -1,4 +1,4 @@
-"""Limits of curves: friction that depends on the position, or stiffness that depends on the speed."""
+"""Limits of the laws: friction that depends on position, or stiffness that depends on speed."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -23,12 +23,12 @@ from sysid_trib.smooth_laws.fits import (
     p_value_of,
 )
 
-# Products of a force of the speed and one of the displacement.
+# Products of a force of the speed and a force of the displacement.
 PRODUCTS = (
     *("structural_damping", "angle_damping", "angle_drag", "van_der_pol"),
     *("inertia", "speed_stiffness"),
 )
-# Places of the map along each axis.
+# Points of the map along each axis.
 MAP_POINTS = 41
 
 
@@ -38,16 +38,17 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
     Parameters
     ----------
     fit : LawFit
-        By Direct.
+        Fit by Direct.
     largest : mapping of str to float
         Largest displacement `x` (rad) and speed `v` (rad/s).
 
     Returns
     -------
     Dataset or None
-        Where the sum is rejected and products of both follow the record better: the map `force(displacement,
-        speed)` (rad/s^2) of what the products add, with its `standard_error`, and where the runs are
-        (`visited`); `p_value`; `residual_before` and `residual_after` (rad). None elsewhere.
+        If the sum is rejected and products of both follow the record better: the map
+        `force(displacement, speed)` (rad/s^2) of the products' contribution, with its `standard_error` and
+        the points that the runs visit (`visited`); `p_value`; `residual_before` and `residual_after` (rad).
+        Otherwise None.
     """
     whole = with_products(fit)
     if whole is None:
@@ -77,7 +78,7 @@ def interaction(fit: LawFit, largest: Mapping[str, float]) -> xr.Dataset | None:
 
 
 def with_products(fit: LawFit, *, refine: bool = True) -> LawFit | None:
-    """Return the fit with products of speed and displacement beside the laws; None where there is none."""
+    """Return the fit with products of speed and displacement added to the laws; None if there is none."""
     method = fit.method_from_here(REFINEMENTS_OF_EXTENSION)
     if not isinstance(method, Direct):
         return None
@@ -91,7 +92,7 @@ def with_products(fit: LawFit, *, refine: bool = True) -> LawFit | None:
 
 
 def _visited(runs: Sequence[xr.Dataset], displacement: Array, speed: Array, w: float) -> Mask:
-    """Return the mask of places of a map between the smallest and the largest swing of the runs."""
+    """Return the mask of points of a map between the smallest and the largest swing of the runs."""
     largest = float(displacement.max()), float(speed.max())
 
     def size(x: Array, v: Array) -> Array:
@@ -107,9 +108,9 @@ def _visited(runs: Sequence[xr.Dataset], displacement: Array, speed: Array, w: f
     return np.asarray((everywhere >= every.min()) & (everywhere <= every.max()))
 
 
-# A sum of two readings that is known so many times better than each is all that a record determines.
+# If the sum of law and products is known this many times better than the law, only the sum is determined.
 BETTER_KNOWN = 5.0
-# Standard error of a reading, over the sum, below which it is known well enough.
+# Standard error of the law's part, relative to the sum, below which it is known well enough.
 WELL_KNOWN = 0.2
 CYCLE_POINTS = 256
 
@@ -120,21 +121,21 @@ def readings(fit: LawFit, amplitude: float) -> xr.Dataset | None:
     Parameters
     ----------
     fit : LawFit
-        By Direct.
+        Fit by Direct.
     amplitude : float
         Amplitude of the cycle over which forces are averaged, rad.
 
     Returns
     -------
     Dataset or None
-        The damping ratio `sum` that the friction law and products of speed and displacement give over a
-        cycle, its `standard_error`, `error_of_law`, that of the part of the law, and whether they are
-        `separated`. None where there is no fit.
+        `sum`, the damping ratio of the friction law and of products of speed and displacement together over a
+        cycle; its `standard_error`; `error_of_law`, that of the friction law's part alone; and whether the
+        two are `separated`. None if the fit is impossible.
 
     Notes
     -----
-    By the covariance of all coefficients: two readings that have the same average over a cycle have errors
-    that cancel in their sum. The columns are those of the smoothed record, which is enough for errors.
+    From the covariance of all coefficients: if two readings have the same average over a cycle, their errors
+    cancel in the sum. The columns are computed from the smoothed record, which is accurate enough for errors.
     """
     whole = with_products(fit, refine=False)
     if whole is None:

@@ -35,9 +35,9 @@ from sysid_trib.validation.driven import is_driven
 from sysid_trib.validation.refits import between
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
 
-# A residual of this multiple of the other method's is far worse.
+# A residual that exceeds this multiple of the other method's is far larger.
 FAR_WORSE = 2.0
-# What two parts of the record reach, by the variable of a law.
+# Range that two parts of the record reach, for the variable of a law.
 TWICE = {"speed": "speed of two parts", "displacement": "displacement of two parts"}
 
 
@@ -57,54 +57,56 @@ def laws(
     Parameters
     ----------
     decay : record, or several of them
-        `angle(time)` as `free_decay` returns it, or `(t, angle)`; several runs share their laws.
+        `angle(time)` from `free_decay`, or `(t, angle)`; several runs have common laws.
     system : str or System, optional
-        A system of `libraries/systems.toml`: what it holds, as a pendulum its gravity, stays as it is, and
-        its usual forces are outside of the penalty.
+        A system of `libraries/systems.toml`: its fixed forces, such as a pendulum's gravity, stay fixed, and
+        its usual forces have no penalty.
     constraints : mapping of str to float, (float, float) or str, optional
         Known forces: `{"gravity": 1.0}`.
     library : ForceLibrary, str, or what `library` takes, optional
-        Where forces of the constraints are looked for before those of the package, and of which formulas
-        within the bands are made.
+        Library of the constrained forces (searched before those of the package) and of the forces in formulas
+        within the bands.
     random_force : "off", "estimated" or float
-        As that of `methods.Direct`.
+        As for `methods.Direct`.
     own : sequence of str
-        Laws that each run has for itself, `friction` or `restoring`, and symbols of named forces; the other
-        laws are shared. By `direct`, of driven records also by `trajectory`.
+        Laws that are separate for each run, `friction` or `restoring`, and symbols of such named forces;
+        other laws are common. Fitted by `direct`, for driven records also by `trajectory`.
     passive : bool
-        Whether friction takes energy out at every speed; where it would not, it is zero there.
+        True if friction must dissipate energy at every speed; where it would not, it is set to zero.
     tell : callable
-        Called with a few words as the work goes on.
+        Function that is given a few words on the current activity.
 
     Returns
     -------
     DataTree
-        As that of `identify`: groups `record`, `averaging`, `direct`, `judged`, `agreement`, `backbone`. Each
-        identification also holds `friction(speed)` (rad/s^2 over rad/s: the force over the inertia) and
+        As for `identify`: groups `record`, `averaging`, `direct`, `judged`, `agreement`, `backbone`. Each
+        identification also contains `friction(speed)` (rad/s^2 over rad/s: the force over the inertia) and
         `restoring(displacement)` (rad/s^2 over rad), each with `_standard_error`, `_low`, `_high` (a
-        simultaneous 95 % band over the visited range), `_error_of_model` and `_covariance`;
-        `speed_visited`, `displacement_visited`. `agreement` holds the difference of both methods' laws over
-        its error at each speed and displacement. The attrs of `judged` say the preferred method
-        (`preferred`), what was decided about even parts (`even`) and errors of the sensor (`sensor`), and
-        `reason` where the record decides no curve. Groups `friction_formulas` and `restoring_formulas` (see
-        `physics.law_formulas`) where sums of up to three library forces stay within the band, with the
-        residual of each on the last third that was held out, and that of the laws. Group `interaction` where
-        the force is no sum of both laws; elsewhere group `readings`, whether the record separates a law from
-        products of speed and displacement. With `own` the laws of the identifications are the means over the
-        runs, and group `own_laws` that of each run: `friction(run, speed)`, ... by the preferred method.
+        simultaneous 95 % band over the visited range), `_error_of_model` and `_covariance`; `speed_visited`,
+        `displacement_visited`. `agreement` contains the difference between both methods' laws over its error
+        at each speed and displacement. The attrs of `judged` state the preferred method (`preferred`), the
+        decisions on even parts (`even`) and errors of the sensor (`sensor`), and the `reason` if the record
+        determines no curve. If sums of up to three library forces stay within the band, there are groups
+        `friction_formulas` and `restoring_formulas` (see `physics.law_formulas`), with the residuals of each
+        formula and of the laws on the held-out last third. If the force is not the sum of both laws there is
+        a group `interaction`, otherwise `readings`, which states whether the record separates a law from
+        products of speed and displacement. With `own`, the laws of the identifications are the means over the
+        runs, and the group `own_laws` contains those of each run: `friction(run, speed)`, ... by the
+        preferred method.
 
     Raises
     ------
     DecayError
         The record cannot support the request.
     UsageError
-        No such system or force, a force of an angle for a displacement, or own laws of one run.
+        There is no such system or force, an angle's force is given for a displacement, or one run has `own`
+        laws.
 
     Notes
     -----
     theta'' = -w^2 (theta + K(theta) + D(theta'/w) + known forces). K and D are penalised splines in mixed
-    model form outside of whose penalty the named forces stay (Ruppert, Wand & Carroll 2003). `Direct` reads
-    them within the cycle, averaging from amplitude to amplitude.
+    model form; the named forces are not penalised (Ruppert, Wand & Carroll 2003). `Direct` identifies the
+    laws from the motion within the cycle, averaging from the change between amplitudes.
     """
     moving = system if isinstance(system, System) else load_system(system)
     offered = None if library is None else forces.as_library(library, "laws")
@@ -134,17 +136,17 @@ def laws(
 
 
 def _checked_own(own: Sequence[str], model: LawModel, runs: int) -> tuple[str, ...]:
-    """Return the laws and forces that each run has for itself; refused where there are none."""
+    """Return the laws and forces that are separate for each run; raise an error if they are impossible."""
     offered = [*VARIABLE_OF_LAW, *model.named.symbols]
     if misspelt := [name for name in own if name not in offered]:
         raise UsageError(f"'{misspelt[0]}' cannot be each run's own; there are {', '.join(offered)}.")
     if own and runs < 2:
-        raise UsageError(f"Each run's own {own[0]} takes several runs, and this is one; leave it out.")
+        raise UsageError(f"Separate {own[0]} for each run needs several runs, but there is one; omit it.")
     return tuple(dict.fromkeys(own))
 
 
 def _offering(candidates: ForceLibrary | None, law: str) -> ForceLibrary | None:
-    """Return the library if it has forces of which formulas of a law can be made."""
+    """Return the library if formulas of a law can be made from its forces."""
     of = NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]]
     if candidates is None or not any(force.depends_only_on(of) for force in candidates):
         return None
@@ -173,7 +175,7 @@ def _identified(
         tell("errors of the sensor, and even parts")
         direct = extended(direct)
     tell("averaging")
-    # Averages tell nothing of even forces, nor of what a law does far below the smallest amplitude.
+    # Averages contain no information on even forces, nor on a law far below the smallest amplitude.
     lowest = smallest_part(amplitudes)
     method = Averaging(random_force=random_force, constraints=model.constraints)
     fits: dict[str, LawFit] = {}
@@ -197,7 +199,7 @@ def _identified(
         listed = {law: law_formulas(preferred, law, _offering(candidates, law)) for law in VARIABLE_OF_LAW}
         tell("predictions of the formulas")
         for law, formulas in with_predictions(listed, fits[answer]).items():
-            # netCDF has no empty axis.
+            # netCDF does not store an empty dimension.
             if formulas.sizes["alternative"]:
                 tree[f"{law}_formulas"] = xr.DataTree(formulas)
     if direct.model.odd and not direct.is_white:
@@ -221,10 +223,10 @@ def _identified_driven(
     *,
     tell: Tell,
 ) -> xr.DataTree:
-    """Identify the laws of driven records by Direct alone: they have no amplitudes to be averaged."""
+    """Identify the laws of driven records by Direct alone: they have no amplitudes for averaging."""
     method = Direct(random_force=random_force, constraints=model.constraints)
     if model.is_free_to_move:
-        # Nothing swings: there is no restoring force, and the frequency is but a clock.
+        # The body does not swing: it has no restoring force, and the frequency only scales time.
         method = replace(method, reference_frequency=max(clock_of(run) for run in runs))
         model = replace(model, odd=tuple(name for name in model.odd if name.startswith("friction")))
     tell("direct")
@@ -252,7 +254,7 @@ def _largest(runs: Sequence[xr.Dataset]) -> dict[str, float]:
 
 
 class FitWithLaws(NamedTuple):
-    """An identification with its laws, and those of each run that has its own.
+    """An identification with its laws, and the laws of each run if they are separate.
 
     Attributes
     ----------
@@ -266,7 +268,7 @@ class FitWithLaws(NamedTuple):
 
 
 def _with_laws(fit: LawFit, largest: Mapping[str, float]) -> FitWithLaws:
-    """Return the identification with its laws, whose errors hold that of the model where one is missing."""
+    """Return the identification with its laws; their errors include that of the model if it was missing."""
     followed, result = fit.followed, fit.followed.result
     runs = list(followed.runs.values())
     parts: list[xr.Dataset] = []
@@ -291,7 +293,7 @@ def _law_variables(
     largest: Mapping[str, float],
     run: tuple[int, xr.Dataset] | None = None,
 ) -> tuple[Variables, Variables]:
-    """Return the laws of a run with its number, or those of all, with the error of the model by parts."""
+    """Return the laws of a run by its number, or of all runs, with the model error estimated from parts."""
     number = None if run is None else run[0]
     whole_laws = bands.laws_of(result, largest, number)
     if run is not None:
@@ -314,16 +316,16 @@ def _reached_twice(runs: Sequence[xr.Dataset], largest: Mapping[str, float]) -> 
         try:
             parts.append(_largest([run.isel(time=between(run, limits)) for run in runs]))
         except SysidTribError:
-            # Too short to be smoothed: nothing is known to be reached twice.
+            # Too short to be smoothed, so that this part counts as reaching nothing.
             parts.append(dict.fromkeys(largest, 0.0))
     return {TWICE[name]: sorted(part[of] for part in parts)[-2] for name, of in NAME_IN_FORMULAS.items()}
 
 
 def _movement(law: bands.Law, parts: Sequence[bands.Law], reached: float) -> Array:
-    """Return the covariance of a law by its change between parts of the record, (place, place).
+    """Return the covariance of a law from its change between parts of the record, (place, place).
 
-    Beyond what two parts reach no change is seen: there the error is as large, in standard errors by the
-    noise, as it is elsewhere at most.
+    Beyond the range of two parts, no change can be observed: there, the ratio of this error to the standard
+    error of the noise is set to the largest ratio elsewhere.
     """
     changes = [part.values - law.values for part in parts]
     errors = [bands.standard_errors(part.covariance) for part in parts]
@@ -333,7 +335,7 @@ def _movement(law: bands.Law, parts: Sequence[bands.Law], reached: float) -> Arr
     seen = np.abs(law.places) <= reached
     ratios = np.divide(by_movement, own, out=np.zeros_like(by_movement), where=seen & (own > 0.0))
     lacking = np.where(seen, 0.0, np.maximum((ratios.max(initial=0.0) * own) ** 2 - by_movement**2, 0.0))
-    # The largest speeds are those of the same first swings.
+    # All largest speeds occur in the same first swings, so these errors are fully correlated.
     return covariance + np.sqrt(np.outer(lacking, lacking))
 
 
@@ -343,7 +345,7 @@ def _tree(
     fits: Mapping[str, LawFit],
     failed: str,
 ) -> xr.DataTree:
-    """Return the result with both methods' laws compared."""
+    """Return the result with the comparison of both methods' laws."""
     followed = {name: of.followed for name, of in of_fits.items()}
     names, results = list(followed), {name: of.result for name, of in followed.items()}
     second = results[names[-1]]
@@ -382,7 +384,7 @@ def _preferred(results: Mapping[str, xr.Dataset], table: xr.Dataset, *, driven: 
     whole = all("held_out_rms" in result for result in results.values())
     if driven or (whole and not np.all(np.isfinite(held_out))):
         least = min(missed.values(), key=lambda rms: np.nan_to_num(rms, nan=np.inf))
-        # A method whose parts predict no motion is no choice, unless the other follows the record far worse.
+        # A method whose parts predict no motion is not chosen, unless the other's residual is far larger.
         known = [
             name
             for name, rms in zip(names, held_out, strict=True)
@@ -394,9 +396,9 @@ def _preferred(results: Mapping[str, xr.Dataset], table: xr.Dataset, *, driven: 
 
 
 def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
-    """Return the difference of both methods' laws over its error: of their odd parts, which both see.
+    """Return the difference of both methods' laws over its error, for the odd parts that both identify.
 
-    Both methods saw the same noise: the sum of their variances is more than that of their difference.
+    Both methods use the same noise: the sum of their variances exceeds the variance of their difference.
     """
     values: dict[str, Any] = {}
     for law in VARIABLE_OF_LAW:

@@ -1,4 +1,4 @@
-"""Laws as one of the methods that `compare` holds against each other."""
+"""Laws as one of the methods in `compare`."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
@@ -21,21 +21,20 @@ from sysid_trib.validation.driven import is_driven
 
 @dataclass(frozen=True)
 class LawMethod(Constrained):
-    """Friction and restoring force as curves, by one method, to be held against methods of named forces.
+    """Friction and restoring force as curves, by one method, for comparison with methods of named forces.
 
     Parameters
     ----------
     by : {"direct", "averaging"}
-        The method that fits the curves.
+        Method that fits the curves.
     random_force : "auto", "off", "estimated" or float
-        As that of `methods.Direct`; `auto` is `off`.
+        As for `methods.Direct`; `auto` means `off`.
     constraints : mapping of str to float, (float, float) or str
         Constraints of the named forces.
 
     Notes
     -----
-    Outside of the penalty are the forces offered. See `laws`, which adds errors of the sensor, even parts and
-    bands.
+    The offered forces are not penalised. See `laws`, which adds errors of the sensor, even parts and bands.
     """
 
     scope: ClassVar = MethodScope(
@@ -55,7 +54,7 @@ class LawMethod(Constrained):
 
     @in_units_of_the_motion
     def identify(self, decay: Decays, library: ForceLibrary) -> xr.Dataset:
-        """Identify the curves with the forces of a library outside of the penalty.
+        """Identify the curves, with the forces of a library that are not penalised.
 
         Parameters
         ----------
@@ -67,12 +66,12 @@ class LawMethod(Constrained):
         Returns
         -------
         Dataset
-            As that of `methods.Direct`: the parts of the curves are forces.
+            As from `methods.Direct`: the basis functions of the curves are forces.
 
         Raises
         ------
         DecayError
-            The record decides no curve.
+            The record determines no curve.
         """
         runs = as_runs(decay, driven=True)
         random_force: RandomForceOption = "off" if self.random_force == "auto" else self.random_force
@@ -91,7 +90,7 @@ class LawMethod(Constrained):
 
 
 def law_methods() -> dict[str, Method]:
-    """Return the laws by each method, for `compare`.
+    """Return the methods that identify laws, for `compare`.
 
     Returns
     -------

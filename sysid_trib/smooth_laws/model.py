@@ -1,4 +1,4 @@
-"""Model of laws: named forces, curves, and held forces."""
+"""Model of laws: named forces, curves, and fixed forces."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,30 +14,30 @@ from sysid_trib.forces.systems import System
 from sysid_trib.results.law_curves import NAME_IN_FORMULAS, VARIABLE_OF_LAW
 from sysid_trib.smooth_laws import curves
 
-# Forces outside of the penalty where no system is named, and the one that is always there: a jump at rest.
+# Forces without penalty if no system is named, and one that is always included: a jump at rest.
 USUAL, JUMP = ("lambda", "zeta", "delta", "nu", "epsilon"), "sign(v)"
-# Fewer half periods, or amplitudes that change by less than this factor, decide no curve.
+# With fewer half periods, or if amplitudes change by less than this factor, no curve is determined.
 FEWEST_OF_A_CURVE, SMALLEST_RANGE = 8, 1.15
-# A law of averaging begins at this part of the smallest amplitude: below, averages tell nothing.
+# Lower limit of a law of averaging, relative to the smallest amplitude: below, averages contain nothing.
 BELOW_SMALLEST = 0.5
 
 
 @dataclass(frozen=True)
 class LawModel:
-    """Model of laws: named forces, curves, and held forces.
+    """Model of laws: named forces, curves, and fixed forces.
 
     Attributes
     ----------
     named : ForceLibrary
-        Forces outside of the penalty, and those that are held.
+        Forces without penalty, and fixed forces.
     constraints : mapping
         Constraints of coefficients.
     odd, even : tuple of str
-        Curves of `libraries/curves.toml`; none where the record decides no curve.
+        Curves of `libraries/curves.toml`; none if the record determines no curve.
     own : tuple of str
-        Laws that each run has for itself, `friction` or `restoring`, and symbols of named forces.
+        Laws that are separate for each run, `friction` or `restoring`, and symbols of such named forces.
     reason : str
-        Why the record decides no curve; empty where it does.
+        Reason why the record determines no curve, or empty.
     """
 
     named: ForceLibrary
@@ -50,12 +50,12 @@ class LawModel:
     def library(
         self, runs: Sequence[xr.Dataset], lowest: float = 0.0, frequency: float | None = None
     ) -> ForceLibrary:
-        """Return all forces, the parts of the curves over the range of the runs at a frequency (rad/s)."""
+        """Return all forces, with basis functions over the range of the runs at a frequency (rad/s)."""
         ranges = curves.ranges(runs, frequency)
         return curves.with_curves(self.named, (*self.odd, *self.even), ranges, lowest)
 
     def own_symbols(self, library: ForceLibrary) -> tuple[str, ...]:
-        """Return the forces of a library whose coefficients are each run's own."""
+        """Return the forces of a library whose coefficients are separate for each run."""
         of_laws = {NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]] for law in self.own if law in VARIABLE_OF_LAW}
         return tuple(
             force.symbol
@@ -70,18 +70,18 @@ class LawModel:
 
     @property
     def of_odd_forces(self) -> "LawModel":
-        """The model without forces that averages over a cycle do not see."""
+        """The model without the forces whose average over a cycle is zero."""
         seen = self.named.select(force.symbol for force in self.named if force.parity != "even")
         return replace(self, named=seen, even=())
 
     @property
     def is_free_to_move(self) -> bool:
-        """True if nothing pulls the body back."""
+        """True if the body has no restoring force."""
         return is_free_to_move(self.named, Constraints(self.constraints).fixed)
 
 
 def law_model(system: System, asked: Constraints, library: ForceLibrary | None) -> LawModel:
-    """Return the forces outside of the penalty, and the held ones."""
+    """Return the forces without penalty, and the fixed ones."""
     whole = library or load_library()
     symbols = list(dict.fromkeys((*(system.symbols or USUAL), *asked.names)))
     whole = with_shipped(whole, symbols)
@@ -91,7 +91,7 @@ def law_model(system: System, asked: Constraints, library: ForceLibrary | None) 
 
 
 def with_jump(named: ForceLibrary, offered: ForceLibrary) -> ForceLibrary:
-    """Return the forces with one that jumps at rest, from those offered or from the package."""
+    """Return the forces with one that jumps at rest, from the given library or from the package."""
     jump = offered.role(JUMP) or load_library().role(JUMP)
     if jump is None or named.role(JUMP) is not None:
         return named
@@ -99,12 +99,12 @@ def with_jump(named: ForceLibrary, offered: ForceLibrary) -> ForceLibrary:
 
 
 def smallest_part(amplitudes: Array) -> float:
-    """Return the beginning of a law of averaging, in parts of the largest amplitude."""
+    """Return the lower limit of a law of averaging, as a fraction of the largest amplitude."""
     return BELOW_SMALLEST * float(amplitudes.min() / amplitudes.max())
 
 
 def why_no_curve(amplitudes: Array) -> str:
-    """Return the reason why the amplitudes determine no curve, or nothing."""
+    """Return the reason why the amplitudes determine no curve, or an empty text."""
     if len(amplitudes) < FEWEST_OF_A_CURVE:
         return (
             f"{len(amplitudes)} half periods are too few for a curve (it takes {FEWEST_OF_A_CURVE}): the "

@@ -1,4 +1,4 @@
-"""Passivity: a friction law that takes energy out at every speed."""
+"""Passivity: a friction law that dissipates energy at every speed."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -18,19 +18,19 @@ from sysid_trib.results.frequencies import asymptotic_frequency, covariance_with
 from sysid_trib.results.law_curves import PASSIVE
 from sysid_trib.smooth_laws import bands
 
-# Just above zero speed, in parts of the largest: there friction jumps.
+# Just above zero speed, as a fraction of the largest: there friction jumps.
 SMALLEST_SPEED = 1e-6
-# A force that is below this part of its largest value there is none.
+# Below this fraction of its largest value, a force counts as zero at rest.
 NOTHING_AT_REST = 1e-5
-# Below this part of the largest multiplier a constraint does not act.
+# Below this fraction of the largest multiplier, a constraint is inactive.
 LEAST_MULTIPLIER = 1e-9
-# Steps at most, and the part of the largest power that is rounding.
+# Largest number of steps, and the fraction of the largest power that is attributed to rounding.
 PASSIVE_STEPS, POWER_ROUNDING = 5, 1e-9
 
 
 @dataclass(frozen=True)
 class Passive:
-    """A method whose friction law is made passive.
+    """Method whose friction law is made passive.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Passive:
 
 
 def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset:
-    """Return the nearest identification whose friction takes energy out at every speed that is shown.
+    """Return the nearest identification whose friction dissipates energy at every displayed speed.
 
     Parameters
     ----------
@@ -60,22 +60,22 @@ def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset
     Returns
     -------
     Dataset
-        With other coefficients and another frequency where the constraint acts; attribute `passive_at`.
-        Errors are those without the constraint.
+        Coefficients and frequency differ where the constraint is active; attribute `passive_at`. Errors are
+        those without the constraint.
 
     Raises
     ------
     DecayError
-        Forces that are held feed energy in.
+        Fixed forces feed energy in.
 
     Notes
     -----
-    Least squares in the metric of the covariance of the estimate, which is the solution of the rows with the
-    inequality at the smoothness that they have without it (least distance programming: Lawson & Hanson,
-    Solving Least Squares Problems, 1974, Ch. 23).
+    Least squares in the metric of the covariance of the estimate. This is the solution of the original
+    equations with the inequality, at the smoothness found without it (least distance programming: Lawson &
+    Hanson, Solving Least Squares Problems, 1974, Ch. 23).
     """
     acting: set[float] = set()
-    # The step is linear in the frequency, too: the second one is tiny.
+    # The constraint is also linear in the frequency, so the second step is tiny.
     for _ in range(PASSIVE_STEPS):
         result, at_speeds = _stepped(result, largest)
         if not at_speeds:
@@ -85,7 +85,7 @@ def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset
 
 
 def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Dataset, set[float]]:
-    """Return the nearest identification with a passive law, and the speeds at which the constraint acts."""
+    """Return the nearest identification with a passive law, and the speeds of active constraints."""
     speeds, rows = _power_over_speed(result, largest)
     estimate = np.append(
         np.where(result.active.values, result.coefficient.values, 0.0), result.reference_frequency.item()
@@ -96,7 +96,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
     power = rows[:, :-1] @ estimate[:-1]
     if np.all(power >= -POWER_ROUNDING * np.max(np.abs(power))):
         return result, set()
-    # Each row in units of its own error; one that nothing free moves cannot be met.
+    # Each row is scaled by its own error; a row that no free coefficient changes cannot be satisfied.
     size = np.linalg.norm(rows @ root, axis=1)
     if np.any((power < 0.0) & (size == 0.0)):
         raise DecayError("Held forces feed energy in, so no friction law is passive together with them.")
@@ -109,7 +109,7 @@ def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Datas
 
 
 def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[Array, Array]:
-    """Return speeds (place,), and by coefficients and frequency the friction there times the sign of them."""
+    """Return speeds (place,), and derivatives of friction * sign(speed) by coefficients and frequency."""
     library = models.library_of(result)
     runs: Sequence[int | None] = sorted({force.run for force in library if force.run}) or [None]
     forces = [force for force in library if force.depends_only_on("v")]
@@ -118,9 +118,9 @@ def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple
     places = np.concatenate([at_rest, bands.grid(largest["v"], both_sides=even)[0]])
     jacobians = [bands.law_and_jacobian(result, library, forces, "v", places, run)[1] for run in runs]
     rows = np.vstack([np.where(places < 0.0, -1.0, 1.0)[:, None] * jacobian for jacobian in jacobians])
-    # The frequency is but the unit of the speed: it changes no sign.
+    # The frequency only scales the speed and changes no sign.
     rows[:, -1] = 0.0
-    # At rest what is no jump is nothing.
+    # At rest, a force without a jump is zero.
     rows[np.abs(rows) < NOTHING_AT_REST * np.max(np.abs(rows), axis=0)] = 0.0
     return np.tile(places, len(runs)), rows
 
@@ -128,7 +128,7 @@ def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple
 def _least_distance(moves: Array, needed: Array) -> tuple[Array, Array]:
     """Return the shortest step with `moves @ step >= needed`, and the multiplier of each row."""
     width = moves.shape[1]
-    # Rows in like sizes: rounding of the smallest would else decide.
+    # Rows are scaled to similar magnitudes; otherwise the result would depend on rounding of small ones.
     height = float(np.max(np.abs(needed)))
     table = np.vstack([moves.T, needed / height])
     wanted = np.append(np.zeros(width), 1.0)

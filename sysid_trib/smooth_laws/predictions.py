@@ -1,4 +1,4 @@
-"""Residuals of formulas, and of their laws, on a part of the record that was held out."""
+"""Residuals of formulas, and of laws, on a held-out part of the record."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -19,21 +19,21 @@ from sysid_trib.validation import holdout
 
 
 def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str, xr.Dataset]:
-    """Add to the formulas of each law what they leave of the last third of the runs.
+    """Add to the formulas of each law their residuals on the last third of the runs.
 
     Parameters
     ----------
     listed : mapping of str to Dataset
-        Result of `law_formulas`, by law.
+        Results of `law_formulas`, by law.
     fit : LawFit
-        The laws.
+        Fit of the laws.
 
     Returns
     -------
     dict of str to Dataset
         With `held_out_rms(alternative)` and `held_out_rms_of_laws` (rad): each model is identified from the
-        first two thirds and predicts the rest, start and zero fitted. Beside a formula stands the first one
-        of the other law, or where there is none its curve.
+        first two thirds and predicts the rest, with fitted start and zero. A formula is combined with the
+        first formula of the other law, or with its curve if there is none.
     """
     runs = list(fit.followed.runs.values())
     if not any(formulas.sizes["alternative"] for formulas in listed.values()):
@@ -46,7 +46,7 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
         missed = []
         for forces in _forces_of(formulas):
             library = _model(fit, {law: forces, other: first.get(other)})
-            # The first formulas of both laws are one model.
+            # The first formulas of both laws form one model.
             key = frozenset(force.symbol + force.formula.text for force in library)
             if key not in known:
                 kept = {
@@ -60,7 +60,7 @@ def with_predictions(listed: Mapping[str, xr.Dataset], fit: LawFit) -> dict[str,
 
 
 def held_out_rms(runs: Sequence[xr.Dataset], method: Method, library: ForceLibrary) -> float:
-    """Return the RMS residual (rad) of the last third by a model of the rest; nan without a motion."""
+    """Return the RMS residual (rad) of the last third for a model of the rest; nan without a motion."""
     try:
         result = method.identify(one_or_all([holdout.split(run)[0] for run in runs]), library)
         motions = holdout.motions_held_out(result, runs)
@@ -85,7 +85,7 @@ def _forces_of(formulas: xr.Dataset) -> Iterator[list[Force]]:
 
 
 def _model(fit: LawFit, forces: Mapping[str, Sequence[Force] | None]) -> ForceLibrary:
-    """Return the forces of a fit in which formulas stand in the place of laws."""
+    """Return the forces of a fit in which formulas replace laws."""
     replaced = {NAME_IN_FORMULAS[VARIABLE_OF_LAW[law]] for law, of_law in forces.items() if of_law}
     kept = [force for force in fit.library if not any(force.depends_only_on(of) for of in replaced)]
     taken = {force.symbol for force in kept}

@@ -15,15 +15,15 @@ from sysid_trib.records.runs import Decays, as_runs
 from sysid_trib.results.variables import described
 
 FREQUENCY_PARAMETER = "frequency"
-# Parameters are not separated if their errors are so many times those with all others known.
+# Parameters are not separated if their errors exceed those with all others known by this factor.
 INSEPARABLE = 10.0
-# Value stated for a larger inflation: the columns are the same.
+# Largest stated inflation; beyond it the columns are identical.
 MOST_INFLATED = 1e4
 # Inflation above which no number is stated.
 ALIKE_FROM = 1e3
-# A parameter takes part in a combination that is not known by this part of it.
+# A parameter belongs to an undetermined combination if its component is at least this.
 MEMBER_PART = 0.2
-# Factors of a variable of the formulas for trial motions; the least gain of an advice.
+# Factors of a variable of the formulas for trial motions, and the least gain that makes an advice.
 TRIED_FACTORS, WORTH_FACTOR = (0.0, 2.0), 3.0
 
 
@@ -36,7 +36,7 @@ class Combination:
     members : tuple of str
         Their names.
     inflation : float
-        The largest ratio of an error to the one that the parameter would have alone.
+        Largest ratio of an error to the error of the parameter alone.
     advice : str
         Motion that separates them; empty if there is none.
     """
@@ -47,7 +47,7 @@ class Combination:
 
     @property
     def sentence(self) -> str:
-        """Sentence that names it."""
+        """Sentence on the combination."""
         names = " and ".join([", ".join(self.members[:-1]), self.members[-1]])
         said = f"These runs do not separate {names}"
         said += (
@@ -66,24 +66,24 @@ def identifiability(
     Parameters
     ----------
     decay : Dataset or sequence of Dataset
-        `angle(time)` with inputs; of one or several runs.
+        One run or several with `angle(time)` and inputs.
     library : ForceLibrary
-        The forces offered.
+        The offered forces.
     constraints : mapping
-        Coefficients that are held are known, and separate the others.
+        Held coefficients are known, which helps to separate the others.
 
     Returns
     -------
     Dataset
-        Over `parameter`, the coefficients and the frequency: `inflation`, by which the error of one is
-        larger than if the others were known. attrs: `sentences`, a line for each combination that is not
+        Over `parameter`, the coefficients and the frequency: `inflation`, the factor by which the error is
+        larger than with all others known. Attribute `sentences`: a line for each combination that is not
         separated, with the motion that would separate it.
 
     Notes
     -----
     The columns are the forces along the smoothed records, without samples that may be at rest. Coefficients
-    in formulas of other forces are those of a regression. The inflation is the root of the
-    variance inflation factor (Belsley, Kuh and Welsch 1980).
+    in formulas of other forces are estimated by a regression. The inflation is the root of the variance
+    inflation factor (Belsley, Kuh and Welsch 1980).
     """
     runs = as_runs(decay, driven=True)
     held = Constraints(constraints).fixed
@@ -108,13 +108,13 @@ def _inflation(columns: Array) -> Array:
 
 
 def _of_unit_size(columns: Array) -> Array:
-    """Return columns divided by their norms; a column of zeros stays."""
+    """Return columns divided by their norms; a column of zeros is unchanged."""
     size = np.linalg.norm(columns, axis=0)
     return np.asarray(columns / np.where(size > 0.0, size, 1.0))
 
 
 def _combinations(points: MovingSamples, forces: Sequence[Force], names: Sequence[str]) -> list[Combination]:
-    """Return the combinations that are not separated, the worst first; a parameter is in one of them."""
+    """Return the combinations that are not separated, the worst first; each parameter is in at most one."""
     columns, open_, combinations = columns_of(points, forces), np.ones(len(names), bool), list[Combination]()
     while open_.sum() > 1:
         places = np.flatnonzero(open_)
@@ -135,7 +135,7 @@ def _combinations(points: MovingSamples, forces: Sequence[Force], names: Sequenc
 
 
 def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, worst: float) -> str:
-    """Return the motion that separates parameters best: one variable of their formulas is 0, or doubled."""
+    """Return the motion that best separates parameters: one variable of their formulas is 0, or doubled."""
     among = {name for at in members if at < len(forces) for name in forces[at].formula.names}
     best, said = worst, ""
     for name in sorted(among & points.names.keys() - {"t"}):
@@ -143,7 +143,7 @@ def _advice(points: MovingSamples, forces: Sequence[Force], members: Array, wors
             if factor == 0.0 and name in ("x", "v"):
                 continue
             other = {**points.names, name: factor * points.names[name]}
-            # The equation with these coefficients is not solved anew: only the columns are looked at.
+            # Only the columns are evaluated; the equation of motion is not solved again.
             tried = replace(
                 points,
                 names={key: np.append(values, other[key]) for key, values in points.names.items()},

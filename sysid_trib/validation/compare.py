@@ -13,7 +13,6 @@ from sysid_trib.forces.constraints import NO_CONSTRAINTS, Constraints, Constrain
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, white_p_value
 from sysid_trib.methods import as_method, every_kind
-from sysid_trib.methods.labels import by_unique_label
 from sysid_trib.methods.options import constrained, with_stated
 from sysid_trib.methods.scope import Method, scope_of
 from sysid_trib.records import inputs, smoothing
@@ -25,10 +24,9 @@ from sysid_trib.validation import cross_check, holdout, residuals, verdict
 from sysid_trib.validation.driven import is_driven, tested_driven
 from sysid_trib.validation.force_scope import force_scope
 from sysid_trib.validation.holdout import MethodResult, in_all_runs
+from sysid_trib.validation.method_labels import by_unique_label
 
 RESERVED = ("", ".", "..", "record", "envelope", "comparison", "judged")
-# Variables of each method in the group `judged`, which the table of methods therefore lacks.
-JUDGED_VARIABLES = ["residual_rms", "residual_over_noise", "failure"]
 Methods = str | Method | Sequence[Method | str] | Mapping[str, Method]
 
 
@@ -40,13 +38,13 @@ def every_method(
     Parameters
     ----------
     reference_frequency : float, rad/s
-        Held by the methods that can; else each fits its own.
+        Reference frequency, held by the methods that support this; the others fit their own.
     shapes : Mapping of str to float
-        Shape parameters to hold; defaults of the library where left out.
+        Shape parameters to hold; default values of the library for missing ones.
 
     Returns
     -------
-    dict of str to method, those of `methods.METHODS` with their variants, in that order; then those that
+    dict of str to method: those of `methods.METHODS` with their variants, in that order; then those that
     other installed packages declare as entry points `sysid_trib.methods`.
     """
     given = {"reference_frequency": reference_frequency, "shapes": dict(shapes or {})}
@@ -70,59 +68,59 @@ def compare(
     constraints: ConstraintTable = NO_CONSTRAINTS,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Identify a decay by several methods, side by side, each tested on a part it has not seen.
+    """Identify a decay by several methods, and test each on a held-out part.
 
     Parameters
     ----------
     decay : record, or several of them
         `angle(time)` in rad, as `free_decay` returns it, or `(t, angle)`; or a list of runs, as `identify`
-        takes them. With inputs Direct and Trajectory alone identify it.
+        takes them. Records with inputs are identified by Direct and Trajectory only.
     library : ForceLibrary, str, or what `library` takes, optional
         The forces offered to every method, or the name of their library; by default `contact_forces`.
     methods : sequence of methods or their names, or Mapping of str to method, optional
-        Labelled by their scope and options; or by label. By default every method of the field with its
-        variants.
+        Methods, whose labels come from scope and options; or methods by label. By default every method of the
+        field with its variants.
     contactless : (float, float), rad/s
-        Frequency without contact and its standard error, which adds alpha.
+        Frequency without contact and its standard error; with it, alpha is identified too.
     constraints : mapping of str to float, (float, float) or str
-        Fixed values, bounds and ties, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`, by every
-        method; one that takes none keeps its row without numbers.
+        Fixed values, bounds and ties, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`, for every
+        method; a method without constraints keeps a row without numbers.
     tell : callable
         Called with a method's label before it starts.
 
     Returns
     -------
     DataTree
-        Groups `record` (with `holdout_start`, s), `envelope` (`record_1`, `envelope_1`, `record_2`, ... of
-        several runs), one identification of the whole decay (all runs) per method that gave one, named by its
-        label, and `comparison`. That has, over `model` and `force`: `coefficient`, `standard_error` (nan
-        where not identified) at the one `common_frequency` (rad/s), and `z`, the difference from the method
-        that predicts best over the errors of both, taken as independent. Over `model`:
+        Groups: `record` (with `holdout_start`, s) and `envelope` (`record_1`, `envelope_1`, `record_2`, ...
+        for several runs); one identification of the whole decay (all runs) per successful method, under its
+        label; and `comparison`. Over `model` and `force`, `comparison` contains `coefficient`,
+        `standard_error` (nan if not identified) at the `common_frequency` (rad/s), and `z`, the difference
+        from the method of the best prediction over the errors of both, taken as independent. Over `model`:
         `reference_frequency`, `asymptotic_frequency` (rad/s) with errors, `asymptotic_frequency_z`;
         `residual_rms`, `train_rms`, `holdout_rms` (rad) and each over the noise; `phase_error` (rad);
         `holdout_p_value` of the difference from the best (Diebold-Mariano test); `time_taken` (s); the texts
-        `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; and whether
-        errors are valid in `white_noise` only; and whether it `names_forces`, or identifies curves, which
-        have no numbers over `force` and are never the best method. For several runs also
+        `reason`, `bias`, `identifies`, `neglects`, `cannot_tell_apart`, `assumes`, `family`; `white_noise`,
+        whether errors are valid in white noise only; and `names_forces`. A method that identifies curves
+        instead has no numbers over `force` and is never the best method. For several runs also
         `run_noise(run)` and, over `model` and `run`, `run_residual_rms`, `run_train_rms`, `run_holdout_rms`
-        (rad). A method is chosen by `sel(model=label)`.
+        (rad). `sel(model=label)` selects a method.
 
     Raises
     ------
     UsageError
-        No run, no method, or something else in the place of a library or method.
+        There is no run or no method, or another object was given as library or method.
     DecayError
         No method can identify this decay.
 
     Notes
     -----
     The last third by time is held out: each method identifies the first two thirds again, and its model is
-    simulated over the last third; only its start and the sensor's zero are fitted there. The centre of the
-    record is that of the whole. All methods have the same noise, the sensor's (see `sensor_noise`).
-    A method that does not apply keeps its row: nan, with the `reason`.
+    simulated over the last third, where only its start and the sensor's zero are fitted. The equilibrium is
+    that of the whole record. All methods use the same noise, that of the sensor (see `sensor_noise`). A
+    method that does not apply keeps its row with nan and the `reason`.
 
-    The last third of each run is held out. RMS are over the runs, whatever their lengths; over the noise,
-    each run's RMS is over its own. Methods that take one record at a time have no numbers.
+    For several runs, the last third of each run is held out. RMS values are over all runs; an RMS over the
+    noise uses the noise of each run. Methods for one record at a time have no numbers.
     """
     runs = records.as_decays(decay, "compare")
     given = every_method() if methods is None else methods
@@ -154,7 +152,7 @@ def _compared(
     if driven := is_driven(runs):
         for run in runs:
             inputs.inputs_for(run, library)
-        # In driven records a random force is asked for, not looked for.
+        # In driven records a random force is used only on request.
         named = {label: verdict.with_noise(method, "off") for label, method in named.items()}
     else:
         named = verdict.with_common_noise(decay, library, named)
@@ -168,9 +166,7 @@ def _compared(
         subject = "this record" if len(runs) == 1 else "these runs together"
         label, tried = next(iter(by_label.items()))
         raise DecayError(f"No method can identify {subject}. {label}: {tried.row['reason']}.")
-    medians = [(np.median(np.diff(of.extremum_time)), np.median(np.diff(run.time))) for run, *_, of in parts]
-    # Samples of a period.
-    blocks = [max(1, round(2.0 * half_period / step)) for half_period, step in medians]
+    blocks = [smoothing.samples_of_a_period(run) for run in runs]
     table = holdout.method_table(by_label, [smoothing.sensor_noise(run) for run in runs], blocks)
     table.attrs["noise_from"] = "a least-squares spline"
     best = table.attrs["best"]
@@ -190,7 +186,8 @@ def _compared(
         kept = residuals.with_noise_and_models(run, list(by_label), simulated).assign(noise=of_noise.noise)
         groups[name] = kept.assign(start)
     if driven:
-        # A driven motion may contain parts that no spline follows: a residual of that size need not be noise.
+        # A driven motion may contain components that no spline follows, so a residual of that size need not
+        # be noise.
         of_runs = [motion.residual.values for motion in of_best.get("residual", [])]
         p_value = len(runs) * min(map(white_p_value, of_runs), default=0.0)
         white = variables.described("comparison", {"white_residual": p_value >= WHITE_LEVEL})
@@ -208,10 +205,10 @@ def _compared(
 def _judged(
     table: xr.Dataset, records: Sequence[xr.Dataset], followed: Mapping[str, residuals.FollowedRuns | None]
 ) -> tuple[xr.Dataset, xr.Dataset]:
-    """Judge the methods that gave an identification; the table of methods without what is judged."""
+    """Return the judged identifications, and the table of methods without the judged variables."""
     best = table.attrs["best"]
     known = {label: of for label, of in followed.items() if of is not None}
-    # The verdict on the noise is that of the last.
+    # The last identification determines the noise of the verdict.
     known[best] = known.pop(best)
     driven = any(map(inputs.inputs_of, records))
     of_known = table.sel(model=list(known))
@@ -225,7 +222,8 @@ def _judged(
         replaced={"held_out_rms": of_known.holdout_rms.values, "failure": of_known.failure.values},
     )
     there = [label for label in table.model.values if label in known]
-    return table.drop_vars(JUDGED_VARIABLES), judged.sel(model=there)
+    # The group `judged` contains these variables of each method: the table of methods omits them.
+    return table.drop_vars(["residual_rms", "residual_over_noise", "failure"]), judged.sel(model=there)
 
 
 def _try_method(
@@ -235,12 +233,12 @@ def _try_method(
     contactless: tuple[float, float] | None,
     constraints: Constraints,
 ) -> MethodResult:
-    """Identify by a method on the training parts, and on the whole; predict the parts held out.
+    """Identify by a method on the training parts and on the whole; predict the held-out parts.
 
-    `parts` : each run, what models are identified from, what is held out, and the envelope.
+    `parts` : for each run, the training part, the held-out part, and the envelope.
     """
     runs, train, rest, envelopes = zip(*parts, strict=True)
-    # The part first: imports and compilation at first use are then not in the time of the whole.
+    # Fit the part first: the time of the whole then excludes imports and compilation at first use.
     part, part_reason, _ = _identified(method, train, library, constraints)
     result, reason, seconds = _identified(method, runs, library, constraints)
     amplitude = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -270,19 +268,19 @@ def _try_method(
         result = references.with_contactless_frequency(result, *contactless)
     if not forces["neglects"]:
         row["failure"] = holdout.failure_of(runs, motions["residual"])
-    # The reason against the whole comes first; the prediction only adds to it.
+    # The reason that concerns the whole has priority over that of the prediction.
     return MethodResult(result, row | {"reason": reason or part_reason}, motions, followed)
 
 
 def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
-    """Describe why, and in which run, the motion diverges from the record; empty if all motions follow it."""
+    """Describe why, and in which run, the motion diverges from the record; empty if all motions follow."""
     if not motions:
         return f"{subject} diverges"
     for at, motion in enumerate(motions):
         of_run = f" in run {at + 1}" if len(motions) > 1 else ""
         if np.isfinite(motion.stop_time):
             return f"{subject} stops at {motion.stop_time.item():.3g} s{of_run}"
-        # In antiphase (rad) the residual says nothing more of the forces.
+        # In antiphase (rad) the residual contains no more information on the forces.
         if motion.phase_error > np.pi:
             return f"{subject} slips by {motion.phase_error.item() / (2.0 * np.pi):.2g} periods{of_run}"
     return ""
@@ -291,11 +289,11 @@ def _complaint(subject: str, motions: Sequence[xr.Dataset]) -> str:
 def _identified(
     method: Method, decays: Sequence[xr.Dataset], library: ForceLibrary, constraints: Constraints
 ) -> tuple[xr.Dataset | None, str, float]:
-    """Identify, or return the reason of failure, and the time used, s."""
-    # The row of a rule for one record is empty without a fault of the rule or the records.
+    """Identify; return the result or the reason of failure, and the time used (s)."""
+    # An empty row of a method for one record is a fault of neither the method nor the records.
     if len(decays) > 1 and not scope_of(method).several_runs:
         return None, "takes one record at a time", float("nan")
-    # Direct identifies driven records in its weak form.
+    # Direct identifies driven records in its weak form only.
     if is_driven(decays) and not (scope_of(method).driven and getattr(method, "form", "weak") == "weak"):
         return None, "takes free decays alone, and this record has an input", float("nan")
     began = perf_counter()
@@ -314,7 +312,7 @@ def _identified(
 def _not_separable(
     runs: Sequence[xr.Dataset], results: Sequence[xr.Dataset], library: ForceLibrary
 ) -> dict[str, str]:
-    """Return forces that no method separates, or identifies, on these runs; as attrs."""
+    """Return the forces that no method separates, or identifies, on these runs, as attributes."""
     widest = max(results, key=lambda result: result.sizes["force"])
     identified = {symbol for result in results for symbol in result.force.values.tolist()}
     force = library.role("x") or library_of(widest, whole=True).role("x")

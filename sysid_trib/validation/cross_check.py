@@ -11,7 +11,6 @@ import xarray as xr
 from sysid_trib import records
 from sysid_trib.arrays import Array
 from sysid_trib.cycles.backbone import smoothed_backbone
-from sysid_trib.cycles.signatures import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.errors import DecayError, SysidTribError, Tell, silent
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods.scope import Method
@@ -22,14 +21,16 @@ from sysid_trib.results import references, schema, signal_scale
 from sysid_trib.results.models import library_of
 from sysid_trib.results.random_force import is_found, random_force_of
 from sysid_trib.results.variables import described, group_names
+from sysid_trib.validation import common_reference
 from sysid_trib.validation.influence import covariances_of_difference
 from sysid_trib.validation.lack_of_fit import lack_of_fit
 from sysid_trib.validation.residuals import FollowedRuns, residuals, with_motions
+from sysid_trib.validation.separability import exactly_dependent, indistinguishable, without_signature
 from sysid_trib.validation.verdict import decided, judged_models, tested_runs
 
 
 def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
-    """Return forces that averaging, or any method, cannot separate by principle."""
+    """Return the forces that averaging, or any method, cannot separate in principle."""
     library = library_of(result)
     shapes = schema.model_of(result).shapes
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
@@ -44,22 +45,22 @@ def ties(runs: Sequence[xr.Dataset], result: xr.Dataset) -> dict[str, str]:
     }
 
 
-# If models are incomplete, averaging is insensitive to most missing forces: the other method is preferred
-# only if it predicts better by more than this.
+# Averaging is insensitive to most missing forces. So for incomplete models, the second method is preferred
+# only if its prediction is better by more than this factor.
 CLEARLY_BETTER = 1.1
-# Predictions are this far ahead at most, and this close to each other (periods).
+# Longest horizon of the predictions, and largest distance between horizons (periods).
 LONGEST_PREDICTION, PREDICTION_STEP = 10.0, 0.25
-# Part of the first method's errors that represents terms of second order: these dominate if two methods are
-# nearly the same to first order.
+# Fraction of the first method's errors that represents second-order terms, which dominate if two methods
+# agree to first order.
 SECOND_ORDER_PART = 0.1
-# Stated errors of this multiple of those by the noise include more than the noise.
+# Stated errors above this multiple of those due to noise include more than noise.
 EXCESS = 1.5
-# Significance level below which runs, or methods, are said to disagree.
+# Significance level below which runs or methods disagree.
 HOMOGENEITY_LEVEL = 0.01
 
 
 def agreement_of(p_value: float) -> str:
-    """Return `disagree` where the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
+    """Return `disagree` if the p-value is below `HOMOGENEITY_LEVEL`, else `agree`."""
     return "unknown" if np.isnan(p_value) else "agree" if p_value >= HOMOGENEITY_LEVEL else "disagree"
 
 
@@ -75,49 +76,49 @@ def cross_check(
 
     Parameters
     ----------
-    decay : the decay, or the runs, that both are from.
+    decay : the decay, or the runs, that both identifications are from.
     first, second : identifications, e.g. by averaging and direct.
-    tell : called with a few words as the work goes on.
+    tell : called with a few words on the progress of the work.
 
     Returns
     -------
     DataTree with groups `record` (with each model's simulated angle), `envelope` (`record_1`, `envelope_1`,
-    `record_2`, ... of several runs), and one group a method.
+    `record_2`, ... for several runs), and one group per method.
 
-    `judged` holds over `model` what is left of the record and the verdict on it: `residual_rms` (rad) of the
-    simulated motion, over the noise and over the motion; `p_value`, that the residual is white noise, and the
-    RMS of the residual that is tested (`tested_rms`, with a random force of one-step predictions), over its
-    stated deviation; `departure_time` (s); a `spectral_line` (rad/s) with its amplitude; `held_out_rms`;
-    `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. Of several runs also `run_tested_rms`, ... of
-    each. Its attrs name the `preferred` method, and the `verdict` on it.
+    `judged` contains over `model` the residual and the verdict: `residual_rms` (rad) of the simulated motion,
+    over the noise and over the motion; `p_value` of the hypothesis that the residual is white noise, and the
+    RMS of the tested residual (`tested_rms`; with a random force, of one-step predictions), over its stated
+    deviation; `departure_time` (s); a `spectral_line` (rad/s) with its amplitude; `held_out_rms`;
+    `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. For several runs also `run_tested_rms`, ... of
+    each run. Its attributes name the `preferred` method, and the `verdict` on it.
 
-    `agreement` holds over `quantity` (each force, and the asymptotic frequency) the `difference` first -
-    second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
-    `degrees_of_freedom`, `p_value`. Its attrs say the `verdict` (agree, disagree, unknown) and which forces
-    the methods cannot separate by principle.
+    `agreement` contains over `quantity` (each force, and the asymptotic frequency) the `difference`
+    first - second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
+    `degrees_of_freedom`, `p_value`. Its attributes are the `verdict` (agree, disagree, unknown) and the
+    forces that the methods cannot separate in principle.
 
-    Groups `backbone` and `lack_of_fit` of each run (see there). Where the second has a random force, there
-    are the groups of `random_force_groups`.
+    The groups `backbone` and `lack_of_fit` belong to each run (see these functions). If the second
+    identification has a random force, there are also the groups of `random_force_groups`.
 
     Notes
     -----
-    Both methods see the same noise, so their errors do not simply add. To first order each quantity moves
-    with the noise of each sample by a number, the influence of that sample on the method: A of the first, D
-    of the second. The covariance of the difference is (A - D) S (A - D)' with the covariance S of the noise
-    by the second's result: white or coloured noise of the sensor, and the random force (Hausman 1978, where
-    one of them is efficient). `Averaging` has the influence of its envelope, of the equations between half
-    periods and of indirect inference; `Direct` and `Trajectory` that of least squares of the motion,
-    whitened. A tenth of the first's errors is added for terms of second order. attrs: `errors`, `influence`
-    or `stated`.
+    Both methods use the same noisy samples, so their errors do not simply add. To first order each quantity
+    changes linearly with the noise of each sample; the factors are the influence of the samples on the
+    method: A for the first, D for the second. The covariance of the difference is (A - D) S (A - D)', with
+    the covariance S of the noise from the second's result: white or coloured noise of the sensor, and the
+    random force (Hausman 1978, if one of them is efficient). `Averaging` has the influence of its envelope,
+    of the equations between half periods and of indirect inference; `Direct` and `Trajectory` have that of
+    whitened least squares of the motion. A tenth of the first's errors is added for second-order terms. The
+    attribute `errors` is `influence` or `stated`.
 
-    The covariances that both state add instead (`stated`) where the influence of a method is not known,
-    where the errors allow for what the model lacks, and where they are more than 1.5 times those by the
-    noise: the methods then weigh differently what is no noise. Where a first-order bias is left in, the
-    verdict is unknown.
+    The stated covariances are added instead (`stated`) in three cases: the influence of a method is not
+    known; the errors include those of an incomplete model; or they exceed 1.5 times those due to the noise,
+    because the methods then weight non-noise differently. If a first-order bias was not removed, the verdict
+    is unknown.
 
     z = difference/standard_error; the p-value is that of chi-square. A model without a motion (it diverges)
-    has nan for its angle and residual. The residual of a result with a random force is what it predicts
-    wrongly one sample ahead, over its own error.
+    has nan for its angle and residual. The residual of a result with a random force is the error of its
+    one-step predictions, over the standard deviation of this error.
     """
     together = dict(enumerate(as_runs(records.as_decays(decay, "cross_check"))))
     followed = [FollowedRuns(together, result) for result in (first, second)]
@@ -132,7 +133,7 @@ def identified_and_checked(
     *,
     tell: Tell = silent,
 ) -> xr.DataTree:
-    """Return `cross_check` of two methods' `identifications`, which shares how these followed the runs."""
+    """Return `cross_check` of two methods' `identifications`, which provides their motions in the runs."""
     tell("identification")
     return _checked(decided(decay, library, methods), tell=tell)
 
@@ -140,16 +141,18 @@ def identified_and_checked(
 def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     """Compare two identifications force by force and as a whole (see `cross_check`)."""
     results = [followed.result for followed in pair]
-    kept = references.comparable(*results)
-    # The second's noise is that of the record, or the first's if the second has no motion.
-    # One that does not swing at small amplitudes has no period there.
+    kept = common_reference.comparable(*results)
+    # Use the second's noise for the record, or the first's if the second has no motion.
+    # A model that does not oscillate at small amplitudes has no period there.
     swings = [followed for followed in pair[::-1] if followed.result.asymptotic_frequency.item() > 0.0]
     moving = [followed for followed in swings if None not in followed.motions]
     frequency = (moving or pair[::-1])[0].result.reference_frequency.item()
-    difference = np.subtract(*(references.comparison_values(result, kept, frequency) for result in results))
-    # Two methods on one record. Samples share no noise (`questions.difference`), the table of `compare`
-    # takes the errors as independent (`holdout.contrast`), and of driven records no influence is known
-    # (`driven._difference`).
+    difference = np.subtract(
+        *(common_reference.comparison_values(result, kept, frequency) for result in results)
+    )
+    # Two methods on one record. Different samples have no common noise (`questions.difference`); the table of
+    # `compare` takes the errors as independent (`holdout.contrast`); and for driven records no influence is
+    # known (`driven._difference`).
     covariance, errors = np.full((len(difference), len(difference)), np.nan), "stated"
     biased = not all(bool(result.get("first_order_bias_removed", True)) for result in results)
     if moving and not biased:
@@ -165,7 +168,7 @@ def comparison(pair: Sequence[FollowedRuns]) -> xr.Dataset:
     values: dict[str, Any] = {"difference": difference, "standard_error": error, "z": z}
     values |= {"chi_square": chi_square, "degrees_of_freedom": len(difference)}
     values["p_value"] = float(scipy.stats.chi2.sf(chi_square, len(difference)))
-    coords = {"quantity": [*kept, references.ASYMPTOTIC_FREQUENCY]}
+    coords = {"quantity": [*kept, common_reference.ASYMPTOTIC_FREQUENCY]}
     return xr.Dataset(described("agreement", values), coords, {"errors": errors})
 
 
@@ -216,7 +219,7 @@ def _checked(pair: Sequence[FollowedRuns], *, tell: Tell) -> xr.DataTree:
 
 
 def backbones_of(runs: Sequence[xr.Dataset], results: Mapping[str, xr.Dataset]) -> dict[str, xr.Dataset]:
-    """Return backbone of each run, and where the models leave it; none of a run with too few half periods."""
+    """Return the backbone and the lack of fit of each run; none for a run with too few half periods."""
     groups = {}
     names = [group_names(name, len(runs)) for name in ("backbone", "lack_of_fit")]
     for run, of_record, of_models in zip(runs, *names, strict=True):
@@ -243,9 +246,9 @@ def _chosen(results: Sequence[xr.Dataset], table: xr.Dataset) -> int:
 def better_of(first: xr.Dataset, second: xr.Dataset) -> int:
     """Return the index of the preferred identification: the second, unless the first predicts better.
 
-    Where its model leaves nothing but noise the second is: it is at the statistical bound; else the first
-    where its does. Elsewhere the second must predict the parts that were held out better than the first by
-    more than `CLEARLY_BETTER`.
+    If the residual of the second is only noise, the second is preferred, because it is at the statistical
+    bound; else the first if its residual is only noise. Otherwise the second must predict the held-out parts
+    better than the first by more than `CLEARLY_BETTER`.
     """
     if "held_out_rms" not in second or "held_out_rms" not in first:
         return int("held_out_rms" not in second)
@@ -264,9 +267,9 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
     Returns
     -------
     dict of str to Dataset
-        `random_force`: over `run` what `random_force_dependence` returns, `reason` where it is nan. And
-        `innovations`, `prediction_bands` of each run (`innovations_1`, ... of several), left out of a run
-        whose motion does not settle, or that is too short.
+        `random_force`: over `run` the result of `random_force_dependence`, with `reason` if it is nan. Also
+        `innovations` and `prediction_bands` of each run (`innovations_1`, ... for several), except for runs
+        that are too short or whose motion does not converge.
     """
     result, runs = followed.result, followed.runs
     if not is_found(random_force_of(result)):
@@ -278,14 +281,14 @@ def random_force_groups(followed: FollowedRuns) -> dict[str, xr.Dataset]:
             continue
         tracked = followed.tracked(at)
         groups[of_innovations] = innovations.innovations_of(decay, tracked)
-        # A record too short for predictions has no figure.
+        # A record too short for predictions has no bands.
         with suppress(SysidTribError):
             groups[of_bands] = bands.bands_of(tracked, result, _horizons(decay, result), run=at)
     return groups
 
 
 def _horizons(decay: xr.Dataset, result: xr.Dataset) -> Array:
-    """Return periods ahead for which predictions are made."""
+    """Return the horizons (periods) of the predictions."""
     period = 2.0 * np.pi / float(result.reference_frequency)
     length = float(decay.time.values[-1] - decay.time.values[0]) / period
     longest = min(LONGEST_PREDICTION, 0.5 * (length - bands.SETTLING_PERIODS))

@@ -1,4 +1,4 @@
-"""Models of a driven record: a few of them, each with its residual relative to the motion."""
+"""Models of a driven record: a few candidates, each with its residual relative to the motion."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -14,13 +14,15 @@ from sysid_trib.forces.library import load_library
 from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.forces.systems import System, shipped_systems
 from sysid_trib.methods.direct import Direct
-from sysid_trib.records import drives, inputs
+from sysid_trib.records import inputs
 from sysid_trib.records.roles import INPUT
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.validation.driven import residual_over_motion
 
-# Formulas of the forces of an oscillator, from the fewest on.
+# Least fraction of zero steps of an input that is held between changes.
+MOSTLY_HELD = 0.5
+# Formulas of the forces of an oscillator, starting with the fewest.
 OSCILLATORS = (
     ("2*v",),
     ("sign(v)", "2*v"),
@@ -28,9 +30,9 @@ OSCILLATORS = (
     ("sign(v)", "2*v", "x**3"),
     ("sign(v)", "2*v", "v*abs(v)", "x*abs(x)", "x**3"),
 )
-# A model of more forces is taken if its residual is less than this part of that of the best with fewer.
+# A model with more forces is used if its residual is below this fraction of the best one with fewer.
 LESS = 0.8
-# Number of samples in the fit: a period of the fastest motion, and in all.
+# Number of samples in the fit: per period of the fastest motion, and in total.
 PER_PERIOD, MOST_OF_RECORD = 40, 3000
 
 
@@ -40,11 +42,11 @@ class TriedModel(NamedTuple):
     Attributes
     ----------
     system : str
-        Name of a system of `libraries/systems.toml`; empty of an oscillator.
+        Name of a system of `libraries/systems.toml`; empty for an oscillator.
     forces : tuple of str
         Symbols of its forces.
     residual : float
-        Residual of its motion, over the RMS of the measured signal; infinite without a motion.
+        Residual of the motion, over the RMS of the measured signal; infinite without a motion.
     """
 
     system: str
@@ -53,7 +55,7 @@ class TriedModel(NamedTuple):
 
 
 def fitting_models(runs: Sequence[xr.Dataset]) -> xr.Dataset:
-    """Return models of driven records, the one to take first, then the best of each other kind.
+    """Return models of driven records: first the recommended one, then the best of each other kind.
 
     Parameters
     ----------
@@ -63,21 +65,21 @@ def fitting_models(runs: Sequence[xr.Dataset]) -> xr.Dataset:
     Returns
     -------
     Dataset
-        Over `model`: the `system` of `libraries/systems.toml`, empty of an oscillator; the symbols of its
-        `forces`; `residual_over_motion`, infinite where it has no motion.
+        Over `model`: the `system` of `libraries/systems.toml`, empty for an oscillator; the symbols of its
+        `forces`; `residual_over_motion`, infinite without a motion.
 
     Notes
     -----
-    Each is fitted by Direct to the first samples. An oscillator has the fewest forces that leave hardly more
-    than more of them do.
+    Direct fits each model to the first samples. The oscillator is the one with the fewest forces whose
+    residual is hardly larger than that of models with more forces.
     """
     short = [_short(run) for run in runs[:1]]
     names = [name for name in inputs.inputs_of(short[0]) if name != INPUT]
     oscillators = _nested([_tried("", library, short) for library in _oscillators(names)])
-    # Try systems with a held force too: it changes the equation.
+    # Try systems with a held force too, because it changes the equation.
     systems = [_of_system(system, names, short) for system in shipped_systems() if system.held]
     kinds = [oscillators, *systems]
-    # A system precedes an oscillator of more forces if it is equally good.
+    # A system precedes an oscillator with more forces if it is equally good.
     kinds = sorted(kinds, key=lambda model: model.residual * (1.0 if model.system else 1.0 / LESS))
     return xr.Dataset(
         {
@@ -99,7 +101,7 @@ def _oscillators(names: Sequence[str]) -> list[ForceLibrary]:
 
 
 def _nested(models: Sequence[TriedModel]) -> TriedModel:
-    """Return the model of fewest forces that no larger one improves upon."""
+    """Return the model with the fewest forces that no larger model improves."""
     best = models[0]
     for model in models[1:]:
         if model.residual < LESS * best.residual:
@@ -129,13 +131,13 @@ def _residual(decay: xr.Dataset, library: ForceLibrary, *, held: dict[str, float
 
 
 def _short(run: xr.Dataset) -> xr.Dataset:
-    """Return the first samples of a run, as many a period as show its motion."""
+    """Return the first samples of a run, decimated as far as they resolve the motion."""
     step = float(np.median(np.diff(run.time.values)))
     period = 2.0 * np.pi / clock_of(run)
     every = max(1, int(period / PER_PERIOD / step))
     known = inputs.inputs_of(run)
-    held = any(drives.is_held(known[name].values) for name in known)
-    # The omitted part of an input with jumps would act as another drive.
+    held = any(is_held(known[name].values) for name in known)
+    # Do not decimate an input with jumps: the omitted part would act as another drive.
     every = 1 if held else every
     part = run.isel(time=slice(None, MOST_OF_RECORD * every, every))
     if "measured" in part:
@@ -153,3 +155,8 @@ def common_between(run: xr.Dataset) -> str | None:
     moving = [of for of in varying if not inputs.is_switch(of.values)]
     words = {of.between for of in moving or varying}
     return words.pop() if len(words) == 1 else None
+
+
+def is_held(values: np.ndarray) -> bool:
+    """Return true if an input is constant from sample to sample most of the time, like a square wave."""
+    return bool(np.mean(np.diff(values) == 0.0) > MOSTLY_HELD)

@@ -1,4 +1,4 @@
-"""Driven records: identified by the direct method and the trajectory, and predicted."""
+"""Driven records: identification by the direct method and the trajectory, and prediction."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -28,22 +28,23 @@ from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_si
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.judged import best
 from sysid_trib.results.models import INPUT_UNITS, library_of, shape_values_of
-from sysid_trib.results.references import comparison_values, stated_covariance
+from sysid_trib.results.references import stated_covariance
 from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
 from sysid_trib.simulation.initial_conditions import first_guess, first_zero, true_start
 from sysid_trib.simulation.measured_motion import MEASURED, measured_motion
 from sysid_trib.simulation.model import Model
-from sysid_trib.simulation.start_search import fit_start_of_several
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
 from sysid_trib.validation.collinearity import identifiability
+from sysid_trib.validation.common_reference import comparison_values
 from sysid_trib.validation.model_error import with_error_by_another_fit
 from sysid_trib.validation.residuals import FollowedRuns, with_motions
 from sysid_trib.validation.sensor_refit import with_own_sensor
+from sysid_trib.validation.start_search import fit_start_of_several
 
-# A model has not followed the record if its residual is more than this part of it.
+# If the residual of a model exceeds this fraction of the record, it does not follow the record.
 SLIPPED_PART = 0.3
 
 
@@ -56,34 +57,34 @@ def is_driven(runs: Sequence[xr.Dataset]) -> bool:
 def identified_driven(
     decay: Decays, library: ForceLibrary, direct: Direct, trajectory: Trajectory, *, tell: Tell = silent
 ) -> xr.DataTree:
-    """Identify the forces of driven records by Direct and, from there, by Trajectory.
+    """Identify the forces of driven records by Direct and, starting from its result, by Trajectory.
 
     Parameters
     ----------
     decay : Dataset or sequence of Dataset
-        `angle(time)` with inputs; of one or several runs.
+        One run or several with `angle(time)` and inputs.
     library : ForceLibrary
-        The forces offered.
+        The offered forces.
     direct, trajectory : Direct and Trajectory
-        With `random_force="auto"` Direct is fitted without a random force and, where its motion leaves more
-        than noise, with one. If that explains the record (its innovations are white, and it depends on
-        nothing), both methods have it. Else it stands for what the model lacks, and Direct is the fit whose
-        motion follows the record better.
+        With `random_force="auto"` Direct is fitted without a random force and, if the residual of its motion
+        is more than noise, with one. If the random force explains the record (its innovations are white and
+        independent of the motion), both methods use it. Otherwise it only represents the missing forces, and
+        Direct is the fit whose motion follows the record better.
     tell : Tell
 
     Returns
     -------
     DataTree
-        Groups `record` (`record_1`, ... of several) with `simulated_angle(model, time)`; `direct` and
-        `trajectory`; `judged`: over `model` the residual of each, the p-value that it is white, and the
-        verdict; attrs `preferred`, the method of the smaller residual, or `direct` where a random force
-        explains the record, and `verdict`; `agreement`: over `quantity` difference, standard error and z of
+        Groups: `record` (`record_1`, ... for several) with `simulated_angle(model, time)`; `direct` and
+        `trajectory`; `judged`: over `model` the residual, the p-value that it is white, and the verdict, with
+        the attributes `preferred` (the method with the smaller residual, or `direct` if a random force
+        explains the record) and `verdict`; `agreement`: over `quantity` difference, standard error and z of
         both methods. A method whose motion does not follow the record is left out.
 
     Raises
     ------
     DecayError
-        Neither follows the record.
+        Neither method follows the record.
     """
     runs = as_runs(decay, driven=True)
     free = is_free_to_move(library, Constraints(direct.constraints).fixed)
@@ -92,7 +93,7 @@ def identified_driven(
         runs = [_without_bias(run) for run in runs]
         decay = one_or_all(runs)
     if direct.reference_frequency is None and free:
-        # Nothing swings: the frequency is but a clock.
+        # Without an oscillation, the frequency is only a unit of time.
         clock = max(clock_of(run) for run in runs)
         direct = replace(direct, reference_frequency=clock)
         trajectory = replace(trajectory, reference_frequency=clock)
@@ -118,7 +119,7 @@ def identified_driven(
     noise: RandomForceOption = "estimated" if random_explains else "off"
     begun = trajectory if trajectory.random_force != "auto" else replace(trajectory, random_force=noise)
     if not slipped and not trajectory.start:
-        # With the coefficients of all runs.
+        # Use the result with the coefficients of all runs.
         result = best.result
         of_all = dict(zip(result.force.values.tolist(), result.coefficient.values.tolist(), strict=True))
         frequency = result.reference_frequency.item()
@@ -148,7 +149,7 @@ def identified_driven(
 
 @contextmanager
 def _saying(separated: xr.Dataset) -> Iterator[None]:
-    """Add to a refusal of equal forces the motion that separates them."""
+    """Add to an error about identical forces the motion that separates them."""
     try:
         yield
     except DecayError as error:
@@ -158,7 +159,7 @@ def _saying(separated: xr.Dataset) -> Iterator[None]:
 
 
 def _without_bias(run: xr.Dataset) -> xr.Dataset:
-    """Return a run without the line that the bias of a rate makes in its integral: the body swings."""
+    """Return a run without the linear trend that a bias of the rate causes in its integral."""
     if MEASURED not in run or run.attrs["measured"] != "rate":
         return run
     time = run.time.values.astype(float)
@@ -172,7 +173,7 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
     Raises
     ------
     DecayError
-        There is one. Of a body without a restoring force it accelerates, and is allowed.
+        There is such a force. It is allowed for a body without a restoring force, which it accelerates.
     """
     known = [inputs.inputs_of(run) for run in runs]
     for force in library if not free else ():
@@ -209,7 +210,7 @@ SIZES = ("tested_rms", "tested_over_noise", "residual_over_motion", "p_value")
 
 
 def _sizes(followed: FollowedRuns) -> dict[str, float]:
-    """Return `SIZES` of the residuals of all runs, infinite where one has no motion."""
+    """Return `SIZES` of the residuals of all runs, infinite if a run has no motion."""
     return followed.once("sizes", lambda: dict(zip(SIZES, _sizes_of(followed), strict=True)))
 
 
@@ -260,12 +261,12 @@ def _tree(models: Mapping[str, FollowedRuns], random_explains: bool, separated: 
     if random_explains:
         p_value = verdict.p_value_of_dependence(verdict.tested_runs(models["direct"]))
     table = judge.judged(records, of_names, tested_driven(models), random_force_p=p_value)
-    # The free motion of a fit that knows the random force is not the nearest one, its coefficients are.
+    # With a random force, the free motion is not the nearest one, but the coefficients are right.
     least = names[int(np.argmin(table.tested_rms.values))]
     preferred = "direct" if random_explains else least
     evidence = verdict.evidence_of_models(table, models)
     for name in names if random_explains else ():
-        # Coloured noise of the sensor has no such test; `_random_force_explains` looked at it.
+        # Coloured sensor noise has no such test here; `_random_force_explains` has tested it.
         p_value = 1.0 if np.isnan(p_value) else p_value
         evidence[name] = replace(
             evidence[name], residual_is_noise=True, has_random_force=True, random_force_p=p_value
@@ -279,7 +280,7 @@ def _tree(models: Mapping[str, FollowedRuns], random_explains: bool, separated: 
 
 
 def tested_driven(models: Mapping[str, FollowedRuns]) -> xr.Dataset:
-    """Return over `model` the tests of residuals of driven records, which have no quiet end."""
+    """Return over `model` the tests of residuals of driven records, which have no part at rest."""
     sizes: dict[str, Any] = {name: [_sizes(followed)[name] for followed in models.values()] for name in SIZES}
     nothing = np.full(len(models), np.nan)
     sizes |= dict.fromkeys(("departure_time", "spectral_line", "spectral_line_amplitude"), nothing)
@@ -291,8 +292,9 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
     symbols = [s for s in first.force.values.tolist() if s in second.force.values]
     frequency = second.reference_frequency.item()
     difference = np.subtract(*(comparison_values(result, symbols, frequency) for result in (first, second)))
-    # `cross_check.comparison` has the influence of each sample on both, which is known of free decays alone.
-    # The same record: the larger error of both, which their difference has at most where neither is wrong.
+    # `cross_check.comparison` uses the influence of each sample on both, which is known for free decays only.
+    # Both methods use the same record: if both are right, their difference is at most the larger of the two
+    # errors.
     errors = np.maximum(*(np.sqrt(np.diag(stated_covariance(result, symbols))) for result in (first, second)))
     z = np.divide(difference, errors, out=np.zeros_like(difference), where=errors > 0.0)
     data = described("agreement", {"difference": difference, "standard_error": errors, "z": z})
@@ -302,7 +304,7 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 WORSE_THAN_REST = (
     "This prediction is worse than no motion: the model has another frequency or damping on this record"
 )
-# Samples by which a start can be fitted.
+# Least number of samples for fitting a start.
 FEWEST_FITTED = 20
 
 
@@ -314,41 +316,42 @@ def predict(
     run: int = 0,
     starts: StartsOption = "fitted",
 ) -> xr.Dataset:
-    """Predict a record by an identified model: its free run under the record's inputs.
+    """Predict a record with an identified model: its simulated motion under the record's inputs.
 
     Parameters
     ----------
     result : Dataset or DataTree
-        An identification, of this record or of another one; of a whole result its preferred one.
+        An identification of this record or another one; for a whole result, its preferred one.
     record : record
-        `angle(time)`, or `(t, angle)`; with the inputs that the model's forces hold.
+        `angle(time)`, or `(t, angle)`; with the inputs in the model's forces.
     warm_up : float, s, optional
-        The start is fitted to so much of the beginning, which does not count for the residual; to all of the
-        record where left out, and all of it counts.
+        Duration of the beginning to which the start is fitted, and which is left out of the residual. By
+        default the start is fitted to the whole record, and the whole record counts.
     run : int
-        Run of the result, from 0, whose coefficients are taken.
+        Index of the run of the result, from 0, whose coefficients are used.
     starts : {"fitted", "measured"}
-        `measured` takes angle and rate of the smoothed record at its first sample, and no zero of the sensor:
+        `measured` uses angle and rate of the smoothed record at its first sample, and no zero of the sensor:
         nothing is fitted to the record.
 
     Returns
     -------
     Dataset
-        `angle(time)`, `predicted_angle(time)` as the sensor shows it, `residual(time)`; scalars
-        `residual_rms`, `residual_over_motion` (1, of the RMS about the mean); attrs `warm_up` (s), and
-        `note`, a sentence where the prediction is worse than no motion, `refitted_sensors`, the sensor terms
-        that were fitted to the record as its start and zero are: they belong to the run.
+        `angle(time)`, `predicted_angle(time)` as the sensor's reading, `residual(time)`; scalars
+        `residual_rms`, `residual_over_motion` (relative to the RMS about the mean). Attributes: `warm_up`
+        (s); `note`, a sentence if the prediction is worse than no motion; `refitted_sensors`, the sensor
+        terms that were fitted to the record like its start and zero, because they belong to the run.
 
     Raises
     ------
     DecayError
-        The motion of the model cannot be computed here, or the warm-up leaves nothing.
+        The motion of the model cannot be computed here, or no samples remain after the warm-up.
     UsageError
-        The record lacks an input of the model, or is in a unit of another kind than the model.
+        The record lacks an input of the model, or its unit is of another kind than that of the model.
 
     Notes
     -----
-    Signal and inputs are converted to the units in which the model was identified; the prediction is in them.
+    Signal and inputs are converted to the units in which the model was identified; the prediction has these
+    units.
     """
     given, identified = records.one_record(record, "predict"), best(result)
     checked_signal(given)
@@ -364,7 +367,7 @@ def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
     Raises
     ------
     UsageError
-        A unit of another kind.
+        A unit is of another kind.
     """
     unit, wanted = unit_of_signal(record), signal_units(result)
     factor = _factor("The signal of the record", unit, wanted)
@@ -386,7 +389,7 @@ def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
 
 
 def _factor(what: str, unit: str, wanted: str) -> float:
-    """Return the factor between two units, or refuse by their names."""
+    """Return the factor between two units; raise an error that names them if there is none."""
     factor = factor_between(unit, wanted)
     if factor is None:
         raise UsageError(
@@ -418,7 +421,7 @@ def _predict(
     if starts == "measured":
         return _from_measured_start(record, model)
     model, record = with_own_sensor(result, model, record, fitted)
-    # A spline has no information in a gap.
+    # In a gap, a spline contains no information.
     gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
     before = slice(gaps[0] + 1 if gaps.size else None)
     start = first_guess(time[before], angle[before], model.reference_frequency)
@@ -438,7 +441,7 @@ def _predict(
 
 
 def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
-    """Predict a record from its measured start; nothing is fitted to it."""
+    """Predict a record from its measured start, without fitting anything to it."""
     shown_angle, rate, _ = measured_starts([record]).values()
     time, angle = record.time.values.astype(float), record.angle.values.astype(float)
     try:
@@ -455,7 +458,7 @@ def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
 def _with_prediction(
     record: xr.Dataset, values: Mapping[str, Array | float], warm_up: float | None
 ) -> xr.Dataset:
-    """Return the record with its prediction, and a note where this is worse than none."""
+    """Return the record with its prediction, and a note if this is worse than no motion."""
     note = WORSE_THAN_REST if not values["residual_over_motion"] < 1.0 else ""
     return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0, note=note)
 
@@ -463,7 +466,7 @@ def _with_prediction(
 def _predicted_measured(
     result: xr.Dataset, record: xr.Dataset, model: Model, start: tuple[float, float], warm_up: float | None
 ) -> xr.Dataset:
-    """Predict a run of which a rate or an acceleration was measured: residuals are of that, over w."""
+    """Predict a run of a measured rate or acceleration: residuals are in this quantity, over w."""
     time = record.measured_time.values
     first = 0 if warm_up is None else int(np.searchsorted(time, time[0] + warm_up))
     try:

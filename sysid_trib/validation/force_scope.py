@@ -6,10 +6,11 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from sysid_trib.cycles.signatures import averages, exactly_dependent, indistinguishable
+from sysid_trib.cycles.signatures import averages
 from sysid_trib.errors import SysidTribError
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods.scope import MOTION, Method, MethodScope, scope_of
+from sysid_trib.validation.separability import exactly_dependent, indistinguishable
 
 
 def force_scope(
@@ -20,21 +21,21 @@ def force_scope(
     Parameters
     ----------
     method : Method
-        With its options.
+        Method with its options.
     library : ForceLibrary
-        The forces offered.
+        The offered forces.
     result : Dataset or None
-        Its identification; None if the method failed.
+        Identification by this method; None if the method failed.
     amplitude : float, rad
-        The largest of the record.
+        Largest amplitude of the record.
 
     Returns
     -------
     dict
-        Texts `identifies`, the forces identified and by what; `neglects`, those left out and what they are
-        taken for; `cannot_tell_apart`, those that are the same to it. Empty of a method that failed and that
-        does not identify every force offered. `damped`, whether a force that it identifies acts on the
-        envelope.
+        Texts `identifies`, the identified forces and the curves that determine them; `neglects`, the
+        neglected forces and the forces that absorb them; `cannot_tell_apart`, forces that are identical for
+        the method. They are empty for a failed method that does not identify every offered force. `damped`:
+        whether an identified force acts on the envelope.
     """
     row = {"identifies": "", "neglects": "", "cannot_tell_apart": "", "damped": True}
     scope, stiffness = scope_of(method), library.role("x")
@@ -53,7 +54,8 @@ def force_scope(
             row["neglects"] = ", ".join(s for s in library.symbols if s not in fitted)
         else:
             groups = indistinguishable(library, 0.02 * amplitude, amplitude, shapes=shapes)
-            # One amplitude does: which forces have a signature does not depend on it, but at a zero of one.
+            # One amplitude is enough: whether a force has a signature does not depend on it, except at a
+            # zero.
             parts = {force.symbol: _signature(force, 0.7 * amplitude, shapes) for force in library}
             row["damped"] = any(parts[symbol][0] for symbol in fitted if symbol in parts)
             row |= {"identifies": _identified(fitted, parts), "neglects": _neglected(fitted, parts)}
@@ -86,14 +88,14 @@ def _neglected(fitted: Sequence[str], parts: Mapping[str, tuple[bool, bool]]) ->
 
 
 def _signature(force: Force, amplitude: float, shapes: Mapping[str, float]) -> tuple[bool, bool]:
-    """Return two truths: a force acts on the envelope, and on the frequency."""
+    """Return two truth values: the force acts on the envelope, and on the frequency."""
     phase = np.linspace(0.0, 2.0 * np.pi, 64)
     try:
         sine, cosine = (abs(float(part[0])) for part in averages(force, np.array([amplitude]), shapes))
         size = np.abs(force.value(amplitude * np.cos(phase), -amplitude * np.sin(phase), shapes=shapes)).max()
     except SysidTribError:
         return True, True
-    # Internal states are zero here: a force that is made of them alone has its own averages for a size.
-    # Part of the largest force on the cycle; a smaller signature is rounding.
+    # Relative to the largest force on the cycle, a smaller signature is rounding. Internal states are zero
+    # here; the size of a force that consists of states only is that of its averages.
     least = 1e-9 * max(float(size), sine, cosine)
     return sine > least, cosine > least

@@ -1,4 +1,4 @@
-"""Prediction of held-out data: the held-out part, and the table of all methods."""
+"""Prediction of held-out data, and the table of all methods."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -11,14 +11,14 @@ import xarray as xr
 from sysid_trib.arrays import Array, root_mean_square
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.records.smoothing import least_squares_spline
-from sysid_trib.results import judged, references, schema, variables
+from sysid_trib.results import judged, schema, variables
 from sysid_trib.results.models import in_model, library_of
 from sysid_trib.simulation import internal_states
 from sysid_trib.simulation.initial_conditions import FittedMotion
-from sysid_trib.validation import judge, refits
+from sysid_trib.validation import common_reference, judge, refits
 from sysid_trib.validation.residuals import FollowedRuns, fitted_motion, motion_residual
 
-# The part of a decay's time from which a model is identified where the rest is to be predicted.
+# Fraction of a decay's duration from which a model is identified if the rest is to be predicted.
 TRAINING = 2.0 / 3.0
 
 
@@ -34,18 +34,18 @@ def first_held_out(time: Array) -> int:
 
 
 def split(decay: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset]:
-    """Return the first two thirds of a decay by time, and the last."""
+    """Return the first two thirds of a decay by time, and the last third."""
     first = first_held_out(decay.time.values.astype(float))
     return decay.isel(time=slice(0, first)), decay.isel(time=slice(first, None))
 
 
 def up_to_held_out(decay: xr.Dataset) -> xr.Dataset:
-    """Return the first two thirds of a decay and one sample, the first of the last third."""
+    """Return the first two thirds of a decay, plus the first sample of the last third."""
     return decay.isel(time=slice(0, first_held_out(decay.time.values.astype(float)) + 1))
 
 
 def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[FittedMotion | None]:
-    """Return the motion in the last third of each run of a model that was identified from the rest."""
+    """Return the motion, in the last third of each run, of a model identified from the rest."""
     library = library_of(result, whole=True)
     pairs = [(split(run)[1], carried_on(result, library, up_to_held_out(run))) for run in runs]
     return [fitted_motion(rest, later, at) for at, (rest, later) in enumerate(pairs)]
@@ -54,9 +54,9 @@ def motions_held_out(result: xr.Dataset, runs: Sequence[xr.Dataset]) -> list[Fit
 def in_all_runs(
     runs: Sequence[xr.Dataset], motions: Sequence[FittedMotion | None], envelopes: Sequence[xr.Dataset]
 ) -> list[xr.Dataset]:
-    """Return `motion_residual` of a model in each run, or part of it; nothing where it diverges in one.
+    """Return `motion_residual` of a model in each run, or part of it; empty if it diverges in one.
 
-    `envelopes` : of the whole runs.
+    `envelopes` : envelopes of the whole runs.
     """
     triples = zip(runs, motions, envelopes, strict=True)
     of_runs = [motion_residual(run, motion, whole) for run, motion, whole in triples if motion is not None]
@@ -65,7 +65,7 @@ def in_all_runs(
 
 
 def failure_of(runs: Sequence[xr.Dataset], motions: Sequence[xr.Dataset]) -> str:
-    """Return the reason why a complete model fails on the records (`in_all_runs`); or nothing."""
+    """Return the reason why a complete model fails on the records (`in_all_runs`); else empty."""
     if not motions:
         return judge.DIVERGES
     for at, (run, motion) in enumerate(zip(runs, motions, strict=True)):
@@ -83,11 +83,11 @@ def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) ->
     Parameters
     ----------
     result : Dataset
-        The identification.
+        The identification of the model.
     library : ForceLibrary
-        Its forces, `t` counted from the first sample of `before`.
+        Forces of the model, with `t` counted from the first sample of `before`.
     before : Dataset
-        `angle(time)` up to where the motion begins.
+        `angle(time)` up to the start of the motion.
     """
     model = schema.model_of(result)
     time = before.time.values.astype(float)
@@ -103,24 +103,24 @@ def carried_on(result: xr.Dataset, library: ForceLibrary, before: xr.Dataset) ->
 
 
 def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Sequence[int]) -> float:
-    """Return p-value of the ratio between two models' squared residuals (Diebold-Mariano test, two-sided).
+    """Return the p-value of equal squared residuals of two models (Diebold-Mariano test, two-sided).
 
     Parameters
     ----------
     first, second : sequence of (sample,) array of float, rad
         Residuals of each model in the same runs.
     blocks : sequence of int
-        Samples of each run over which residuals may be correlated, a period.
+        Number of samples in each run over which residuals may be correlated: a period.
 
     Returns
     -------
     float
-        P-value where both predict equally well; nan of fewer than three blocks.
+        P-value of equal predictions; nan with fewer than three blocks.
 
     Notes
     -----
-    Diebold & Mariano 1995, with the logarithm of the mean square over a block as the loss: a decay's last
-    swings then count as its first. Blocks are taken as independent, so that Student's t-test serves.
+    Diebold and Mariano 1995, with the log mean square over a block as the loss, so that the last swings of a
+    decay count as much as its first. Blocks are taken as independent, so Student's t-test applies.
     """
     of_runs = zip(first, second, blocks, strict=True)
     losses = [_block_losses(own, block) - _block_losses(other, block) for own, other, block in of_runs]
@@ -131,17 +131,18 @@ def diebold_mariano(first: Sequence[Array], second: Sequence[Array], blocks: Seq
 
 
 def mean_over_error(difference: Array) -> float:
-    """Return the mean of differences between two predictions over its standard error (Diebold-Mariano).
+    """Return the mean difference of two predictions over its standard error (Diebold-Mariano).
 
     Parameters
     ----------
     difference : (period,) array of float
-        Of a loss or a score in each period; periods are taken as independent.
+        Differences of a loss or a score in each period; periods are taken as independent.
 
     Returns
     -------
     float
-        Student's t, with as many degrees of freedom as periods less 1; nan of fewer than three or equal ones.
+        Student's t, with the number of periods minus 1 as degrees of freedom; nan with fewer than three or
+        with equal ones.
     """
     if len(difference) < 3 or np.ptp(difference) == 0.0:
         return float("nan")
@@ -155,7 +156,7 @@ def _block_losses(residual: Array, block: int) -> Array:
     return np.asarray(np.log(np.maximum(squares, 1e-300)))
 
 
-# Parts of the runs on which residuals are, and texts or truths of a method.
+# Parts of the runs that have residuals, and text or true-or-false columns of a method.
 PARTS = ("residual", "train", "holdout")
 TEXTS = (
     *("reason", "failure", "bias", "identifies", "neglects", "cannot_tell_apart", "assumes", "family"),
@@ -171,13 +172,13 @@ class MethodResult(NamedTuple):
     Attributes
     ----------
     result : Dataset or None
-        Its identification.
+        Identification by the method.
     row : dict
         Texts of the method on itself and its result, by the name of the column.
     motions : dict of str to list of Dataset
-        Of each of `PARTS` the `motion_residual` in each run, none where there is no motion.
+        For each of `PARTS`, the `motion_residual` in each run; empty without a motion.
     followed : FollowedRuns or None
-        The runs with its identification.
+        The runs with this identification.
     """
 
     result: xr.Dataset | None
@@ -196,17 +197,17 @@ def method_table(
     by_label : mapping of str to MethodResult
         Result of each method, by its label.
     noises : sequence of float, rad
-        Noises of each run, the same for all methods.
+        Noise of each run, the same for all methods.
     blocks : sequence of int
-        Samples of a period of each run.
+        Samples per period of each run.
     """
     labels, (results, rows, motions, _) = list(by_label), zip(*by_label.values(), strict=True)
     values: dict[str, Any] = {name: [row[name] for row in rows] for name in ("time_taken", *TEXTS)}
     values |= _residuals(motions, noises)
     ratio, held_out = (values[f"{part}_over_noise"] for part in ("residual", "holdout"))
-    # The smallest RMS over the noise on the part held out; if no method has any, on the whole.
+    # Best is the smallest RMS over the noise on the held-out part; if no method has one, on the whole.
     whole = np.where([result is None for result in results], np.nan, np.nan_to_num(ratio, nan=np.inf))
-    # Coefficients are held against those of the best method that has some.
+    # Compare the coefficients with those of the best method that has some.
     names_forces = np.array([row["names_forces"] for row in rows])
     values["names_forces"] = names_forces
     if any(result is not None for result, named in zip(results, names_forces, strict=True) if named):
@@ -236,10 +237,11 @@ def method_table(
 
 
 def _common_frequency(results: Results, labels: Sequence[str], whole: Array, best: int) -> tuple[float, str]:
-    """Return a frequency that was given to a method, else that of the best, rad/s; and whose it is.
+    """Return a frequency that a method was given, else that of the best (rad/s), and its owner.
 
-    Where the best predicts by accident, as its model misses the record as a whole, it is that of the model
-    that misses it least: its own may be far off. `whole` : residual of the whole record over the noise.
+    If the best predicts well by accident, because its model does not follow the whole record, use the
+    frequency of the model with the smallest residual instead, because the best's own may be wrong. `whole` :
+    residual of the whole record over the noise.
     """
     known = [result for result in results if result is not None]
     given = [r for r in known if r.reference_frequency_standard_error == 0.0]
@@ -250,7 +252,7 @@ def _common_frequency(results: Results, labels: Sequence[str], whole: Array, bes
 
 
 def _forces(results: Results) -> xr.Dataset:
-    """Return the forces that any method found, in the order of the result with most of them."""
+    """Return the forces that any method identified, in the order of the result with most of them."""
     known = sorted((result for result in results if result is not None), key=lambda r: -r.sizes["force"])
     labels = ["name", "formula", "unit"]
     of_forces = xr.concat([result.reset_coords()[labels] for result in known], "force")
@@ -258,7 +260,7 @@ def _forces(results: Results) -> xr.Dataset:
 
 
 def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tuple[Array, Array]:
-    """Return coefficients and errors, (method, force), nan where a method has none.
+    """Return coefficients and errors, (method, force), nan if a method has none.
 
     Coefficients that refer to another frequency by definition, cannot be converted, or are held, keep their
     reference.
@@ -267,8 +269,8 @@ def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tup
     for row, result in enumerate(results):
         if result is not None:
             symbols = result.force.values.tolist()
-            own = [in_model(result, symbol) for symbol in symbols] & ~references.held(result)
-            factors = np.where(own, references.reference_factors(result, symbols, reference), 1.0)
+            own = [in_model(result, symbol) for symbol in symbols] & ~common_reference.held(result)
+            factors = np.where(own, common_reference.reference_factors(result, symbols, reference), 1.0)
             at = forces.indexes["force"].get_indexer(symbols)
             values[row, at] = result.coefficient.values * factors
             errors[row, at] = result.standard_error.values * factors
@@ -277,7 +279,8 @@ def _coefficients(results: Results, forces: xr.Dataset, reference: float) -> tup
 
 def contrast(values: Array, errors: Array, best: int) -> Array:
     """Return differences from the best method's row over the root of the sum of both variances."""
-    # Most methods of the table have no known influence of the noise, which `cross_check.comparison` needs.
+    # For most methods of the table, the influence of the noise, which `cross_check.comparison` needs, is
+    # unknown.
     both = np.sqrt(errors**2 + errors[best] ** 2)
     z = np.divide(values - values[best], both, out=np.full_like(values, np.nan), where=both > 0.0)
     z[best, np.isfinite(values[best])] = 0.0
@@ -287,7 +290,7 @@ def contrast(values: Array, errors: Array, best: int) -> Array:
 def _residuals(
     motions: Sequence[Mapping[str, Sequence[xr.Dataset]]], noises: Sequence[float]
 ) -> dict[str, Any]:
-    """Return RMS of the simulated models' residuals, of several runs of each too, and their largest phase."""
+    """Return RMS of the simulated models' residuals, also of each of several runs, and the largest phase."""
     values: dict[str, Any] = {}
     nothing = np.full(len(noises), np.nan)
     for name in PARTS:

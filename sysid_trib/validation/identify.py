@@ -1,6 +1,6 @@
-"""`identify`: a decay by one method, or by two that are compared."""
+"""`identify`: a decay identified by one method, or by two methods that are compared."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike
 
 from sysid_trib import records
 from sysid_trib.arrays import Array
-from sysid_trib.cycles.signatures import averages_decide
 from sysid_trib.errors import Tell, UsageError, silent
 from sysid_trib.forces.constraints import NO_CONSTRAINTS, ConstraintTable
 from sysid_trib.forces.force import ForceLibrary, LibraryLike
@@ -24,8 +23,10 @@ from sysid_trib.results.judged import last_of
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.results.variables import described
 from sysid_trib.simulation.measured_motion import MEASURED
-from sysid_trib.validation import driven, random_effects, refits, verdict
+from sysid_trib.validation import common_reference, driven, random_effects, refits, verdict
 from sysid_trib.validation.cross_check import agreement_of, identified_and_checked
+from sysid_trib.validation.residuals import residuals, with_motions
+from sysid_trib.validation.separability import averages_decide
 
 
 @overload
@@ -66,40 +67,41 @@ def identify(
     Parameters
     ----------
     decay : record, or several of them
-        `angle(time)` in rad, as `free_decay` returns it, `(t, angle)`, or what else pandas, xarray and NumPy
-        have for it; or a list of runs, which share their forces and reference frequency, but have a start, a
-        sensor's zero and a noise of their own.
+        `angle(time)` in rad, as `free_decay` returns it, `(t, angle)`, or an equivalent object of pandas,
+        xarray or NumPy; or a list of runs, which have common forces and a common reference frequency, but
+        separate starts, zeros of the sensor and noises.
     library : ForceLibrary, str, or what `library` takes, optional
-        The forces offered, or the name of their library; by default those of `contact_forces`, and the first
+        The offered forces, or the name of their library; by default those of `contact_forces`, and the first
         force of each input (`gain`).
     method : method, or two methods, optional
-        One, such as `methods.Direct()` or its name, `direct`; or two that are held against each other, by
-        default those of the command `identify` (`usual_methods`). Whether there is a random force is decided
-        where a method's `random_force` is `auto`, the default (see `identifications`).
+        One method, such as `methods.Direct()` or its name, `direct`; or two methods that are compared, by
+        default those of the command `identify` (`usual_methods`). If a method's `random_force` is `auto`, the
+        default, the record decides on a random force (see `identifications`).
     constraints : mapping of str to float, (float, float) or str
         Fixed values, bounds and ties, `{"lambda": 0, "zeta": (0, None), "nu": "-2.356*delta"}`. A coefficient
-        that a library of one's own states is held if nothing else is asked: `(None, None)` frees it.
+        that a user's library states is held unless another constraint is given; `(None, None)` frees it.
     contactless : (float, float), rad/s
-        Frequency without contact and its standard error, which adds alpha.
+        Frequency without contact and its standard error; with it, alpha is identified too.
     tell : callable
-        Called with a few words as the work goes on.
+        Called with a few words on the progress of the work.
 
     Returns
     -------
     Dataset or DataTree
-        For one method `coefficient(force)` (dimensionless unless its `unit` says otherwise),
+        For one method: `coefficient(force)` (dimensionless unless its `unit` states otherwise),
         `standard_error(force)`, `covariance(force, other_force)`, `active(force)`, `refers_to(force)`
         (rad/s), scalars `reference_frequency`, `asymptotic_frequency` (rad/s), `noise` (rad, RMS over the
-        runs); provenance in its attrs. If the residual is more than noise also `error_of_noise(force)`,
-        `error_of_model(force)`, `held_out_rms`. For two methods the result of `cross_check`; for several
-        runs with the group `runs`, the test of their agreement (`validation.run_agreement`).
+        runs); the provenance is in its attributes. If the residual is more than noise also
+        `error_of_noise(force)`, `error_of_model(force)`, `held_out_rms`. For two methods: the result of
+        `cross_check`; for several runs with the group `runs`, the test of their agreement
+        (`validation.run_agreement`).
 
     Raises
     ------
     DecayError
         The decay cannot support the request.
     UsageError
-        Not a library, or not a method.
+        An argument is not a library, or not a method.
     """
     runs = records.as_decays(decay, "identify")
     single = method is not None and not isinstance(method, list | tuple)
@@ -133,22 +135,22 @@ def usual_methods(
     decay : Dataset or sequence of Dataset
         One decay, or several runs.
     library : ForceLibrary
-        The forces offered.
+        The offered forces.
     reference_frequency : float, rad/s, optional
-        Held; else it is fitted.
+        Reference frequency, which is then held; otherwise it is fitted.
     shapes : dict of str to float, optional
-        Shape parameters that are held.
+        Shape parameters, which are fixed.
     own : tuple of str
-        Forces whose coefficient is each run's own, of driven records.
+        Forces with a separate coefficient in each run, for driven records.
     warm_up : float, s
-        Beginning of each driven record that does not count in the fit of its motion.
+        Duration of the beginning of each driven record that is left out of the fit of its motion.
     starts : {"fitted", "measured"}
         Whether the start and the sensor's zero of each driven record are fitted (see `Trajectory`).
 
     Raises
     ------
     UsageError
-        A coefficient of each run's own is asked for of free decays.
+        A separate coefficient in each run was requested for free decays.
     """
     asked = {"reference_frequency": reference_frequency, "shapes": shapes or {}}
     averaging, direct, trajectory = (kind(**asked) for kind in (Averaging, Direct, Trajectory))  # type: ignore
@@ -160,15 +162,15 @@ def usual_methods(
         raise UsageError(
             "Individual coefficients of runs need driven records (--input); identify free decays one by one."
         )
-    # Amplitudes and frequencies tell no term of the sensor from a force, and not all forces from each other.
+    # Amplitudes and frequencies do not separate a sensor term from a force, or all forces from each other.
     size = max(float(np.max(np.abs(run.angle.values))) for run in runs)
     averaged = all(force.kind == "force" for force in library) and averages_decide(
         library, size, frequency_free=reference_frequency is None, shapes=shapes
     )
     if any(MEASURED in run for run in runs):
-        # Trajectory comes last: it compares the measured quantity itself.
+        # Trajectory is last, because it compares the measured quantity itself.
         return [averaging if averaged else direct, trajectory]
-    # A record that is too short or grows has no envelope to be averaged.
+    # A record that is too short or grows has no envelope for averaging.
     if not averaged or any(run.attrs.get("taken_as_it_is") for run in runs):
         return [trajectory, direct]
     return [averaging, direct]
@@ -177,7 +179,7 @@ def usual_methods(
 def _held_against_each_other(
     decay: Decays, library: ForceLibrary, methods: Sequence[Method], tell: Tell
 ) -> xr.DataTree:
-    """Cross-check two methods; for several runs, test whether these agree."""
+    """Cross-check two methods; for several runs, test whether the runs agree."""
     if len(methods) != 2:
         raise UsageError(f"identify takes one method, or two to compare, not {len(methods)}.")
     runs = as_runs(decay, driven=True)
@@ -194,6 +196,39 @@ def _held_against_each_other(
 
 
 @signal_scale.in_units_of_the_motion
+def identified_and_judged(
+    decay: Decays, library: ForceLibrary, methods: Mapping[str, Method], *, made_by: str
+) -> xr.DataTree:
+    """Identify the forces of a decay by methods that are judged but not compared with each other.
+
+    Parameters
+    ----------
+    decay : Dataset or sequence of Dataset
+        One decay, or several runs.
+    library : ForceLibrary
+        The forces offered.
+    methods : mapping of str to method
+        By the names that their identifications get.
+    made_by : str
+        Name of the caller.
+
+    Returns
+    -------
+    DataTree
+        The `identifications`, and `judged`, whose preferred model is that of the last method.
+    """
+    followed = dict(zip(methods, verdict.decided(decay, library, list(methods.values())), strict=True))
+    last = [*followed][-1]
+    with_models = with_motions(followed)
+    if driven.is_driven(with_models):
+        tested = driven.tested_driven(followed)
+    else:
+        tested = residuals(followed, followed[last].result)
+    table = verdict.judged_models(followed, with_models, tested, preferred=last, made_by=made_by)
+    return xr.DataTree.from_dict({**{name: of.result for name, of in followed.items()}, "judged": table})
+
+
+@signal_scale.in_units_of_the_motion
 def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Dataset:
     """Test whether the runs of one experiment have the same forces.
 
@@ -202,36 +237,38 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     decays : sequence of Dataset
         The runs.
     together : Dataset
-        The identification of all of them, whose method is run on each alone.
+        The common identification, whose method is applied to each run alone.
 
     Returns
     -------
-    Dataset. Over `run` and `quantity` (each force, and the asymptotic frequency where it was fitted) the
-    `value` from that run alone at the common reference frequency, with its `standard_error`; over `quantity`
-    `chi_square` of the values about their weighted mean, `degrees_of_freedom`, `p_value`; and the same of all
-    quantities with their covariances (`total_...`). nan for a run that alone cannot decide: `reason(run)`.
-    attrs: `verdict` agree, disagree or unknown. With a random force in the common identification also over
-    `run` its `random_force_density` with its error ((rad/s^2)^2/Hz), nan where a run tells none;
+    Dataset. Over `run` and `quantity` (each force, and the asymptotic frequency if it was fitted) the `value`
+    from that run alone at the common reference frequency, with its `standard_error`; over `quantity`
+    `chi_square` of the values about their weighted mean, `degrees_of_freedom`, `p_value`; and the same for
+    all quantities together with their covariances (`total_...`). Values are nan for a run that alone does not
+    determine them, with `reason(run)`. Attribute `verdict`: agree, disagree or unknown. With a random force
+    in the common identification, also over `run` its `random_force_density` with its error ((rad/s^2)^2/Hz),
+    nan if a run does not determine it; `density_chi_square`, `density_degrees_of_freedom`, `density_p_value`,
+    and the attribute `density_verdict`.
     `density_chi_square`, `density_degrees_of_freedom`, `density_p_value`, and the attr `density_verdict`.
 
     Notes
     -----
-    A random force is estimated in each run alone, so that its errors stand for that run.
+    A random force is estimated in each run alone, so that its errors are those of that run.
 
-    Cochran's Q. Large where a force changes from run to run (wear), or is of another form than the model's:
-    then it changes with amplitude.
+    The statistic is Cochran's Q. It is large if a force changes from run to run (wear), or differs in form
+    from the model's force: its coefficient then changes with amplitude.
     """
     method, library = method_of(together), models.library_of(together, whole=True)
-    kept, frequency = references.comparable(together), together.reference_frequency.item()
-    # `discovery.parts.homogeneity` is the score test of the same question: it fits no run alone, and so
-    # serves for every model of a search, but gives no values of the runs.
+    kept, frequency = common_reference.comparable(together), together.reference_frequency.item()
+    # `discovery.parts.homogeneity` is the score test for the same question: it fits no run alone, and so
+    # suits every model of a search, but gives no values of the runs.
     results, reasons = zip(*(refits.refit(method, [decay], library) for decay in decays), strict=True)
     free = together.reference_frequency_standard_error.item() > 0.0
-    names = [*kept, *[references.ASYMPTOTIC_FREQUENCY] * free]
+    names = [*kept, *[common_reference.ASYMPTOTIC_FREQUENCY] * free]
     count = len(names)
     values, covariances = refits.at_reference(results, kept, frequency)
     if not random_force_of(together):
-        # A free motion has a frequency so precise that a coefficient's error does not know it.
+        # The frequency of a free motion is so precise that it must not affect the coefficients' errors.
         for at in np.flatnonzero(np.isfinite(values[:, -1])):
             covariances[at] = references.stated_covariance(results[at], kept)
     values, covariances = values[:, :count], covariances[:, :count, :count]
@@ -249,7 +286,7 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 
 
 def _tested(of: str, chi_square: ArrayLike, degrees_of_freedom: ArrayLike) -> dict[str, ArrayLike]:
-    """Return a chi-square with its p-value, by names that begin so."""
+    """Return a chi-square with its p-value, with names that have this prefix."""
     tested = {"chi_square": chi_square, "degrees_of_freedom": degrees_of_freedom}
     tested["p_value"] = scipy.stats.chi2.sf(chi_square, degrees_of_freedom)
     return {f"{of}{name}": value for name, value in tested.items()}
@@ -265,10 +302,10 @@ def _homogeneity(values: Array, covariances: Array) -> tuple[float, float]:
 def _density_agreement(results: Sequence[xr.Dataset | None], together: xr.Dataset) -> dict[str, Any]:
     """Test for `run_agreement` whether the random force has the same density in all runs.
 
-    A ratio of variances is tested by its logarithm: a density has the relative error e, its logarithm the
-    standard error e. Where the most likely density is zero the deviance rises from there by one within the
-    standard error u, as S/u; that of the common identification is taken, as such a run says no more. The
-    statistic is the least sum of the runs' deviances at one common density.
+    A ratio of variances is tested by its logarithm: for a density with the relative error e, its logarithm
+    has the standard error e. If the most likely density S is zero, the deviance rises from there by S/u, that
+    is by one at the standard error u of the common identification, because such a run contains no more
+    information. The statistic is the least sum of the runs' deviances at one common density.
     """
     densities, errors = np.full((2, len(results)), np.nan)
     for at, result in enumerate(results):

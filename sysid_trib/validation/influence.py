@@ -1,8 +1,8 @@
 """Influence of the samples on identifications, and the covariance of their difference.
 
-To first order a coefficient moves with the noise of each sample by a number of its own, its influence
-(Hampel 1974). The influences of two methods on the same samples tell how far their difference scatters; where
-one of them is efficient that is Hausman's test (Econometrica 1978).
+To first order, a coefficient changes linearly with the noise of each sample; the factors are its influence
+(Hampel 1974). The influences of two methods on the same samples give the scatter of their difference; if one
+method is efficient, this is Hausman's test (Econometrica 1978).
 """
 
 from collections.abc import Sequence
@@ -28,21 +28,22 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.motion_fit.kalman import LinearModel
 from sysid_trib.motion_fit.linearised import linearised_along
 from sysid_trib.records.smoothing import first_frequency, nominal_frequency
-from sysid_trib.results import models, references, schema
+from sysid_trib.results import models, schema
 from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import random_force_of
 from sysid_trib.simulation.initial_conditions import FittedMotion, first_zero
 from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import BY_ANGLE, BY_RATE, FREQUENCY
 from sysid_trib.simulation.trajectory import trajectory
+from sysid_trib.validation import common_reference
 from sysid_trib.validation.residuals import FollowedRuns
 
-# Condition number beyond which a record does not tell parameters apart.
+# Condition number beyond which a record does not separate parameters.
 WORST_CONDITION = 1e12
 
 
 class Covariances(NamedTuple):
-    """Covariances by the noise of the samples, (quantity, quantity) each."""
+    """Covariances due to the noise of the samples, (quantity, quantity) each."""
 
     difference: Array
     first: Array
@@ -51,18 +52,18 @@ class Covariances(NamedTuple):
 
 @dataclass(frozen=True)
 class RunNoise:
-    """Noise of a run as an identification has it: of the sensor, white or coloured, and a random force.
+    """Noise of a run in an identification: of the sensor, white or coloured, and a random force.
 
     Attributes
     ----------
     level : float, rad
-        Standard deviation of the sensor's noise, of its innovations where that is coloured.
+        Standard deviation of the sensor's noise, or of its innovations if it is coloured.
     per_tau : float, rad^2
-        Growth of the variance of v in a unit of tau by the random force.
+        Growth of the variance of v per unit of tau due to the random force.
     filter_ : (tap,) array of float
-        Whitens the sensor's noise.
+        Whitening filter of the sensor's noise.
     linear : LinearModel or None
-        The motion about itself; None where the noise is white.
+        Linear model of the motion about itself; None if the noise is white.
     """
 
     level: float
@@ -72,7 +73,7 @@ class RunNoise:
 
     @cached_property
     def ratio(self) -> float:
-        """The random force over the variance of the sensor's noise."""
+        """Random force over the variance of the sensor's noise."""
         return self.per_tau / self.level**2
 
     def white(self, columns: Array) -> Array:
@@ -96,7 +97,7 @@ class RunNoise:
         return weighted
 
     def covariance(self, influence: Array) -> Array:
-        """Return the covariance of numbers that the samples move so, (number, sample)."""
+        """Return the covariance of numbers on which the samples have this influence, (number, sample)."""
         innovations = scipy.signal.lfilter([1.0], self.filter_, influence[:, ::-1], axis=1)
         covariance = self.level**2 * innovations @ innovations.T
         if self.linear is not None and self.per_tau:
@@ -110,7 +111,7 @@ class RunNoise:
 
 @dataclass(frozen=True)
 class WeakRows:
-    """Rows of the equation in weak form, which contain part of the noise; interface as `RunNoise`.
+    """Rows of the equation in weak form, which contain part of the noise; same interface as `RunNoise`.
 
     Attributes
     ----------
@@ -143,14 +144,14 @@ def covariances_of_difference(
     pair : sequence of FollowedRuns
         Both identifications.
     truth : FollowedRuns
-        The identification whose noise and random force count.
+        The identification whose noise and random force are used.
     kept : sequence of str
-        Symbols of the forces that are compared.
+        Symbols of the compared forces.
 
     Returns
     -------
     Covariances or None
-        Of `references.comparison_values`; None where the influence of a method is not known.
+        Covariance of `common_reference.comparison_values`; None if the influence of a method is unknown.
     """
     try:
         noises = [_noise(truth, run) for run in truth.runs]
@@ -171,13 +172,13 @@ def covariances_of_difference(
 
 
 def _noise(truth: FollowedRuns, run: int) -> RunNoise:
-    """Return the noise of a run by an identification."""
+    """Return the noise of a run in an identification."""
     result, motion = truth.result, truth.motions[run]
     assert motion is not None
     sensor = sensor_noise_of(result, run)
     model = schema.model_of(result, run)
     per_tau = random_force_of(result, run).per_tau(model.reference_frequency)
-    # A record without noise is still one of finite digits.
+    # Even a record without noise has a finite number of digits.
     level = max(sensor.innovation, 1e-12 * float(np.max(np.abs(motion.x))))
     if not per_tau and len(sensor.filter_) == 1:
         return RunNoise(level, 0.0, sensor.filter_, None)
@@ -188,14 +189,14 @@ def _noise(truth: FollowedRuns, run: int) -> RunNoise:
 
 @dataclass(frozen=True)
 class _Parameters:
-    """Free parameters of an identification, the reference frequency last where it is free.
+    """Free parameters of an identification; the reference frequency is the last, if it is free.
 
     Attributes
     ----------
     symbols : list of str
         Forces in the model.
     free : ConstraintMap
-        Of their coefficients.
+        Constraints of the coefficients of these forces.
     shapes : list of str
         Shape parameters that were fitted.
     frequency : bool
@@ -209,12 +210,12 @@ class _Parameters:
 
     @property
     def names(self) -> list[str]:
-        """Names of what the motion is differentiated by."""
+        """Names of the parameters by which the motion is differentiated."""
         return [*self.symbols, *self.shapes, *([FREQUENCY] if self.frequency else [])]
 
     @property
     def by_free(self) -> Array:
-        """Derivatives of these by the free parameters, (name, parameter)."""
+        """Derivatives of these parameters by the free parameters, (name, parameter)."""
         further = len(self.shapes) + self.frequency
         return np.asarray(scipy.linalg.block_diag(self.free.matrix, np.eye(further)))
 
@@ -235,7 +236,7 @@ def _parameters(result: xr.Dataset, method: Any) -> _Parameters:
     if "constraint" in result.coords:
         bound = result.force.values[result.constraint.values == "at its bound"].tolist()
         constraints = constraints.holding({s: result.coefficient.sel(force=s).item() for s in bound})
-    # A shape parameter that is held is no coefficient of the map.
+    # A held shape parameter is not a coefficient of the map.
     known = {name: value for name, value in constraints.table.items() if name in symbols}
     free = constraint_map(Constraints(known), library, shapes)
     fitted = list(getattr(method, "fit_shapes", ()))
@@ -255,7 +256,7 @@ def _influence(
     if not isinstance(method, Averaging | Direct | Trajectory):
         return None
     parameters = _parameters(result, method)
-    slopes = references.comparison_slopes(result, kept, frequency) @ parameters.values
+    slopes = common_reference.comparison_slopes(result, kept, frequency) @ parameters.values
     if not isinstance(method, Averaging):
         if isinstance(method, Direct) and not _is_refined(method, result):
             return None
@@ -275,8 +276,8 @@ def _influence(
     places = [*parameters.free.free, *([len(parameters.symbols)] if parameters.frequency else [])]
     of_free = [part[places] for part in by_sample]
     columns = [_sensitivities(followed, run, parameters)[0] for run in followed.runs]
-    # Indirect inference takes off what the method gets wrong on a motion of its own: what remains follows
-    # the parameters as it should.
+    # Indirect inference subtracts the error of the method on simulated motions: the remaining values follow
+    # the parameters exactly.
     answer = np.sum([part @ table for part, table in zip(of_free, columns, strict=True)], axis=0)
     scale = np.linalg.norm(answer, axis=1)
     if np.any(scale == 0.0) or np.linalg.cond(answer / scale[:, None]) > WORST_CONDITION:
@@ -290,7 +291,7 @@ def _is_refined(method: Direct, result: xr.Dataset) -> bool:
 
 
 def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) -> tuple[Array, Array]:
-    """Return the derivatives of the angle by the free parameters, and by start and zero of the run itself."""
+    """Return the derivatives of the angle by the free parameters, and by the run's start and zero."""
     motion = followed.motions[run]
     assert isinstance(motion, FittedMotion)
     model = schema.model_of(followed.result, run)
@@ -306,9 +307,9 @@ def _sensitivities(followed: FollowedRuns, run: int, parameters: _Parameters) ->
 def _of_motion(
     followed: FollowedRuns, noises: Sequence[RunNoise], parameters: _Parameters, *, of_rows: bool
 ) -> list[Array] | None:
-    """Return the influence on the free parameters of a motion's least squares, (parameter, sample) by run.
+    """Return the influence on the free parameters of a least-squares motion fit, (parameter, sample) per run.
 
-    The fit uses all information of the samples, or only that in the rows of `Direct`.
+    The fit uses all information in the samples, or only that in the rows of `Direct`.
     """
     tables: list[Array] = []
     seen: list[RunNoise | WeakRows] = []

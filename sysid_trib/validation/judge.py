@@ -1,4 +1,4 @@
-"""Judge of a result: the residual of each model on the records, and the verdict."""
+"""Judgement of a result: the residual of each model on the records, and the verdict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,16 +8,15 @@ import numpy as np
 import xarray as xr
 
 from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL
 from sysid_trib.results.judged import EXPLAINED_VERDICTS, LARGE
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL
 from sysid_trib.results.variables import described
 
-# Significance level of a residual that is not white noise.
-RESIDUAL_LEVEL = 1e-3
-# A model is approximate if its residual (RMS) is at most this part of the motion.
+# A model is approximate if its residual (RMS) is at most this fraction of the motion.
 APPROXIMATE_PART = 0.05
 DIVERGES = "its motion diverges"
-# A motion that exceeds this multiple of the largest angle of the record does not follow it.
+# A motion that exceeds the largest angle of the record by this factor does not follow the record.
 LARGEST_MOTION = 3.0
 
 
@@ -28,7 +27,7 @@ class Evidence:
     Attributes
     ----------
     residual_is_noise : bool
-        No departure from white noise is found in the residual, with a random force in the innovations.
+        No deviation from white noise is found in the residual, or in the innovations with a random force.
     residual_over_motion : float
         RMS of record minus motion over that of the record; nan without a motion.
     residual_is_small : bool
@@ -36,11 +35,11 @@ class Evidence:
     has_random_force : bool
         A random force was found.
     random_force_p : float
-        P-value of a random force that depends on nothing; nan where it was not tested.
+        P-value of a random force independent of motion and time; nan if not tested.
     noise_hides_a_force : bool
-        The noise that was found is larger than the sensor's, and depends on the motion.
+        The estimated noise is larger than the sensor's, and depends on the motion.
     determines : bool
-        The record determines a coefficient, or all together.
+        The record determines a coefficient, or all coefficients together.
     rows_are_noise : bool
         The residual of the equations is noise, although the motion may diverge.
     """
@@ -60,7 +59,7 @@ def verdict_word(evidence: Evidence) -> str:
 
     A record that determines no coefficient explains nothing, whatever the residual is.
     """
-    # `discovery.parts.verdict_of` answers another question: whether a search found all that the record shows.
+    # `discovery.parts.outcome_of` answers another question: whether a search found all missing effects.
     follows = evidence.residual_over_motion <= APPROXIMATE_PART
     verdict = "approximate" if follows else "not explained"
     if evidence.has_random_force:
@@ -71,8 +70,8 @@ def verdict_word(evidence: Evidence) -> str:
         verdict = "explained"
     if evidence.determines:
         return verdict
-    # No model of these forces could have been contradicted: its rows leave only the noise, although the
-    # motion of coefficients that are not known may diverge.
+    # No model of these forces could be contradicted: the residual of its rows is noise, although the motion
+    # with undetermined coefficients may diverge.
     quiet = evidence.rows_are_noise and not evidence.has_random_force
     return "undetermined" if quiet or verdict in EXPLAINED_VERDICTS else verdict
 
@@ -91,25 +90,25 @@ def judged(
     records : sequence of Dataset
         Each run with the `simulated_angle` of every model and the sensor's `noise`.
     results : mapping of str to Dataset
-        The identifications by the name of their model.
+        The identifications by the names of their models.
     tested : Dataset
-        Over `model` the tests of the residuals, see `residuals`; with `residual_over_motion` if the angle
-        itself was not measured.
+        Over `model` the tests of the residuals, see `residuals`; with `residual_over_motion` if the angle was
+        not measured directly.
     random_force_p : float
-        P-value of a random force that depends on nothing.
+        P-value of a random force independent of motion and time.
 
     Returns
     -------
     Dataset
         Over `model` the variables `judged` of `variables.toml`.
     """
-    # Over the runs, whatever their lengths; over the noise, each run's is over its own.
+    # RMS over all runs; over the noise, each run's RMS is divided by its own noise.
     of_runs, noises = _residual_rms(records), np.array([run.noise.item() for run in records])
     rms = np.sqrt(np.mean(of_runs**2, axis=0))
     over_noise = np.sqrt(np.mean((of_runs / noises[:, None]) ** 2, axis=0))
     over_motion = rms / root_mean_square([root_mean_square(run.angle) for run in records])
     if int(records[0].attrs.get("integrations", 0)) > 0:
-        # The angle is an integral of what was measured.
+        # The angle is an integral of the measured signal.
         rms = tested.tested_rms.values
         over_noise = rms / root_mean_square(noises)
     if "residual_over_motion" in tested:
@@ -129,7 +128,7 @@ def judged(
 def evidence_of(of_model: xr.Dataset, **further: Any) -> Evidence:
     """Return the evidence on one model of `judged`; `further` : other fields of `Evidence`."""
     return Evidence(
-        residual_is_noise=bool(of_model.p_value >= RESIDUAL_LEVEL),
+        residual_is_noise=bool(of_model.p_value >= WHITE_LEVEL),
         residual_is_small=bool(of_model.tested_over_noise <= LARGE),
         residual_over_motion=of_model.residual_over_motion.item(),
         random_force_p=of_model.random_force_p.item(),
@@ -140,7 +139,7 @@ def evidence_of(of_model: xr.Dataset, **further: Any) -> Evidence:
 def with_verdicts(
     table: xr.Dataset, evidence: Mapping[str, Evidence], preferred: str, made_by: str
 ) -> xr.Dataset:
-    """Add the verdict on each model to the judged variables; attrs state that on the preferred one."""
+    """Add the verdict on each model to the judged variables, and that on the preferred model to attrs."""
     verdicts = [verdict_word(evidence[name]) for name in table.model.values.tolist()]
     table = table.assign(described("judged", {"verdict": verdicts}))
     attrs = {"made_by": made_by, "preferred": preferred}

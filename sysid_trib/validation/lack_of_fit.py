@@ -1,4 +1,4 @@
-"""Lack of fit of models: in damping or frequency, by a force over angle and rate, by a spectral line."""
+"""Lack of fit of models: in damping or frequency, by a force over angle and rate, and by a spectral line."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -34,8 +34,9 @@ def lack_of_fit(
     Dataset
         Over ``model`` and ``amplitude`` (of `backbone`): ``frequency`` (rad/s) and ``damping_ratio`` of the
         models, and ``frequency_deviation``, ``damping_ratio_deviation``: model minus record in half widths of
-        the simultaneous 95 % band, so that a model is outside beyond 1. nan where a model does not come. Over
-        ``model`` and ``curve`` the farthest ``departure`` beyond the band, and between which amplitudes.
+        the simultaneous 95 % band, so that a model is outside beyond 1; nan at amplitudes that the model does
+        not reach. Over ``model`` and ``curve``: the largest ``departure`` outside of the band, and its range
+        of amplitudes.
 
     Raises
     ------
@@ -44,8 +45,8 @@ def lack_of_fit(
 
     Notes
     -----
-    The models' motions from a release go through the same half-sines and the same smoothing at the record's
-    own amplitudes: what these do to a curve they do to both.
+    The models' motions from a release are evaluated with the same half-sines and the same smoothing at the
+    record's amplitudes, so that both have the same errors of averaging.
     """
     backbone, weights = curves or bands.smoothed_backbone(decay)
     rows = [_model_rows(decay, result, backbone) for result in results.values()]
@@ -65,9 +66,9 @@ class Departure(NamedTuple):
     curve : str
         `frequency` or `damping_ratio`.
     deviation : float
-        The largest in half widths of the band, positive where the model is above the record.
+        Largest deviation in half widths of the band, positive if the model is above the record.
     low, high : float
-        Between which amplitudes; 0 and infinite beyond the ends of the record's.
+        Ends of the range of amplitudes; 0 and infinite beyond the ends of the record's range.
     """
 
     curve: str
@@ -94,7 +95,7 @@ def departures(lack: xr.Dataset, model: str) -> list[Departure]:
 
 
 def _with_departures(lack: xr.Dataset) -> xr.Dataset:
-    """Add the farthest departure of each model from each curve; 0 of one that stays within the band."""
+    """Add the largest departure of each model from each curve; 0 for a model within the band."""
     nothing = {name: Departure(name, 0.0, np.nan, np.nan) for name in bands.CURVES}
     rows = []
     for model in lack.model.values.tolist():
@@ -120,7 +121,7 @@ def _against(
         difference = there - backbone[f"period_{name}"].values
         smoothed = weights[name] @ np.where(np.isfinite(difference), difference, 0.0)
         reached = (log_amplitude >= model[0][0]) & (log_amplitude <= model[0][-1])
-        # Both go through the same averages, which have the same error for both.
+        # Model and record have the same averages, whose second-order error is the same for both.
         half = bands.half_width(backbone, name) - bands.left_open(name, curve, backbone.damping_ratio.values)
         smoothed = np.where(reached, smoothed, np.nan)
         against[name] = curve + smoothed, smoothed / half
@@ -133,10 +134,11 @@ def _model_rows(
     """Return increasing log amplitudes of a model's motion, frequency and damping ratio; None without one."""
     amplitude = backbone.period_amplitude
     top, low = float(np.log(amplitude.max())), float(np.log(amplitude.min()))
-    # A model is released this number of half periods above the record: its first ones are left out.
+    # Release the model this number of half periods above the record; its first half periods are left out.
     above = 4.0 * np.pi * max(0.0, float(backbone.damping_ratio[-1]))
     largest = float(np.abs(decay.angle.values).max())
-    # A model of less damping takes longer to the record's last amplitude: up to this multiple of its length.
+    # A model with less damping takes longer to the record's last amplitude: at most this multiple of its
+    # length.
     for times in (1.0, 3.0):
         try:
             u, rows = _motion_rows(decay, result, float(np.exp(top + above) / largest), times)
@@ -152,7 +154,7 @@ def _model_rows(
 def _motion_rows(
     decay: xr.Dataset, result: xr.Dataset, release: float, times: float
 ) -> tuple[Array, dict[str, smooth_curve.CurveRows]]:
-    """Return the periods of the motion from a release; amplitudes in parts of the record's largest signal."""
+    """Return the periods of the motion from a release; amplitudes relative to the record's largest signal."""
     time, largest = decay.time.values.astype(float), float(np.abs(decay.angle.values).max())
     step = (time[-1] - time[0]) / (len(time) - 1)
     grid = np.arange(round(times * len(time))) * step
@@ -162,30 +164,31 @@ def _motion_rows(
     return bands.period_rows(half_sines.envelope(simulated))
 
 
-# The level about a line is that of so many neighbours on either side, beyond those into which it leaks.
+# The level about a line is that of this number of neighbours on either side, beyond those into which it
+# leaks.
 LEVEL_LINES, LEAK = 48, 4
-# Up to this harmonic the residual of a motion belongs to the motion.
+# Highest harmonic of the motion that is attributed to the motion in the residual.
 MOTION_HARMONICS = 7
 SLOWEST = 4.0
 NO_LINE = (float("nan"), float("nan"))
 # Significance level of a line.
 LINE_LEVEL = 1e-6
-# Largest part of the square that remains after a line is removed from the residual without harmonics; samples
-# of the longest record that is searched, and least degrees of freedom.
+# Largest fraction of the sum of squares that remains after a line is removed from the residual without
+# harmonics; largest number of samples for this search, and least degrees of freedom.
 LEFT_BY_A_LINE, MOST_ALONE, FEWEST_DEGREES = 0.25, 5000, 20
 
 
 def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
     """Return the angular frequency (rad/s) and amplitude of a line in a residual; nan if there is none.
 
-    Time is in s, the residual in any unit, (sample,); harmonics of the motion, x and v, are left out.
+    Time is in s, the residual in any unit, (sample,); harmonics of the motion (x, v) are excluded.
 
-    A line's power over the mean of 2 m neighbours' is F distributed with 2 and 4 m degrees of freedom where
-    the spectrum is flat about it: P(> r) = (1 + r/(2 m))^(-2 m); times the number of lines (Bonferroni).
+    The power of a line over the mean of 2 m neighbours is F distributed with 2 and 4 m degrees of freedom if
+    the spectrum is flat around it: P(> r) = (1 + r/(2 m))^(-2 m); times the number of lines (Bonferroni).
     """
     samples = len(residual)
-    # The residual of a motion has the motion's harmonics. `omnibus_test._strongest_line` tests white rows,
-    # which have none; `screen._lines` tests nothing: it proposes frequencies.
+    # The residual of a motion contains the motion's harmonics. `omnibus_test._strongest_line` tests white
+    # rows, which contain none; `screen._lines` proposes frequencies without a test.
     power = np.abs(np.fft.rfft(residual - residual.mean())) ** 2
     resolution = 2.0 * np.pi * (samples - 1) / (samples * (time[-1] - time[0]))
     excluded = _harmonics(time, motion, resolution, len(power))
@@ -202,12 +205,12 @@ def spectral_line(time: Array, residual: Array, motion: tuple[Array, Array]) -> 
     # Significance level of the highest line among all.
     if log_p[at] + np.log(counted.sum()) > np.log(LINE_LEVEL):
         return _line_alone(time, residual, motion)
-    # The peak between the lines of the spectrum, by the ratio of the two highest amplitudes.
+    # Frequency of the peak between the lines of the spectrum, from the ratio of the two highest amplitudes.
     left, peak, right = np.sqrt(power[at - 1 : at + 2])
     frequency = resolution * (at + (right / (peak + right) if right > left else -left / (peak + left)))
     waves = np.column_stack([wave(frequency * (time - time[0])) for wave in (np.cos, np.sin, np.ones_like)])
     line = waves @ np.linalg.lstsq(waves, residual, rcond=None)[0]
-    # A line counts if its RMS is beyond this part of that of the rest: a weaker one changes nothing.
+    # A line counts if its RMS exceeds this fraction of that of the rest; a weaker one has no effect.
     marked = np.std(line) > 0.5 * np.std(residual - line)
     return (frequency, float(np.sqrt(2.0) * np.std(line))) if marked else NO_LINE
 
@@ -219,10 +222,10 @@ def without_line(time: Array, residual: Array, frequency: float) -> Array:
 
 
 def _line_alone(time: Array, residual: Array, motion: tuple[Array, Array]) -> tuple[float, float]:
-    """Return the `spectral_line` of the residual without harmonics, if it is little else than a line.
+    """Return the `spectral_line` of the residual without harmonics, if the residual is mostly this line.
 
-    In a short record the harmonics leak into all of the spectrum. Here they are columns, of an amplitude that
-    goes with the motion's and changes slowly, and a line counts that takes most of the rest (F test).
+    In a short record the harmonics leak into the whole spectrum. Here they are columns with an amplitude that
+    is proportional to the motion's and varies slowly. A line counts if it explains most of the rest (F test).
     """
     samples = len(residual)
     if samples > MOST_ALONE:
@@ -282,9 +285,9 @@ def _harmonics(
     rates = [(phase[b] - phase[a]) / (time[b] - time[a]) for a, b in ((0, quarter), (-quarter - 1, -1))]
     at = resolution * np.arange(count)
     low, high = min(np.abs(rates)), max(np.abs(rates))
-    # Means of quarters: a frequency that goes on evenly is beyond them at either end.
+    # Extrapolate the means of quarters to either end, for a frequency that changes uniformly.
     low, high = low - (high - low) / 6.0, high + (high - low) / 6.0
-    # A slow drift is no line.
+    # A slow drift is not a line.
     excluded = at <= slowest * resolution
     for harmonic in range(1, most + 1):
         middle, half = 0.5 * harmonic * (low + high), 0.5 * harmonic * (high - low)

@@ -1,4 +1,4 @@
-"""Force that a model lacks: its mean over angle and rate, by the motion of the record."""
+"""Force that a model lacks: its mean over angle and rate, along the motion of the record."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 import xarray as xr
 
-from sysid_trib.arrays import Array, cell_middles
+from sysid_trib.arrays import Array
 from sysid_trib.errors import LibraryError
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 from sysid_trib.records import inputs, signal
@@ -18,9 +18,9 @@ from sysid_trib.results.variables import described
 from sysid_trib.simulation.internal_states import states_along
 from sysid_trib.simulation.model import Model
 
-# Cells each way, and draws of noise for the errors.
+# Number of cells in each direction, and of noise draws for the errors.
 CELLS, DRAWS_OF_NOISE = 13, 24
-# Longer records with white noise are decimated, but so many samples between knots are kept.
+# Longer records with white noise are decimated, with at least this number of samples kept between knots.
 MOST_DRAWN, DRAWN_PER_KNOT = 20_000, 4
 
 
@@ -33,11 +33,11 @@ class RunWithMotion(NamedTuple):
     angle : (sample,) array of float, rad
         The record without the sensor's zero and its other terms.
     simulated : (sample,) array of float, rad
-        The motion of the model; zero where it has none.
+        The motion of the model; zero if it has none.
     noise : NoiseModel
-        Of the sensor.
+        Noise of the sensor.
     inputs : mapping of str to KnownInput
-        Those of the run by name.
+        Inputs of the run by name.
     """
 
     time: Array
@@ -58,9 +58,9 @@ def missing_force(model: Model, runs: Sequence[RunWithMotion]) -> dict[str, Arra
     Returns
     -------
     dict
-        `x` and `v` (rate over w, rad), the middles of the cells; over both `force` over I w^2 (rad) with its
-        standard error by the noise, nan without samples, and the number of `samples`; over each alone
-        `force_of_x` and `force_of_v` with their standard errors.
+        `x` and `v` (rate over w, rad), the centres of the cells; over both `force` over I w^2 (rad) with its
+        standard error due to the noise, nan without samples, and the number of `samples`; `force_of_x` and
+        `force_of_v`, each with its standard error.
 
     Raises
     ------
@@ -69,10 +69,11 @@ def missing_force(model: Model, runs: Sequence[RunWithMotion]) -> dict[str, Arra
 
     Notes
     -----
-    -(x'' + x) - f(x, x') with derivatives by tau = w t (Masri and Caughey 1979), where x is the least-squares
-    spline of the record. f goes through the same spline, so that smoothing changes a jump of friction alike
-    in both. The same expression for the motion of the model is subtracted: it is the error of the smoothing.
-    The standard errors are those of draws of the sensor's noise that go through the same steps.
+    The force is -(x'' + x) - f(x, x') with derivatives by tau = w t (Masri and Caughey 1979), where x is the
+    least-squares spline of the record. f is smoothed by the same spline, so that smoothing has the same
+    effect on a jump of friction in both. The same expression for the motion of the model is subtracted,
+    because it is the error of smoothing. The standard errors are from draws of the sensor's noise, evaluated
+    in the same way.
     """
     parts = [_forces_of_run(model, run) for run in runs]
     x, v, values = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
@@ -98,12 +99,12 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
         `angle(time)` of a run, with `simulated_angle(time)` if the model has a motion; and an identification
         of it.
     run : int
-        Which of the result's runs it is.
+        Index of the run of the result.
 
     Returns
     -------
     Dataset
-        See `missing_force`, in the unit of the record.
+        Result of `missing_force`, in the unit of the record.
 
     Raises
     ------
@@ -129,7 +130,7 @@ def residual_force(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Da
 def _forces_of_run(model: Model, run: RunWithMotion) -> tuple[Array, Array, Array]:
     """Return angles and rates of a run, (sample,), its missing force and draws of it: (1 + draw, sample).
 
-    Near the ends of a record, where a spline bends freely, the force is nan: within a quarter period.
+    Within a quarter period of the ends of a record, where a spline bends freely, the force is nan.
     """
     tau = model.reference_frequency * (run.time - run.time[0])
     x, v, lacking = _lacking(model, tau, run.angle, run.inputs)
@@ -137,7 +138,7 @@ def _forces_of_run(model: Model, run: RunWithMotion) -> tuple[Array, Array, Arra
         lacking = lacking - _lacking(model, tau, run.simulated, run.inputs)[2]
     every = 1
     if len(run.noise.filter_) == 1:
-        # Fewer samples of less white noise: a spline averages both to the same.
+        # Use fewer samples with less white noise: the spline averages both to the same result.
         count = len(tau)
         every = max(1, min(-(-count // MOST_DRAWN), count // (DRAWN_PER_KNOT * knot_intervals(tau))))
     tau, x, v, lacking = (values[::every] for values in (tau, x, v, lacking))
@@ -150,7 +151,7 @@ def _forces_of_run(model: Model, run: RunWithMotion) -> tuple[Array, Array, Arra
 def _lacking(
     model: Model, tau: Array, angle: Array, known: Mapping[str, inputs.KnownInput]
 ) -> tuple[Array, Array, Array]:
-    """Return angle and rate of a motion, smoothed, and the force that it has beyond the model."""
+    """Return smoothed angle and rate of a motion, and its force minus that of the model."""
     x, v, acceleration, _ = smooth(tau, angle)
     forces = smooth(tau, _force_of_model(model, tau, x, v, known))[0]
     return x, v, -(acceleration + x) - forces
@@ -164,9 +165,15 @@ def _force_of_model(
     time = tau / frequency
     for force in model.bound.forces:
         hidden = inputs.values_of_inputs(known, force.channels, time, frequency)
-        # A force whose states cannot be followed along a given motion is left out.
+        # Leave out a force whose states cannot be computed along a given motion.
         with suppress(LibraryError):
             hidden |= states_along(force, tau, x, v, model.shapes, time=time)
             h = force.value(x, v, time, shapes=model.shapes, hidden=hidden)
             total = total + model.coefficients[force.symbol] * h
     return total
+
+
+def cell_middles(edges: Array) -> Array:
+    """Return the middles of cells that lie evenly about zero, (cell,), with an exact zero."""
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    return 0.5 * (middle - middle[::-1])

@@ -35,27 +35,27 @@ def with_error_of_model(
     followed : FollowedRuns
         The identification of the whole runs.
     method : Method
-        By which it was made.
+        Method of the identification.
     library : ForceLibrary
-        The forces offered.
+        The offered forces.
     widening : float
-        Factor of its errors where no part can be fitted.
+        Factor of the errors if no part can be fitted.
 
     Returns
     -------
     FollowedRuns
         In its result `covariance`, `standard_error` and the errors of both frequencies are the total ones;
-        `error_of_noise(force)` is what the method states, `error_of_model(force)` the rest. `held_out_rms`
-        (rad): the geometric mean of what the parts leave of the samples that they do not hold, 15 and 30 % of
-        a run in one go, and of several runs what every other one leaves of the rest whole, start fitted; nan
-        where one predicts no motion.
+        `error_of_noise(force)` is the error stated by the method, `error_of_model(force)` the rest.
+        `held_out_rms` (rad) is the geometric mean of the residuals of samples that the parts do not contain:
+        contiguous 15 and 30 % of a run, and for several runs the other half of the runs, with fitted starts;
+        nan if a part predicts no motion.
 
     Notes
     -----
-    The first, the middle and the last 70 % of each run are fitted by themselves. A complete model has
-    coefficients there that differ from those of the whole by no more than fewer data explain, the errors of
-    the part and of the whole squared and subtracted (Hausman 1978); what they move beyond that is the error
-    of the model. Where no part can be fitted it is what the Birge ratio adds (Birge 1932).
+    The first, the middle and the last 70 % of each run are fitted separately. For a complete model, their
+    coefficients differ from those of the whole only as much as fewer data explain: the squared error of the
+    part minus that of the whole (Hausman 1978). A larger change is the error of the model. If no part can be
+    fitted, it is the error that the Birge ratio adds (Birge 1932).
     """
     runs, result = [*followed.runs.values()], followed.result
     whole, own = (_numbers(result, names) for names in (ESTIMATED, STATED))
@@ -84,7 +84,7 @@ class FittedParts(NamedTuple):
     results : list of Dataset
         Identifications of the parts that could be fitted.
     held_out_rms : float, rad
-        Geometric mean of the residuals of what the parts do not hold; nan where one predicts no motion.
+        Geometric mean of the residuals outside of the parts; nan if a part predicts no motion.
     """
 
     results: list[xr.Dataset]
@@ -96,11 +96,11 @@ def fitted_parts(
 ) -> FittedParts:
     """Identify each of `PARTS_OF_RECORD` of the runs, and every other run, and predict the rest.
 
-    With `later_only` a part predicts only what comes after it, where a decay is within the part's range.
+    With `later_only` a part predicts only later samples, in which a decay is within the part's range.
     """
     limits = variables.PARTS_OF_RECORD.values()
     parts = [part_fit(method, runs, library, ends, result) for ends in limits]
-    # With a copy of each run's own forces.
+    # Include each run's copies of its separate forces.
     whole = library_of(result)
     missed = [
         rms
@@ -110,32 +110,32 @@ def fitted_parts(
     ]
     has_own = any(force.run is not None for force in whole)
     for taken, others in ((runs[::2], runs[1::2]), (runs[1::2], runs[::2])):
-        # No run determines the own forces of another one.
+        # No run determines the separate forces of another one.
         if taken and others and not has_own:
             part = _same_forces(refits.refit(method, taken, library)[0], result)
             begun = None if part is None else part.drop_vars(["start_angle", "start_rate"], errors="ignore")
             missed += [_missed(run, begun) for run in others]
     held_out = float("nan")
     if missed and np.all(np.isfinite(missed)):
-        # Without noise a part may leave nothing at all.
+        # Without noise the residual of a part may be zero.
         held_out = float(scipy.stats.gmean(missed))
     return FittedParts([part for part in parts if part is not None], held_out)
 
 
 def with_error_by_another_fit(result: xr.Dataset, other: xr.Dataset) -> xr.Dataset:
-    """Return an identification whose errors allow for another fit of the same forces that is as plausible.
+    """Return an identification whose errors include another, equally plausible fit of the same forces.
 
     Parameters
     ----------
     result, other : Dataset
-        Identifications of the same forces and records, in different noises.
+        Identifications of the same forces and records, with different noises.
 
     Returns
     -------
     Dataset
-        `covariance`, `standard_error` and the errors of both frequencies are the total ones, `error_of_model`
-        the distance to the other fit, with the errors of that one; `error_of_noise` is what the result
-        stated. What was held has no error.
+        `covariance`, `standard_error` and the errors of both frequencies are the total ones; `error_of_model`
+        is the distance to the other fit plus that fit's errors; `error_of_noise` is the original error of the
+        result. Held values have no error.
     """
     own, count = np.nan_to_num(_numbers(result, STATED)), result.sizes["force"]
     free = own > 0.0
@@ -155,13 +155,13 @@ def covariance_by_parts(
     Parameters
     ----------
     changes, errors : sequence of (number,) array of float
-        Of each part: its numbers less those of the whole, and their standard errors by the noise.
+        For each part: its values minus those of the whole, and their standard errors due to the noise.
     stated : (number,) array of float
-        Standard errors of the whole by the noise.
+        Standard errors of the whole due to the noise.
     equal_parts : bool
-        Whether parts count alike, or by what they determine of each number.
+        Whether all parts have equal weights; otherwise each is weighted by its information on each number.
     """
-    # Each part is weighted by its information on a coefficient; one that is held at a bound there has no
+    # Each part is weighted by its information on a coefficient; a coefficient held at a bound there has no
     # error.
     largest = np.max(errors, axis=0)
     known = np.where(np.array(errors) > 0.0, errors, np.where(largest > 0.0, largest, 1.0))
@@ -204,7 +204,7 @@ def _held_out(
     kept, size = refits.between(run, limits), run.sizes["time"]
     earlier, later = slice(0, kept.start), slice(kept.stop, size)
     for held_out in (later,) if later_only else (earlier, later):
-        # Fewer samples do not test a motion whose start and zero are fitted.
+        # With fewer samples, a motion with fitted start and zero is not tested.
         if held_out.stop - held_out.start < 8:
             continue
         rest, before = run.isel(time=held_out), run.isel(time=slice(0, held_out.start + 1))
@@ -212,10 +212,10 @@ def _held_out(
 
 
 def _missed(rest: xr.Dataset, result: xr.Dataset | None, number: int = 0) -> float:
-    """Return the residual RMS (rad) of a model, start and zero fitted; nan without a motion."""
+    """Return the residual RMS (rad) of a model with fitted start and zero; nan without a motion."""
     if result is None:
         return float("nan")
-    # A model that is too stiff gives no prediction; do not wait for it.
+    # A very stiff model gives no prediction: limit its steps.
     motion = fitted_motion(rest, result, number, most_steps=motions.FEW_STEPS_A_PERIOD)
     if motion is None:
         return float("nan")
@@ -223,12 +223,12 @@ def _missed(rest: xr.Dataset, result: xr.Dataset | None, number: int = 0) -> flo
 
 
 def _numbers(result: xr.Dataset, names: Sequence[str]) -> Array:
-    """Return the variables `ESTIMATED` or `STATED` of an identification; nan if there are none."""
+    """Return the variables `ESTIMATED` or `STATED` of an identification; nan if missing."""
     return np.concatenate([np.ravel(result[name].values) for name in names])
 
 
 def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
-    """Return a result whose `STATED` errors are multiplied by factors, and have a covariance added."""
+    """Return a result whose `STATED` errors are multiplied by factors, with a covariance added."""
     count = result.sizes["force"]
     of_forces, errors = factor[:count], np.hypot(factor * _numbers(result, STATED), np.sqrt(np.diag(added)))
     changed = {
@@ -243,8 +243,8 @@ def _with_errors(result: xr.Dataset, factor: Array, added: Array) -> xr.Dataset:
 def with_rounding(followed: FollowedRuns) -> FollowedRuns:
     """Include the coarse step of a sensor, whose rounding is not white, in the errors of an identification.
 
-    Least squares, to first order, of motions of the model, which is complete, that the sensor rounds with its
-    zero anywhere.
+    They come from least squares, to first order, on simulated motions of the (complete) model, which the
+    sensor rounds with a random zero.
     """
     result, squares = followed.result, []
     stated, runs = _numbers(result, STATED), followed.runs
@@ -263,7 +263,7 @@ def with_rounding(followed: FollowedRuns) -> FollowedRuns:
 def _squares_by_rounding(
     result: xr.Dataset, run: xr.Dataset, motion: initial_conditions.FittedMotion, noises: Iterable[Array]
 ) -> Array:
-    """Return mean squares by which noises move the `ESTIMATED` in least squares of a motion; 0 if unmoved."""
+    """Return the mean squared effect of noises on `ESTIMATED` in least squares of a motion; 0 if none."""
     model, free = schema.model_of(result), _numbers(result, STATED)[:-1] > 0.0
     squares = np.zeros(len(free) + 1)
     try:

@@ -1,7 +1,7 @@
 """Random effects: values that scatter beyond their errors, between runs and laboratories (ISO 5725-2).
 
-Value i of n is x_i' b + u_i + e_i: conditions x_i with effects b, a scatter u_i of variance tau^2 that is
-sought, an error e_i of variance s_i^2 that is stated (random-effects meta-regression; DerSimonian and Laird
+Value i of n is x_i' b + u_i + e_i: conditions x_i with effects b, a scatter u_i with the unknown variance
+tau^2, and an error e_i with the stated variance s_i^2 (random-effects meta-regression; DerSimonian and Laird
 1986, Viechtbauer 2007).
 """
 
@@ -14,15 +14,15 @@ import scipy
 from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import UsageError
 
-# Quantiles that an interval of 95 % lies between, the upper first.
+# Quantiles of an interval of 95 %, the upper first.
 TAILS = (0.975, 0.025)
-# Values of tau that an estimate of one value averages over, and the p-value of the largest.
+# Number of tau values in the average of an estimate, and the p-value of the largest.
 TAUS, LAST_P_VALUE = 100, 1e-4
 
 
 @dataclass(frozen=True)
 class RandomEffects:
-    """Values with their errors, and least squares of the columns that they may depend on.
+    """Values with their errors, and least squares of the columns on which they may depend.
 
     Attributes
     ----------
@@ -31,7 +31,7 @@ class RandomEffects:
     design : (value, column) array of float
         Design of full rank, with fewer columns than values.
     scatter : float, or (tau,) array of float
-        The tau with which they are weighted; of several all that follows has a row each.
+        The tau for the weights; with several, all results have one row per tau.
     """
 
     values: Array
@@ -45,7 +45,7 @@ class RandomEffects:
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Values beyond the columns."""
+        """Values minus the effects of the columns."""
         return len(self.values) - self.design.shape[1]
 
     @property
@@ -81,20 +81,21 @@ class RandomEffects:
 
     @property
     def tau_interval(self) -> tuple[float, float]:
-        """Ends of its Q-profile interval (Viechtbauer 2007): exact where the errors are.
+        """Ends of its Q-profile interval (Viechtbauer 2007), exact if the errors are.
 
-        The chi-square about the weighted effects falls with tau, and at the true one is distributed as such.
+        The chi-square about the weighted effects decreases with tau, and has its distribution at the true
+        tau.
         """
         lower, upper = scipy.stats.chi2.ppf(TAILS, self.degrees_of_freedom)
         return self._tau_of(lower), self._tau_of(upper)
 
     @property
     def homogeneity_p_value(self) -> float:
-        """p-value of no scatter beyond the one there is."""
+        """p-value of no scatter in addition to the present tau."""
         return float(scipy.stats.chi2.sf(self.chi_square, self.degrees_of_freedom))
 
     def _tau_of(self, chi_square: float) -> float:
-        """Return the scatter by which the residuals have a chi-square; 0 where none need be."""
+        """Return the scatter for which the residuals have a given chi-square; 0 if no scatter is needed."""
 
         def excess(tau: float) -> float:
             return float(self.with_scatter(tau).chi_square) - chi_square
@@ -108,30 +109,32 @@ class RandomEffects:
 
     @property
     def widened_covariance(self) -> Array:
-        """Covariance of the effects by the residuals (Knapp and Hartung 2003).
+        """Covariance of the effects from the residuals (Knapp and Hartung 2003).
 
-        Residuals smaller than the errors narrow nothing (Roever et al. 2015).
+        Residuals smaller than the errors do not reduce it (Roever et al. 2015).
         """
         scale = np.maximum(1.0, self.chi_square / self.degrees_of_freedom)
         return np.asarray(scale * (self.root @ self.root.T))
 
     def p_value(self, columns: Index) -> float:
-        """Return the p-value of no effect of some columns at all (F)."""
+        """Return the p-value of no effect of some columns (F)."""
         effects, covariance = self.effects[columns], self.widened_covariance[np.ix_(columns, columns)]
         statistic = float(effects @ np.linalg.solve(covariance, effects)) / len(columns)
         return float(scipy.stats.f.sf(statistic, len(columns), self.degrees_of_freedom))
 
     def deleted_residuals(self) -> Array:
-        """Return distance of each value from its prediction by all others, over scatter and error: (value,).
+        """Return the distance of each value from its prediction by all others, over scatter and error.
 
-        The scatter is that of the others, which one far value does not widen (externally standardised
-        residuals; Viechtbauer and Cheung 2010). Where they scatter at all, few of them tell by how much: the
-        distance is then of the same probability as Student's. nan where the others expect nothing.
+        The scatter is that of the others, which one distant value does not increase (externally standardised
+        residuals; Viechtbauer and Cheung 2010). If few others scatter, their scatter is uncertain: the
+        distance is then converted from Student's t at equal probability. nan if the others do not predict the
+        value.
         """
         freedoms = self.degrees_of_freedom - 1
         if freedoms < 1:
             return np.full(len(self.values), np.nan)
-        # At the last one no value's others scatter more than they should; small ones are looked at closely.
+        # Up to the largest tau, at which no value's others scatter more than expected; small values are
+        # dense.
         taus = self._tau_of(freedoms) * np.linspace(0.0, 1.0, TAUS) ** 2
         sizes, others = self.with_scatter(taus)._without_each()
         at = np.maximum(np.argmax(others <= freedoms, axis=0), 1)
@@ -148,9 +151,9 @@ class RandomEffects:
         return np.asarray(np.sum((self.design @ self.root) ** 2, axis=-1))
 
     def _without_each(self) -> tuple[Array, Array]:
-        """Return each value's distance from the fit of all others, standardised, and their chi-square."""
+        """Return each value's standardised distance from the fit of all others, and their chi-square."""
         leverage = self.weights * self._of_fitted()
-        # A value with a leverage this near to one is not predicted by the others.
+        # A value with a leverage this close to one is not predicted by the others.
         free = np.where(leverage < 1.0 - 1e-9, 1.0 - leverage, np.nan)
         size = (self.values - self.fitted) * np.sqrt(self.weights / free)
         return size, self.chi_square[..., None] - size**2
@@ -158,13 +161,13 @@ class RandomEffects:
     def shrunken(self) -> tuple[Array, Array]:
         """Return shrunken estimates of the values and their standard errors, (value,) each.
 
-        At one tau it is the mean of value and effects, weighted by both variances. The result is averaged
-        over tau with restricted likelihood times Jeffreys' prior, because few values leave tau uncertain.
+        For one tau it is the mean of value and effects, weighted by both variances. It is averaged over tau
+        with restricted likelihood times Jeffreys' prior, because few values leave tau uncertain.
         """
         last = self._tau_of(float(scipy.stats.chi2.ppf(LAST_P_VALUE, self.degrees_of_freedom)))
         taus = max(last, float(np.max(self.errors))) * np.logspace(-4.0, 0.0, TAUS)
         fits = self.with_scatter(taus)
-        # Twice the logarithm of the restricted likelihood, and the prior.
+        # Twice the log restricted likelihood, and the prior.
         of_root = np.log(np.abs(np.diagonal(fits.root, axis1=1, axis2=2)))
         likelihood = np.log(fits.weights).sum(axis=1) + 2.0 * of_root.sum(axis=1) - fits.chi_square
         prior = taus**2 * np.linalg.norm(fits.weights, axis=1)
@@ -183,7 +186,7 @@ def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, floa
     values : (run, quantity) array of float
     covariances : (run, quantity, quantity) array of float
     """
-    # Coefficients differ by orders of magnitude: in units of their errors the matrices are well conditioned.
+    # Coefficients differ by orders of magnitude; in units of their errors the matrices are well conditioned.
     unit = np.sqrt(np.mean(np.diagonal(covariances, axis1=1, axis2=2), axis=0))
     unit[unit == 0.0] = 1.0
     values, scale = values / unit, np.outer(unit, unit)
@@ -196,10 +199,10 @@ def weighted_mean(values: Array, covariances: Array) -> tuple[Array, Array, floa
 
 
 def mean_of_runs(values: Array, covariances: Array) -> tuple[Array, Array, Array, Array]:
-    """Return the mean of runs whose quantities may scatter beyond their errors; arrays as of `weighted_mean`.
+    """Return the mean of runs whose quantities may scatter beyond their errors; see `weighted_mean`.
 
-    Its covariance by the errors and that scatter; the standard deviation of the scatter (nan of a single
-    run); degrees of freedom by which the errors are known (Satterthwaite 1946), infinite without a scatter. A
+    Return also its covariance due to errors and scatter; the standard deviation of the scatter (nan for a
+    single run); and the degrees of freedom of the errors (Satterthwaite 1946), infinite without scatter. A
     quantity without errors is that of the first run.
     """
     if len(values) == 1:
@@ -213,14 +216,14 @@ def mean_of_runs(values: Array, covariances: Array) -> tuple[Array, Array, Array
     mean, covariance, _ = weighted_mean(values, scattered)
     fixed = np.all(errors == 0.0, axis=0)
     mean[fixed] = values[0][fixed]
-    # The part of the variance that the scatter makes is known by the runs alone.
+    # Only the runs determine the part of the variance that is due to scatter.
     part = np.divide(between**2, np.diag(scattered.mean(axis=0)), out=np.zeros_like(mean), where=~fixed)
     freedoms = np.divide(len(values) - 1.0, part**2, out=np.full_like(mean, np.inf), where=part > 0.0)
     return mean, covariance, between, freedoms
 
 
-# Two results of one kind differ by less than this number of standard deviations in 95 of 100 cases (ISO
-# 5725-6).
+# Two results under equal conditions differ by less than this number of standard deviations in 95 of 100 cases
+# (ISO 5725-6).
 LIMIT = 2.8
 DEVIATIONS = ("repeatability", "between_laboratory", "reproducibility")
 
@@ -232,7 +235,7 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     ----------
     values : (result,) array of float
     laboratories : (result,) array of str
-        Which laboratory each is of.
+        Laboratory of each result.
 
     Returns
     -------
@@ -242,13 +245,13 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     Raises
     ------
     UsageError
-        Fewer than two laboratories, or none has repeated anything.
+        There are fewer than two laboratories, or none has repeated results.
 
     Notes
     -----
-    ISO 5725-2, 7.4, with the unweighted means of the laboratories, whose intervals hold where they have
-    different numbers of results (Thomas and Hultquist 1978); intervals by modified large samples: of the
-    difference Ting et al. 1990, of the sum Graybill and Wang 1980.
+    This is ISO 5725-2, 7.4, with the unweighted means of the laboratories, for which the intervals are valid
+    with different numbers of results (Thomas and Hultquist 1978). The intervals use modified large samples:
+    for the difference Ting et al. 1990, for the sum Graybill and Wang 1980.
     """
     _, group = np.unique(laboratories, return_inverse=True)
     counts = np.bincount(group)
@@ -280,7 +283,7 @@ def precision(values: Array, laboratories: Array) -> tuple[Array, Array, Array]:
     return (
         np.sqrt(of_repeats),
         np.sqrt(np.maximum(0.0, of_laboratories) / repeats),
-        # Where laboratories scatter by less than their repetitions, they do not scatter (ISO 5725-2).
+        # If laboratories scatter less than their repetitions, their scatter is zero (ISO 5725-2).
         np.sqrt(np.maximum(of_results / repeats, [within, 0.0, 0.0])),
     )
 

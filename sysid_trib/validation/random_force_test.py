@@ -1,8 +1,8 @@
-"""Tests of a residual motion: a random force, or one that depends on angle, speed, amplitude or time.
+"""Tests of a residual motion: a random force, or a force that depends on angle, speed, amplitude or time.
 
-The gain of columns without effect is no chi-square where few cycles show the random force: they take a good
-part of what tells its size. Records of the model without them calibrate it (parametric bootstrap about the
-same path).
+If few cycles show the random force, the gain of columns without effect is not a chi-square, because they take
+much of the information on its size. Simulated records of the model without them calibrate it (parametric
+bootstrap about the same path).
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,13 +24,13 @@ from sysid_trib.results.random_force import RandomForce, random_force_of
 from sysid_trib.validation.residuals import FollowedRuns
 
 NULL_DRAWS = 60
-# Longer records are decimated to this number of samples, but no fewer than this number a period.
+# Longer records are decimated to this number of samples, but not below this number per period.
 MOST_SAMPLES, LEAST_PER_PERIOD = 8000, 20
 ON = ("angle", "speed", "amplitude", "time", "any")
 ASPECTS, SIZE_ON = ("force", "size"), ("amplitude", "speed", "time")
 NUMBERS = ("p_value", "chi_square", "degrees_of_freedom", "likely_density", "density_p_value")
 # Distances from the most likely ratio at which likelihoods are computed, in standard errors of its logarithm;
-# below these they double, down to so many e-folds; then comes none at all.
+# below them the distances double, down to this number of e-folds, and then to a ratio of zero.
 NEAR, E_FOLDS = np.array([-3.0, -1.5, 0.0, 1.5, 3.0]), 12.0
 
 
@@ -45,32 +45,32 @@ def random_force_dependence(
     decay, result : Dataset
         `angle(time)` of a run, and an identification of it with a random force.
     run : int
-        Which of the result's runs the decay is.
+        Index of the run of the result that the decay is.
     seed : int
         Seed of the simulated records that calibrate the test.
 
     Returns
     -------
     Dataset
-        `p_value` of a random force that depends on nothing (the least of both aspects, Bonferroni). Over
-        `aspect` (the `force` itself, and the `size` of what is random) and `on` (angle, speed, amplitude,
-        time, any): `dependence_p_value`, nan where it is not tested. Of the force on any: `chi_square`,
-        `degrees_of_freedom`. `likely_density` ((rad/s^2)^2/Hz), and `density_p_value` of the result's.
-        attrs: `every`, of how many samples one was taken.
+        `p_value` of a random force independent of motion and time (the smaller of both aspects, Bonferroni).
+        Over `aspect` (the `force` itself, and the `size` of its random part) and `on` (angle, speed,
+        amplitude, time, any): `dependence_p_value`, nan if not tested. For the force on any: `chi_square`,
+        `degrees_of_freedom`. `likely_density` ((rad/s^2)^2/Hz), and `density_p_value` of the result's
+        density. Attribute `every`: the decimation.
 
     Raises
     ------
     UsageError
         The result has no random force.
     DecayError
-        The motion does not settle on the record.
+        The motion does not converge to the record.
 
     Notes
     -----
-    The force: by how much accelerations that go with the motion (`trial_forces`) raise the likelihood, where
-    the start, the sensor's zero and all parameters of the model are free with them, and the ratio of the
-    two variances is free with and without. The size: `size_p_values`. Records that are simulated in the
-    linear model calibrate both.
+    The force is tested by the gain in likelihood due to accelerations that depend on the motion
+    (`trial_forces`), with free start, sensor's zero and model parameters; the ratio of the two variances is
+    free with and without them. The size is tested by `size_p_values`. Simulated records of the linear model
+    calibrate both.
     """
     if not random_force_of(result, run):
         raise UsageError("This identification has no random force; take random_force='estimated'.")
@@ -80,7 +80,7 @@ def random_force_dependence(
 def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.Dataset:
     """Compute `random_force_dependence` of the residual motion, even if the result has no random force.
 
-    The test has a random force of its own in any case, besides the sensor's noise of the result's colour.
+    The test always has its own random force, in addition to the sensor's noise of the result's colour.
     """
     decay, result = followed.runs[run], followed.result
     samples, step = decay.sizes["time"], float(np.median(np.diff(decay.time.values)))
@@ -90,7 +90,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     w = tracked.model.reference_frequency
     tau = w * (tracked.time - tracked.time[0])
     by_column, depends_on = linearised.trial_forces(tracked.linear, tau)
-    # Like a change of the frequency, but without the impulses within a step.
+    # A change of the frequency, without the impulses within a step.
     linear = _with_parameters(tracked, result, stiffness=-by_column[:, :, :1])
     # All parameters are free.
     null = kalman.likely_ratio(linear)
@@ -100,7 +100,7 @@ def dependence_on_motion(followed: FollowedRuns, run: int, seed: int = 0) -> xr.
     gains = _likelihood_gains(trial, sets | {"any": np.arange(len(depends_on))}, null)
     untested = dict.fromkeys(ON, float("nan"))
     of_force = untested | {on: p_value for on, (_, _, p_value) in gains.items()}
-    # Free coefficients may leave no random force at all, and nothing that has a size.
+    # Free coefficients may leave no random force, and then no size to test.
     of_size = untested | dict.fromkeys((*SIZE_ON, "any"), 1.0)
     if null.ratio > 0.0:
         of_size |= _size_p_values(trial, null.ratio, tau)
@@ -121,9 +121,9 @@ def dependence(numbers: Sequence[float], p_values: ArrayLike) -> xr.Dataset:
 
 
 def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: Array) -> kalman.LinearModel:
-    """Return the record about the smoothed motion with columns for all that was free in the identification.
+    """Return the record about the smoothed motion, with columns for all free parameters of its model.
 
-    `stiffness` is what the acceleration -x adds to x and v by the end of a step, (step, 2, 1).
+    `stiffness` : increment of x and v at the end of a step due to the acceleration -x, (step, 2, 1).
     """
     offered, covariance = bands.parameters_of(result)
     kept = [at for at, name in enumerate(offered) if name in tracked.model.coefficients]
@@ -133,12 +133,12 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
         shapes = errors.shape_parameter.values[errors.values > 0.0].tolist()
     names = (*(offered[at] for at in kept), *shapes)
     linear = tracked.linear_about(tracked.linear.path, tracked.zero, names)
-    # Directions in which parameters were free: not where they are fixed or tied.
+    # Directions in which parameters were free, without fixed or tied ones.
     covariance = covariance[np.ix_([*kept, -1], [*kept, -1])]
     size = np.sqrt(np.diag(covariance))
     scale = np.where(size > 0.0, size, 1.0)
     values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
-    # Part of a variance below which a direction of the parameters was held or tied.
+    # Relative variance below which a direction of the parameters was held or tied.
     free = size[:, None] * vectors[:, values > 1e-12]
     basis = scipy.linalg.block_diag(free[:-1], np.eye(linear.start.shape[1] - len(kept)))
     by_column = linear.by_column @ basis
@@ -152,23 +152,23 @@ def _with_parameters(tracked: TrackedRecord, result: xr.Dataset, *, stiffness: A
 
 
 def _records_of_noise(linear: kalman.LinearModel, ratio: float, random: np.random.Generator) -> Array:
-    """Return records of noise alone, (sample, draw), in units of the innovations of the sensor's noise."""
+    """Return simulated noise records, (sample, draw), in units of the innovations of the sensor's noise."""
     random_walk = linearised.random_walk_about(linear, ratio, random, NULL_DRAWS)
-    # Coloured noise has a past before the first sample.
+    # Coloured noise depends on its past before the first sample.
     past = sensor_noise.memory_samples(linear.sensor_filter)
     white = random.standard_normal((past + len(random_walk), NULL_DRAWS))
     return np.asarray(random_walk + scipy.signal.lfilter([1.0], linear.sensor_filter, white, axis=0)[past:])
 
 
 class TrialModel(NamedTuple):
-    """A record with nuisances, columns that are tried and records of noise, as one linear model.
+    """A record with nuisances, trial columns and noise records, as one linear model.
 
     Attributes
     ----------
     linear : LinearModel
-        Its columns are those three kinds, in this order.
+        Linear model whose columns are these three kinds, in this order.
     ends : (int, int)
-        Where the first two kinds end.
+        Indices of the ends of the first two kinds.
     """
 
     linear: kalman.LinearModel
@@ -176,16 +176,16 @@ class TrialModel(NamedTuple):
 
 
 def _white(trial: TrialModel, ratio: float) -> tuple[Array, Array, Array, float]:
-    """Return rows at a ratio: nuisances, columns tried, records (the measured one first); log determinant."""
+    """Return rows at a ratio: nuisances, trial columns, records (the measured first); log determinant."""
     rows = trial.linear.rows(ratio)
     nuisances, tried, draws = np.split(rows.design, trial.ends, axis=1)
     return nuisances, tried, np.column_stack([rows.target, draws]), rows.log_determinant
 
 
 def _deviances(trial: TrialModel, sets: Sequence[Index], ratio: float) -> Array:
-    """Return minus twice the logarithm of the likelihood at a ratio, variance and columns profiled.
+    """Return minus twice the log likelihood at a ratio, with variance and columns profiled.
 
-    Without the columns that are tried, then with each of the sets: (1 + set, 1 + draw).
+    First without the trial columns, then with each of the sets: (1 + set, 1 + draw).
     """
     nuisances, tried, records, log_determinant = _white(trial, ratio)
     basis = orthonormal(nuisances)
@@ -215,16 +215,16 @@ def _likelihood_gains(
 ) -> dict[str, tuple[float, int, float]]:
     """Return chi-square of each set of columns given the nuisances, number of columns, p-value of no effect.
 
-    The chi-square is the gain with the mean that it has (Bartlett 1937); columns count that are no
-    combinations of the nuisances. `null` : of the model without them, by which the trial's records of noise
-    were drawn; where that has no random force, none is with the columns either.
+    The chi-square is the gain, scaled to the expected mean (Bartlett 1937). Columns that are combinations of
+    the nuisances are not counted. `null` : model without the columns, from which the noise records were
+    drawn; if it has no random force, the fit with the columns has none either.
     """
     nuisances, tried, _, _ = _white(trial, null.ratio)
     size = np.linalg.norm(tried, axis=0)
     unit = tried / np.where(size > 0.0, size, 1.0)
     basis = orthonormal(nuisances)
     _, r, order = scipy.linalg.qr(unit - basis @ (basis.T @ unit), mode="economic", pivoting=True)
-    # Part of a column that others must leave for it to be a further one.
+    # Least fraction of a column outside of the others for an additional column.
     further = order[np.abs(np.diag(r)) > 1e-2]
     chosen = {name: np.intersect1d(index, further) for name, index in sets.items()}
     least = _deviances(trial, list(chosen.values()), 0.0)
@@ -244,13 +244,13 @@ def _likelihood_gains(
 
 
 def orthonormal(columns: Array) -> Array:
-    """Return an orthonormal basis of the space of some columns."""
+    """Return an orthonormal basis of the span of some columns."""
     size = np.linalg.norm(columns, axis=0)
     return np.asarray(np.linalg.qr(columns / np.where(size > 0.0, size, 1.0))[0])
 
 
 def _least(logarithms: Array, table: Array) -> Array:
-    """Return the least of each curve over the ratios, by the parabola through its three lowest neighbours."""
+    """Return the minimum of each curve over the ratios, by the parabola through its three lowest values."""
     at = np.clip(np.argmin(table, axis=0), 1, len(table) - 2)
     x = [logarithms[at + side] for side in (-1, 0, 1)]
     y = [np.take_along_axis(table, (at + side)[None], axis=0)[0] for side in (-1, 0, 1)]
@@ -264,11 +264,11 @@ def _least(logarithms: Array, table: Array) -> Array:
 
 
 def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, float]:
-    """Return p-values of a random force of constant size, by what its size may depend on, and of `any`.
+    """Return p-values of a random force of constant size, for each possible dependence and for `any`.
 
     The statistic is the mean of amplitude, speed over amplitude, or time, over the steps, each weighted by
-    the squared smoothed disturbance r' Q r (Durbin and Koopman 2012, 4.5); together they make Hotelling's
-    T^2. Records of noise alone are drawn at this ratio; `tau` : reference frequency times time, (sample,).
+    the squared smoothed disturbance r' Q r (Durbin and Koopman 2012, 4.5); together they give Hotelling's
+    T^2. Noise records are drawn at this ratio. `tau` : reference frequency times time, (sample,).
     """
     nuisances, _, records, _ = _white(trial, ratio)
     basis = orthonormal(nuisances)
@@ -277,7 +277,7 @@ def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, flo
     path = linear.path
     gain, variance = linear.gains(ratio)
     source = linear.observed_states[:, :, None] * (white / np.sqrt(variance)[:, None])[:, None, :]
-    # The states of coloured noise are no motion.
+    # The states of coloured noise are not part of the motion.
     smoothed = linear.recursion(gain, source, backward=True)[1:, : path.shape[1]]
     weights = np.einsum("kad,kab,kbd->kd", smoothed, linear.steps.diffusion, smoothed, optimize=True)
     amplitude = np.hypot(path[:, 0], path[:, 1])
@@ -288,7 +288,7 @@ def _size_p_values(trial: TrialModel, ratio: float, tau: Array) -> dict[str, flo
     measured, null = means[:, 0], means[:, 1:]
     size, draws = null.shape
     excess = measured - null.mean(axis=1)
-    # Mean and covariance are those of `draws` records: the measured one differs from them by a bit more.
+    # Mean and covariance come from `draws` records: the measured one differs from them by slightly more.
     covariance = (1.0 + 1.0 / draws) * np.cov(null)
     z = excess / np.sqrt(np.diag(covariance))
     p_values = 2.0 * scipy.stats.t.sf(np.abs(z), draws - 1)

@@ -15,25 +15,26 @@ from sysid_trib.methods import Averaging, Direct, Trajectory, method_of
 from sysid_trib.methods.options import constrained, with_random_force
 from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays, as_runs, one_or_all
-from sysid_trib.results import models, references, signal_scale, variables
+from sysid_trib.results import models, signal_scale, variables
 from sysid_trib.results.models import forces_in_model
+from sysid_trib.validation import common_reference
 
-# The noise that a fit of the motion may allow for.
+# Noises with which the motion may be fitted.
 NOISES: tuple[RandomForceOption, ...] = ("off", "estimated")
 
 
 class Refit(NamedTuple):
-    """A fit of the same forces, made otherwise.
+    """A fit of the same forces with one change.
 
     Attributes
     ----------
     kind : str
-        window, start, sampling, noise or method.
+        Kind of the change: window, start, sampling, noise or method.
     label : str
         Difference from the original fit.
     method : Method
     parts : list of Dataset
-        Runs to which it is fitted.
+        Runs to which the forces are fitted.
     """
 
     kind: str
@@ -45,9 +46,9 @@ class Refit(NamedTuple):
 def refit(
     method: Method, parts: Sequence[xr.Dataset], library: ForceLibrary, runs: Sequence[xr.Dataset] = ()
 ) -> tuple[xr.Dataset | None, str]:
-    """Identify parts of runs, or return the reason of failure.
+    """Identify parts of runs; return the identification and the reason of failure.
 
-    `t` of the formulas counts from the first sample of the `runs`, or where there are none of the parts.
+    `t` of the formulas counts from the first sample of the `runs`, or without these from that of the parts.
     """
     later = float(parts[0].time.values[0] - runs[0].time.values[0]) if runs else 0.0
     try:
@@ -57,7 +58,7 @@ def refit(
 
 
 def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
-    """Return the samples between two parts of the time of a run."""
+    """Return the samples of a run between two fractions of its duration."""
     time = run.time.values.astype(float)
     ends = time[0] + np.array(limits) * (time[-1] - time[0])
     return slice(int(np.searchsorted(time, ends[0])), int(np.searchsorted(time, ends[1], side="right")))
@@ -66,9 +67,9 @@ def between(run: xr.Dataset, limits: tuple[float, float]) -> slice:
 def at_reference(
     results: Sequence[xr.Dataset | None], symbols: Sequence[str], reference: float, missing: float = np.nan
 ) -> tuple[Array, Array]:
-    """Return coefficients at a reference frequency (rad/s), with the asymptotic frequency as last.
+    """Return coefficients at a reference frequency (rad/s), with the asymptotic frequency as the last.
 
-    (result, quantity), with their covariances; `missing` where one has no such force.
+    Shape: (result, quantity), with their covariances; `missing` replaces values of missing forces.
     """
     count = len(symbols) + 1
     values = np.full((len(results), count), missing)
@@ -77,27 +78,27 @@ def at_reference(
         if result is not None:
             kept = [symbol for symbol in symbols if symbol in forces_in_model(result)]
             at = [*map(symbols.index, kept), len(symbols)]
-            values[row, at] = references.comparison_values(result, kept, reference)
-            covariances[row][np.ix_(at, at)] = references.comparison_covariance(result, kept, reference)
+            values[row, at] = common_reference.comparison_values(result, kept, reference)
+            covariances[row][np.ix_(at, at)] = common_reference.comparison_covariance(result, kept, reference)
     return values, covariances
 
 
 def scalars_of(results: Sequence[xr.Dataset | None], name: str) -> Array:
-    """Return a scalar of each result, and its error, nan of one that failed: (2, result)."""
+    """Return a scalar of each result, and its error, nan for a failed one: (2, result)."""
     names = name, f"{name}_standard_error"
     return np.array([[np.nan if of is None else of[part].item() for of in results] for part in names])
 
 
 @signal_scale.in_units_of_the_motion
 def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr.Dataset:
-    """Return the coefficients of an identification by the same forces, fitted in every other defensible way.
+    """Return the coefficients of an identification, with the same forces fitted in other defensible ways.
 
     Parameters
     ----------
     decay : Dataset or sequence of Dataset
         The record, or the runs.
     result : Dataset
-        The identification that is asked about: its forces, constraints and method.
+        The identification whose forces, constraints and method are used.
     tell : callable
         Called with the name of each fit.
 
@@ -105,16 +106,16 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     -------
     Dataset
         Over `fit` and `force` the `coefficient` at the reference frequency of the result, with its
-        `standard_error` (nan where a fit fails, `reason(fit)` says why), and its `change` from the result
-        over the fit's own error; over `fit` its `kind`: window, start, sampling, noise or method. Over
-        `force` the result's own `estimate` and `stated_error`, the least and the largest of all fits, `low`
-        and `high`.
+        `standard_error` (nan if a fit fails, with `reason(fit)`), and its `change` from the result over the
+        fit's own error; over `fit` its `kind`: window, start, sampling, noise or method. Over `force` the
+        result's own `estimate` and `stated_error`, and `low` and `high`, the smallest and the largest of all
+        fits.
 
     Notes
     -----
-    Windows are the first, the middle and the last part of each run that errors of the model are from; starts
-    leave out one and three periods; sampling takes every second sample, with either first; noises are the
-    sensor's alone and a random force with it.
+    Windows are the first, the middle and the last part of each run, as for the errors of the model. Starts
+    leave out one and three periods. Sampling takes every second sample, from the first or the second. Noises
+    are the sensor's alone, and with a random force.
     """
     runs, library = as_runs(decay, driven=True), models.library_of(result)
     symbols = forces_in_model(result)
@@ -126,8 +127,8 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     values, covariances = at_reference(results, symbols, reference)
     values, errors = values[:, :-1], np.sqrt(np.diagonal(covariances, axis1=1, axis2=2))[:, :-1]
     result = result.sel(force=symbols)
-    estimate, held = result.coefficient.values, references.held(result)
-    # Held values are the same in every fit, at any reference frequency.
+    estimate, held = result.coefficient.values, common_reference.held(result)
+    # Held values are the same in every fit and at any reference frequency.
     values = np.where(held & np.isfinite(values), estimate, values)
     errors = np.where(held & np.isfinite(errors), 0.0, errors)
     everything = np.vstack([estimate, values])
@@ -151,7 +152,7 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     whole = list(runs)
     for name, limits in variables.PARTS_OF_RECORD.items():
         yield Refit("window", name, method, [run.isel(time=between(run, limits)) for run in runs])
-    # Starts: this number of periods of the record is left out before it.
+    # Starts: number of periods of the record that are left out.
     for periods in (1.0, 3.0):
         later = 2.0 * np.pi * periods / reference
         parts = [run.isel(time=run.time.values >= run.time.values[0] + later) for run in runs]
@@ -164,7 +165,7 @@ def _fits(method: Method, runs: Sequence[xr.Dataset], reference: float) -> Itera
     common = ("reference_frequency", "shapes", "random_force")
     options = {name: getattr(method, name) for name in common if hasattr(method, name)}
     constraints = Constraints(getattr(method, "constraints", {}))
-    # The other methods of all forces, with the options that the method has.
+    # The other methods for all forces, with the options of this method.
     kinds: tuple[Callable[..., Method], ...] = (Averaging, Direct, Trajectory)
     for kind in kinds:
         if kind is not type(method):

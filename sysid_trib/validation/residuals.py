@@ -1,4 +1,4 @@
-"""Residuals of the simulated motions of identified models: size, phase, departure, and their whiteness."""
+"""Residuals of the simulated motions of identified models: size, phase, departure and whiteness."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,7 +23,7 @@ from sysid_trib.simulation.motions import STEPS_A_PERIOD
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import lack_of_fit
 
-# A model departs from the record where the RMS over half a period is beyond this many noise levels.
+# A model departs from the record where the RMS over half a period exceeds this multiple of the noise.
 DEPARTED = 2.0
 # Variables of each model.
 RESIDUALS = (
@@ -34,12 +34,12 @@ RESIDUALS = (
 
 @dataclass(frozen=True)
 class FollowedRuns:
-    """Runs and a result, each run followed once by the result's model: when it is first asked for.
+    """Runs and a result; the result's model is simulated in each run once, when it is first needed.
 
     Attributes
     ----------
     runs : mapping of int to Dataset
-        `angle(time)`, by their place among the result's runs.
+        `angle(time)`, by their index among the result's runs.
     result : Dataset
         An identification.
     """
@@ -53,7 +53,7 @@ class FollowedRuns:
         return replace(self, result=result)
 
     def once(self, name: str, make: Callable[[], Any]) -> Any:
-        """Return a quantity that is computed once; its error is kept too."""
+        """Return a quantity that is computed once; its error is cached too."""
         if name not in self._made:
             try:
                 self._made[name] = make()
@@ -73,12 +73,12 @@ class FollowedRuns:
         return self.once(f"motion {run}", lambda: fitted_motion(self.runs[run], self.result, run))
 
     def tracked(self, run: int) -> TrackedRecord:
-        """Return a run as `track` follows it.
+        """Return a run as a result of `track`.
 
         Raises
         ------
         DecayError
-            The motion does not settle on the record.
+            The motion does not converge to the record.
         SimulationError
             The motion between two samples cannot be computed.
         """
@@ -88,9 +88,9 @@ class FollowedRuns:
 def fitted_motion(
     decay: xr.Dataset, result: xr.Dataset, run: int = 0, *, most_steps: int = STEPS_A_PERIOD
 ) -> FittedMotion | None:
-    """Return the motion of an identified model in a run, start and sensor's zero fitted; None if it diverges.
+    """Return the motion of an identified model in a run, with fitted start and zero; None if it diverges.
 
-    `most_steps` : as that of `trajectory`.
+    `most_steps` : as in `trajectory`.
     """
     time, angle = decay.time.values.astype(float), decay.angle.values.astype(float)
     model = replace(model_of(result, run), inputs=inputs.inputs_of(decay))
@@ -99,8 +99,8 @@ def fitted_motion(
         start = (float(np.ravel(result.start_angle)[run]), float(np.ravel(result.start_rate)[run]))
     else:
         start = initial_conditions.first_guess(time, angle, model.reference_frequency)
-    # `discovery.free_motion` fits the start too, but from a path of the search and with its time limits: a
-    # candidate may be too stiff, and has a motion even then.
+    # `discovery.free_motion` fits the start too, but from a path of the search and with its step limits: a
+    # candidate may be too stiff, and still needs a motion.
     try:
         return initial_conditions.fit_start(model, time, angle, start, offset=zero, most_steps=most_steps)
     except SimulationError:
@@ -108,7 +108,7 @@ def fitted_motion(
 
 
 def with_motions(models: Mapping[str, FollowedRuns]) -> list[xr.Dataset]:
-    """Return each run with the angle of every model, nan of one that diverges, and its noise."""
+    """Return each run with the angle of every model, nan if it diverges, and its noise."""
     runs, records = next(iter(models.values())).runs.values(), []
     for run, *motions in zip(runs, *(followed.motions for followed in models.values()), strict=True):
         none = np.full(run.sizes["time"], np.nan)
@@ -120,10 +120,10 @@ def with_motions(models: Mapping[str, FollowedRuns]) -> list[xr.Dataset]:
 def with_noise_and_models(decay: xr.Dataset, names: Sequence[str], simulated: Array) -> xr.Dataset:
     """Return a record with `simulated_angle(model, time)`, `residual(model, time)` and its `noise`, rad.
 
-    Tables, sentences and figures show residuals over this noise, whatever the model. Of a driven record,
-    whose motion no spline follows, it is no more than the residual of a model.
+    Tables, sentences and figures show residuals over this noise for every model. For a driven record, whose
+    motion no spline follows, it is at most the residual of a model.
     """
-    # A record of another result has the models of that.
+    # Replace the models of a record from another result.
     decay = decay.drop_dims("model", errors="ignore")
     noise = smoothing.sensor_noise(decay)
     if inputs.inputs_of(decay):
@@ -141,24 +141,24 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
     followed : mapping of str to FollowedRuns
         The runs with each identification, by its name.
     noise_of : Dataset
-        The identification whose noise of a sample counts.
+        The identification whose noise of a sample is used.
 
     Returns
     -------
     Dataset
-        Of several runs RMS over these, the earliest departure, the least p-value times the number of runs
-        (Bonferroni), and the highest line; those of each run besides, with the dimension `run`.
+        For several runs: RMS over all, the earliest departure, the smallest p-value times the number of runs
+        (Bonferroni), and the highest line; also those of each run, with the dimension `run`.
 
     Notes
     -----
-    In a record with a random force the residual of a free motion is a random walk, not a failure of the
-    model. With a random force, and in coloured noise of the sensor, the innovations take its place, and their
-    own standard deviation that of the noise. A separate spectral line (`spectral_line`), such as hum, is not
+    In a record with a random force, the residual of a free motion is a random walk and not a failure of the
+    model. With a random force or coloured sensor noise, the innovations replace the residual, and their
+    standard deviation replaces the noise. A separate spectral line (`spectral_line`), such as hum, is not
     noise: if it is within the band of the motion, the p-value is zero.
     """
+    noises = [noise_of_run(noise_of, run) for run in range(len(next(iter(followed.values())).runs))]
     rows = [
-        [_of_run(model, motion, run, noise_of_run(noise_of, run)) for run, motion in enumerate(model.motions)]
-        for model in followed.values()
+        [_of_run_once(model, run, noise) for run, noise in enumerate(noises)] for model in followed.values()
     ]
     # Each of `RESIDUALS`, (run, model).
     columns = np.array(rows).transpose(2, 1, 0)
@@ -174,6 +174,15 @@ def residuals(followed: Mapping[str, FollowedRuns], noise_of: xr.Dataset) -> xr.
     if count > 1:
         values |= {f"run_{name}": of for name, of in zip(RESIDUALS, columns, strict=True)}
     return xr.Dataset(described("judged", values), {"model": list(followed)})
+
+
+def _of_run_once(followed: FollowedRuns, run: int, noise: float) -> tuple[float, ...]:
+    """Return `_of_run`, computed once for each noise."""
+    motion = followed.motions[run]
+    values: tuple[float, ...] = followed.once(
+        f"residual of run {run} over {noise!r}", lambda: _of_run(followed, motion, run, noise)
+    )
+    return values
 
 
 def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise: float) -> tuple[float, ...]:
@@ -205,11 +214,11 @@ def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise
     width = half_period(path[1])
     departure = departure_time(time, residual, noise, width)
     p_value = _noise_p_value(residual, noise, width, path, fitted, noises)
-    # The sensor's noise is above this multiple of the frequency of the swing: a line below does not belong to
-    # it.
+    # The band of the sensor's noise starts at this multiple of the frequency of the swing; a line below is
+    # not part of that noise.
     in_band = line[0] < 6.0 * result.asymptotic_frequency.item()
     if in_band and tracked is None and root_mean_square(residual) <= noise:
-        # The noise of the record's own spline contains it: the rest of the residual decides.
+        # The noise of the record's own spline contains the line: test the rest of the residual.
         rest = lack_of_fit.without_line(time, residual, line[0])
         return (
             *(rms, root_mean_square(residual) / noise, departure),
@@ -221,13 +230,13 @@ def _of_run(followed: FollowedRuns, motion: FittedMotion | None, run: int, noise
 def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMotion) -> Array:
     """Return measurement minus model, (sample,), rad: over the frequency for each integration.
 
-    Integration makes white noise red: in the integral no residual is white.
+    Integration makes white noise red, so the residual of the integral is never white.
     """
     time, model = decay.time.values.astype(float), model_of(result)
     simulated = trajectory(model, time, motion.angle, motion.rate)
     measured = decay[MEASURED].sel({MEASURED_TIME: time}).values
     residual = measured - simulated.shown(*measured_part(decay)[0])
-    # The bias, and the start, which was fitted to the integral: a small change of it is one of both phases.
+    # Fit the bias and the start again: the start was fitted to the integral.
     start = motion.sensitivity if motion.sensitivity is not None else np.zeros((len(time), 0))
     free = np.column_stack([np.ones(len(time)), start])
     residual = residual - free @ np.linalg.lstsq(free, residual, rcond=None)[0]
@@ -235,10 +244,10 @@ def _measured_residual(decay: xr.Dataset, result: xr.Dataset, motion: FittedMoti
 
 
 def departure_time(time: Array, residual: Array, noise: float, width: int) -> float:
-    """Return first time at which the mean square over so many samples is beyond the noise's; nan if never."""
+    """Return the first time at which the mean square over a width exceeds the noise's; nan if never."""
     total = np.concatenate([[0.0], np.cumsum(residual**2)])
     local = (total[width:] - total[:-width]) / width
-    # A level that this number of samples of noise exceeds once in a hundred records.
+    # Level that the mean over this number of noise samples exceeds once in a hundred records.
     level = max(DEPARTED**2, float(scipy.stats.chi2.isf(0.01 * width / len(residual), width)) / width)
     departed = np.flatnonzero(local > level * noise**2)
     return float(time[departed[0]]) if len(departed) else float("nan")
@@ -254,9 +263,9 @@ def _noise_p_value(
 ) -> float:
     """Return the p-value that a residual is noise, white or like given draws, by two tests (Bonferroni).
 
-    The residual of a missing force is slow: it hides in the RMS of all samples, but not in their means over
-    twelfths of a period; and one that changes the amplitude and the phase of the motion (x, v) little by
-    little is not in the means of all, but in the few polynomials in time by which these differ.
+    The residual of a missing force is slow. It is not visible in the RMS of all samples, but in their means
+    over twelfths of a period. A residual that slowly changes the amplitude and phase of the motion (x, v) is
+    not visible in these means either, but in the few polynomials in time that describe such changes.
     """
     width, (numbers, slow_square) = max(1, samples // 6), sensor.slow_part(*motion)
 
@@ -265,10 +274,10 @@ def _noise_p_value(
         means = values[: len(values) // width * width].reshape(-1, width).mean(axis=1) / noise
         return np.array([width * np.sum(means**2), slow_square(values / noise)])
 
-    # Least degrees of freedom of a slow residual, whatever the number of fitted parameters.
+    # Least degrees of freedom of a slow residual, for any number of fitted parameters.
     scale, degrees = np.ones(2), np.array([len(residual) // width, max(4, numbers - fitted)])
     if noises is not None:
-        # The chi square of the same mean and variance.
+        # Chi-square with the same mean and variance.
         drawn = np.array([sizes(values) for values in noises])
         scale = drawn.var(axis=0) / (2.0 * drawn.mean(axis=0))
         degrees = drawn.mean(axis=0) / scale
@@ -276,7 +285,7 @@ def _noise_p_value(
 
 
 def half_period(v: Array) -> int:
-    """Return the samples of a half period, by the changes of sign of the angle or the speed."""
+    """Return the number of samples in half a period, from sign changes of angle or speed."""
     turns = np.flatnonzero(np.diff(np.sign(v)) != 0)
     return int(np.median(np.diff(turns))) if len(turns) > 2 else max(1, len(v) // 10)
 
@@ -287,8 +296,8 @@ def motion_residual(decay: xr.Dataset, motion: FittedMotion, envelope: xr.Datase
     Returns
     -------
     Dataset
-        `residual(time)` (rad); the largest `phase_error` (rad; nan of a motion that stops early) and
-        `stop_time` (s; nan of one that does not stop within the record).
+        `residual(time)` (rad); the largest `phase_error` (rad; nan if the motion stops early) and `stop_time`
+        (s; nan if it does not stop within the record).
     """
     time = decay.time.values.astype(float)
     residual = decay.angle.values.astype(float) - motion.offset - motion.x
@@ -298,14 +307,14 @@ def motion_residual(decay: xr.Dataset, motion: FittedMotion, envelope: xr.Datase
 
 
 def _phase_error(time: Array, motion: FittedMotion, envelope: xr.Dataset) -> float:
-    """Return largest angle (rad) between the phase of a motion and the record's, at the record's extrema."""
+    """Return the largest angle (rad) between the phases of motion and record, at the record's extrema."""
     inside = (envelope.extremum_time.values > time[0]) & (envelope.extremum_time.values < time[-1])
     turns, sign = envelope.extremum_time.values[inside], envelope.sign.values[inside]
     if not len(turns):
         return float("nan")
-    # About the record's equilibrium, which a force that pushes one way moves.
+    # Phase about the record's equilibrium, which a one-sided force shifts.
     phase = np.interp(turns, time, np.unwrap(np.arctan2(-motion.v, motion.offset + motion.x)))
     lead = phase - np.pi * np.arange(len(turns)) - (0.0 if sign[0] > 0 else np.pi)
-    # Whole turns count from where the two are nearest: the start's own are arbitrary.
+    # Count whole turns from the place where both are nearest, because those at the start are arbitrary.
     middle = 2.0 * np.pi * np.round(np.median(lead) / (2.0 * np.pi))
     return float(np.max(np.abs(lead - middle)))

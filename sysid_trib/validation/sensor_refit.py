@@ -13,9 +13,9 @@ from sysid_trib.simulation.measured_motion import MEASURED
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.trajectory import trajectory
 
-# Steps that are tried; damping of the first, its factor after one that fails; least gain of a further step.
+# Most steps; damping of the first step, its factor after a failed step; least gain for another step.
 MOST_REFITS, FIRST_DAMPING, DAMPED_BY, SETTLED_RESIDUAL = 30, 1e-4, 10.0, 1e-5
-# Another run's terms are of the size of the identification's, or of some times that.
+# Prior: the terms of another run have the size of the identification's, times this factor.
 PRIOR_SIZES = 3.0
 
 
@@ -27,7 +27,7 @@ def with_own_sensor(
     Parameters
     ----------
     result : Dataset
-        The identification. Its own records have its own sensor terms, and terms that it holds stay.
+        The identification. For its own records, and for held terms, the sensor terms remain unchanged.
     model : Model
         Model of the identification, with the inputs of the record.
     record : Dataset
@@ -38,13 +38,13 @@ def with_own_sensor(
     Returns
     -------
     tuple of (Model, Dataset)
-        The model with the sensor terms of the record, and the record whose attribute `refitted_sensors` names
-        them; both as they were where there are none, or where no motion follows the record.
+        The model with the sensor terms of the record, and the record with the attribute `refitted_sensors`,
+        their names. Both are unchanged without sensor terms, or if no motion follows the record.
     """
     errors = dict(zip(result.force.values.tolist(), result.standard_error.values.tolist(), strict=True))
     symbols = [force.symbol for force in model.sensors if errors.get(force.symbol, 0.0) > 0.0]
     checksum = str(record.attrs.get("record_checksum", ""))
-    # With a rate or an acceleration, the angle was not measured.
+    # If a rate or an acceleration was measured, the angle was not.
     if (
         not symbols
         or MEASURED in record
@@ -69,7 +69,7 @@ class _Fit:
         Start angle (rad), start rate (rad/s), sensor terms, zero of the sensor (rad).
     residual : (sample,) array of float, rad
     columns : (sample, parameter) array of float
-        Derivatives of what the sensor shows.
+        Derivatives of the sensor's reading.
     """
 
     values: Array
@@ -80,8 +80,8 @@ class _Fit:
 def _refitted(model: Model, symbols: list[str], errors: dict[str, float], time: Array, angle: Array) -> Model:
     """Return the model with the sensor terms of the record.
 
-    Least squares of start, zero and sensor terms (Levenberg 1944). A delay is hardly separated from the
-    start: sensor terms are drawn towards those of the identification, by as much as these are large.
+    This is least squares of start, zero and sensor terms (Levenberg 1944). A delay is hardly separable from
+    the start: sensor terms are therefore drawn towards those of the identification, relative to their size.
     """
     w, zero = model.reference_frequency, first_zero(model)
     start = fit_start(model, time, angle, first_guess(time, angle, w), offset=zero)

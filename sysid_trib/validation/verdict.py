@@ -13,7 +13,7 @@ from sysid_trib.forces.force import ForceLibrary, LibraryLike
 from sysid_trib.forces.library import load_library
 from sysid_trib.forces.offered import with_inputs_acting
 from sysid_trib.likelihood.random_force import RandomForceOption
-from sysid_trib.likelihood.sensor_noise import sensor_noise_of
+from sysid_trib.likelihood.sensor_noise import WHITE_LEVEL, sensor_noise_of
 from sysid_trib.methods import Averaging, method_of
 from sysid_trib.methods.options import with_random_force
 from sysid_trib.methods.scope import Method, scope_of
@@ -24,15 +24,16 @@ from sysid_trib.results import effects, models, signal_scale, variables
 from sysid_trib.results.models import forces_in_model
 from sysid_trib.results.random_force import DEPENDENCE_LEVEL, is_found, random_force_of
 from sysid_trib.validation import judge, model_error
-from sysid_trib.validation.judge import RESIDUAL_LEVEL, Evidence, evidence_of
+from sysid_trib.validation.judge import Evidence, evidence_of
 from sysid_trib.validation.random_force_test import ASPECTS, ON, dependence, dependence_on_motion
 from sysid_trib.validation.residuals import FollowedRuns, residuals
 
-# Families of methods that fit the motion, and so see a random force in it.
+# Families of methods that fit the motion, and so can detect a random force in it.
 DECIDING = ("direct", "trajectory")
-# And at which the residual of a free motion depends on the amplitude, before a random force is looked for.
+# Level at which the residual of a free motion depends on the amplitude, tested before a random force is
+# estimated.
 AMPLITUDE_LEVEL = 1e-6
-# Noise of this multiple of the sensor's is more than an error of its estimate.
+# Noise above this multiple of the sensor's is more than an estimation error.
 MARKED = 1.5
 
 
@@ -48,17 +49,19 @@ def widening(result: xr.Dataset, residual_over_noise: float) -> float:
 
     Notes
     -----
-    Birge 1932: errors by the noise alone times the residual over the noise. Errors that a method has widened
-    by the Birge ratio of its equations are not widened twice. A random force is already in the errors.
+    Birge 1932: errors due to noise alone times the residual over the noise. Errors that a method has already
+    multiplied by the Birge ratio of its equations are not widened twice. A random force is already included
+    in the errors.
     """
-    # By the residual of the free motion. `discovery.screen.Screening.widening` has scores of the omnibus
-    # test: beside a random force a free motion wanders off, whether or not the model is complete.
+    # This uses the residual of the free motion. `discovery.screen.Screening.widening` uses scores of the
+    # omnibus test, because with a random force the free motion departs from the record even for a complete
+    # model.
     stated = max(1.0, float(result.get("birge_ratio", 1.0)))
     return 1.0 if random_force_of(result) else max(1.0, residual_over_noise / stated)
 
 
 def tested_runs(followed: FollowedRuns) -> xr.Dataset:
-    """Return `random_force_dependence` over `run`; `reason` where the motion does not converge.
+    """Return `random_force_dependence` over `run`; `reason` if the motion does not converge.
 
     Parameters
     ----------
@@ -70,9 +73,9 @@ def tested_runs(followed: FollowedRuns) -> xr.Dataset:
 
 
 def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr.Dataset:
-    """Return `dependence_on_motion` of a run, computed once; nan where the motion does not converge."""
+    """Return `dependence_on_motion` of a run, computed once; nan if the motion does not converge."""
     nothing, reason = np.full((len(ASPECTS), len(ON)), np.nan), ""
-    # A run without a random force has none that depends on something.
+    # Without a random force in a run, no dependence can be tested.
     tested = dependence((1.0, *[np.nan] * 4), nothing)
     try:
         followed.tracked(run)
@@ -84,18 +87,18 @@ def _dependence(followed: FollowedRuns, run: int, stochastic: bool = True) -> xr
 
 
 def evidence_of_models(table: xr.Dataset, followed: Mapping[str, FollowedRuns]) -> dict[str, Evidence]:
-    """Return the evidence on each model of `judged`; that on the noise is of the last one.
+    """Return the evidence on each model of `judged`; evidence on the noise is from the last one.
 
     Parameters
     ----------
     table : Dataset
-        Of `judged`.
+        Result of `judged`.
     followed : mapping of str to FollowedRuns
         All runs of each identification, by the name of its model.
     """
     last = [*followed.values()][-1]
     random = is_found(random_force_of(last.result))
-    white = bool(np.nanmax(table.p_value.values) >= RESIDUAL_LEVEL)
+    white = bool(np.nanmax(table.p_value.values) >= WHITE_LEVEL)
     hides = white and not random and _noise_hides_a_force(last)
     evidence = {}
     for name, of in followed.items():
@@ -130,11 +133,11 @@ def judged_models(
     preferred : str or callable
         Name of the preferred model, or a function that returns it for a table of `judge.judged`.
     made_by : str
-        What made the result.
+        Name of the function that made the result.
     random_force_p : float, optional
-        P-value of a random force of the last model that depends on nothing, if it is known.
+        P-value that the random force of the last model is independent of motion and time, if known.
     replaced : mapping of str to array_like, optional
-        Variables of the table that the caller knows better.
+        Variables of the table that the caller has computed better.
     """
     last = [*followed.values()][-1]
     if random_force_p is None:
@@ -165,7 +168,7 @@ def is_random(followed: FollowedRuns) -> bool:
 def _noise_hides_a_force(followed: FollowedRuns) -> bool:
     """Return true if the estimated sensor noise is too large and depends on the motion.
 
-    A method that finds the colour of the noise with a random force takes a slow force for either.
+    A method that estimates the colour of the noise with a random force mistakes a slow force for one of them.
     """
     if "random_force_density" not in followed.result:
         return False
@@ -192,19 +195,19 @@ def _unfound_random_force_hides_more(followed: FollowedRuns, run: int) -> bool:
 
 
 def p_value_of_dependence(tested: xr.Dataset) -> float:
-    """Return p-value of a random force that depends on nothing in all runs (Bonferroni); nan if untested."""
+    """Return the p-value of an independent random force in all runs (Bonferroni); nan if untested."""
     return min(1.0, tested.sizes["run"] * float(tested.p_value.min(skipna=False)))
 
 
 def checked_library(function: str, library: LibraryLike | None, decay: Decays) -> ForceLibrary:
-    """Return the library that is offered.
+    """Return the offered library.
 
     By default it is that of the contact forces, with the first force of each input of the records.
 
     Raises
     ------
     UsageError
-        Something else in the place of a library.
+        The argument is not a library.
     """
     if library is None:
         runs = [decay] if isinstance(decay, xr.Dataset) else [*decay]
@@ -223,23 +226,23 @@ def identifications(decay: Decays, library: ForceLibrary, methods: Sequence[Meth
     decay : Dataset or sequence of Dataset
         One decay, or several runs.
     library : ForceLibrary
-        The forces offered.
+        The offered forces.
     methods : sequence of Method
-        Those whose `random_force` is `auto` have one where the last of them that fits the motion finds it and
-        its test does not refuse it, and the sensor's noise alone elsewhere.
+        If the `random_force` of a method is `auto`, it has a random force if the last method that fits the
+        motion finds one and its test does not reject it; otherwise the sensor's noise alone.
 
     Returns
     -------
     list of Dataset
         In the order of the methods. `standard_error` and `covariance` are the total ones;
-        `error_of_noise(force)` and `error_of_model(force)` their parts; `held_out_rms` (rad) where there is
-        an error of the model (see `with_error_of_model`).
+        `error_of_noise(force)` and `error_of_model(force)` are their parts; `held_out_rms` (rad) exists if
+        there is an error of the model (see `with_error_of_model`).
 
     Notes
     -----
-    A random force frees a fit from following the motion: each half period is an equation of its own, and
-    whatever the model lacks within the cycle moves its coefficients. It is right where it depends on nothing;
-    where its test refuses it, the sensor's noise alone predicts better.
+    With a random force, a fit need not follow the motion: each half period is a separate equation, and a
+    force missing within the cycle changes its coefficients. This is correct if the random force is
+    independent of motion and time. If its test rejects this, the sensor's noise alone predicts better.
     """
     return [followed.result for followed in decided(decay, library, methods)]
 
@@ -251,12 +254,12 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
     results = [FollowedRuns(together, method.identify(decay, library)) for method in quiet]
     if any(inputs.inputs_of(run) for run in runs):
         return results
-    # Decrements neglect forces: the last method of the whole motion decides.
+    # Decrements neglect forces: the last method that fits the whole motion decides.
     places = [at for at, method in enumerate(methods) if _is_open(method)]
     open_ones = sorted(places, key=lambda at: scope_of(methods[at]).family in DECIDING)
     stochastic: dict[int, FollowedRuns] = {}
-    # From here on a residual may be that of a random force, which is then looked for.
-    # Reject a dependence on the amplitude before the long search.
+    # From here on, a residual may be that of a random force, which is then estimated. Reject a dependence on
+    # the amplitude before the long estimation.
     deciding = results[open_ones[-1]] if open_ones else None
     if deciding and _residual(deciding)[0] < 0.05 and not _depends_on_amplitude(deciding):
         stochastic = _stochastic(decay, library, {at: methods[at] for at in open_ones})
@@ -269,7 +272,7 @@ def decided(decay: Decays, library: ForceLibrary, methods: Sequence[Method]) -> 
 
 
 def _depends_on_amplitude(followed: FollowedRuns) -> bool:
-    """Return true if the residual of the averages depends on the amplitude, as no random force does."""
+    """Return true if the residual of the averages depends on the amplitude, unlike a random force."""
     moving = [motion for motion in followed.motions if motion is not None]
     if len(moving) < len(followed.motions):
         return False
@@ -287,9 +290,9 @@ def _depends_on_amplitude(followed: FollowedRuns) -> bool:
 
 
 def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceLibrary) -> FollowedRuns:
-    """Return the identification with model errors included, if the residual is not noise."""
+    """Return the identification, with model errors included if the residual is not noise."""
     p_value, over_noise = _residual(followed)
-    if p_value >= RESIDUAL_LEVEL:
+    if p_value >= WHITE_LEVEL:
         return model_error.with_rounding(followed)
     factor = widening(followed.result, over_noise)
     return model_error.with_error_of_model(followed, method, library, factor)
@@ -298,10 +301,10 @@ def with_model_in_errors(followed: FollowedRuns, method: Method, library: ForceL
 def with_common_noise(
     decay: Decays, library: ForceLibrary, methods: Mapping[str, Method]
 ) -> dict[str, Method]:
-    """Return methods by name; those without a given noise have the noise of direct identification.
+    """Return methods by name; those without a given noise use the noise of direct identification.
 
-    Where none of them is direct the first decides; where that cannot identify the record it is the sensor's
-    alone.
+    Without a direct method, the first one decides; if it cannot identify the record, the sensor's noise alone
+    is used.
     """
     open_ones = [method for method in methods.values() if _is_open(method)]
     direct = [method for method in open_ones if scope_of(method).family == "direct"]
@@ -317,17 +320,17 @@ def _is_open(method: Method) -> bool:
 
 
 def with_noise(method: Method, option: RandomForceOption) -> Method:
-    """Return a method with this noise if its own is left open; unchanged otherwise."""
+    """Return a method with this noise if it has no other; otherwise unchanged."""
     return with_random_force(method, option) if _is_open(method) else method
 
 
 def has_white_residual(followed: FollowedRuns) -> bool:
-    """Return true if the residual of a model, with a random force its innovations, is white noise."""
-    return _residual(followed)[0] >= RESIDUAL_LEVEL
+    """Return true if the residual of a model (with a random force, its innovations) is white noise."""
+    return _residual(followed)[0] >= WHITE_LEVEL
 
 
 def _residual(followed: FollowedRuns) -> tuple[float, float]:
-    """Return p-value that a model's residual, or its innovations with a random force, is white; its size."""
+    """Return the p-value that a model's residual, or its innovations, is white; and its size."""
     whole = followed.once("residual", lambda: residuals({"": followed}, followed.result))
     return float(whole.p_value.item()), float(whole.tested_over_noise.item())
 
@@ -335,7 +338,7 @@ def _residual(followed: FollowedRuns) -> tuple[float, float]:
 def _stochastic(
     decay: Decays, library: ForceLibrary, methods: Mapping[int, Method]
 ) -> dict[int, FollowedRuns]:
-    """Return the identifications with a random force or coloured noise; none if these are rejected."""
+    """Return the identifications with a random force or coloured noise; empty if these are rejected."""
     stochastic: dict[int, FollowedRuns] = {}
     runs, last = dict(enumerate(as_runs(decay, driven=True))), [*methods][-1]
     for at, method in methods.items():
@@ -344,7 +347,7 @@ def _stochastic(
             stochastic[at] = FollowedRuns(runs, result)
             refused = False
             if at == last:
-                refused = _residual(stochastic[at])[0] < RESIDUAL_LEVEL or not is_random(stochastic[at])
+                refused = _residual(stochastic[at])[0] < WHITE_LEVEL or not is_random(stochastic[at])
             elif scope_of(method).family == "averaging" and is_found(random_force_of(result)):
                 # If a fast method rejects the random force, the slow methods do not search for it.
                 refused = not is_random(stochastic[at])

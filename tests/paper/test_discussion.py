@@ -5,11 +5,11 @@ import pytest
 from known_results import PAPER, W, known
 
 from sysid_trib import Model, load_library
-from sysid_trib.cycles.averaged_motion import predict_envelope
 from sysid_trib.physics import inertia_with_mass
 from sysid_trib.physics.contact import contact_stiffness, slip_fingerprint, sphere_stiffness
 from sysid_trib.physics.force_weights import crossovers, weights
 from sysid_trib.physics.model_estimate import arrest_time
+from sysid_trib.questions.averaged_motion import predict_envelope
 
 
 def crossover(coefficients, first, second, rule):

@@ -8,7 +8,8 @@ import pytest
 from candidates import force
 
 from sysid_trib import load_library
-from sysid_trib.cycles.signatures import indistinguishable, signature
+from sysid_trib.cycles.signatures import signature
+from sysid_trib.validation.separability import indistinguishable
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.engine.trials import Settings, TrialEffect, reference_power
 from sysid_trib.likelihood.sensor_noise import NoiseModel
 
-# Difference of a shape parameter for its column, in parts of its range.
+# Step of a shape parameter for its difference quotient, as a fraction of its range.
 SHAPE_DIFFERENCE = 1e-4
 
 
@@ -28,17 +28,18 @@ class FittedModel:
     rows : tuple of RunRows
         Rows of each run.
     tables : tuple of (row, column) array of float
-        Columns in each run: trials, stiffness where the frequency is fitted, zeros of the sensor in each run,
-        steps of the shapes in parts of their ranges.
+        Columns of each run: the trials, the stiffness if the frequency is fitted, the sensor zero of each
+        run, and the shape steps as fractions of their ranges.
     likelihood : Likelihood
         Likelihood with the present shapes; its covariance includes their steps.
     stepped : Likelihood
-        Of all columns. A step of a shape goes along its tangent: what it promises is not reached yet.
+        Likelihood of all columns, with the shape steps. Each step follows the tangent, so its decrease of the
+        deviance is an expectation, not yet a result.
     at_ends : dict of int to (float, float)
-        Of the columns of shapes held at an end of their range: by how much of it they would leave it, and
-        the standard error of that.
+        For the column of each shape held at an end of its range: the fraction of the range by which the free
+        fit would leave the range, and the standard error of this fraction.
     settled : bool
-        Whether paths and parameters have.
+        Whether paths and parameters have converged.
     """
 
     trials: tuple[TrialEffect, ...]
@@ -111,7 +112,7 @@ class FittedModel:
 
     @property
     def stiffness_error(self) -> float:
-        """Standard error of the stiffness; 0 where the frequency is held."""
+        """Standard error of the stiffness; 0 if the frequency is fixed."""
         at = len(self.trials)
         return float(np.sqrt(self.likelihood.covariance[at, at])) if self.frequency_free else 0.0
 
@@ -128,7 +129,7 @@ class FittedModel:
         return [at, *(column for trial, _, column in self.shape_columns if trial == at)]
 
     def columns_without(self, symbols: Sequence[str]) -> list[int]:
-        """Return the columns of the tables, the target at 0, that stay without some forces."""
+        """Return the columns of the tables that remain without some forces; column 0 is the target."""
         gone = {column for symbol in symbols for column in self.columns_of(symbol)}
         return [1 + column for column in range(self.columns) if column not in gone]
 
@@ -140,19 +141,19 @@ class FittedModel:
         return NoiseModel(level / NoiseModel(1.0, filter_).standard_deviation, filter_)
 
     def without_caches(self) -> "FittedModel":
-        """Return the model without values that its runs can compute again, to save memory."""
+        """Return the model without the values that its runs can compute again, to save memory."""
         return replace(self, rows=tuple(replace(run, path=replace(run.path)) for run in self.rows))
 
     @property
     def follows(self) -> bool:
-        """True if each path is nearer to its record than rest."""
+        """True if each path follows its record more closely than a motion at rest does."""
         pairs = [(run.path.angle, run.path.at_samples[0]) for run in self.rows]
         near = (np.max(np.abs(motion - angle)) < np.max(np.abs(angle)) for angle, motion in pairs)
         return bool(np.isfinite(self.likelihood.deviance) and all(near))
 
     @property
     def without_values(self) -> list[str]:
-        """Symbols of the forces that are not finite along a path; of all where their slopes are not."""
+        """Symbols of the forces that are not finite along a path; all forces if slopes are not finite."""
         finite = np.ones(len(self.trials), bool)
         for run in self.rows:
             finite &= np.isfinite(run.path.columns(self.trials, run.operator)).all(axis=0)
@@ -165,9 +166,9 @@ class FittedModel:
         return np.asarray(zero + self.rows[run].path.sensor_errors(self.terms))
 
     def covariance_with_frequency(self) -> Array:
-        """Return covariance of coefficients and frequency (rad/s), of a fit whose paths have its frequency.
+        """Return the covariance of coefficients and frequency (rad/s), for paths with the fitted frequency.
 
-        A frequency that is a little higher has smaller coefficients give the same force.
+        With a slightly higher frequency, smaller coefficients give the same force.
         """
         count, whole = len(self.trials), self.likelihood.covariance
         if not self.frequency_free:
@@ -179,9 +180,9 @@ class FittedModel:
         return np.asarray(jacobian @ whole[: count + 1, : count + 1] @ jacobian.T)
 
     def without_zeros(self, rows: RunRows) -> tuple[Array, Array]:
-        """Return columns of the parameters in the rows of any run, (row, parameter), and their covariance.
+        """Return the columns of the parameters in the rows of any run, (row, parameter), with covariance.
 
-        Without the zeros of the sensor, which are each run's own.
+        The zeros of the sensor are left out, because each run has its own zero.
         """
         first = len(self.trials) + self.frequency_free
         table = table_of(rows, 0, 1, self.trials)
@@ -204,14 +205,14 @@ class FittedModel:
         return [table[:, 0] - table[:, 1:] @ self.likelihood.coefficients for table in self.white_tables()]
 
     def white_tables(self) -> list[Array]:
-        """Return target and columns of each run, (row, 1 + column), its noises white and of unit variance."""
+        """Return target and columns of each run, (row, 1 + column), with white noises of unit variance."""
         return [
             rows.whitened(np.column_stack([rows.target, table]), self.likelihood, at)
             for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True))
         ]
 
     def ahead(self, shapes: Array) -> Array:
-        """Return the changes of coefficients and stiffness with these steps of the shapes, (trial + 1,)."""
+        """Return the changes of coefficients and stiffness due to these steps of the shapes, (trial + 1,)."""
         first, count = self.columns - len(shapes), len(self.trials)
         covariance = self.stepped.covariance
         errors = np.sqrt(np.diag(covariance)[first:])
@@ -224,7 +225,7 @@ class FittedModel:
     def next_paths(
         self, coefficients: Array, part: float = 1.0, random_force: float = 1.0
     ) -> list[RecordPath]:
-        """Return the most likely motions, or a part of the way there, with these forces."""
+        """Return the most likely motions with these forces, or paths a fraction of the way to them."""
         paths = []
         for at, (rows, table) in enumerate(zip(self.rows, self.tables, strict=True)):
             residual = rows.target - table @ self.stepped.coefficients
@@ -236,7 +237,7 @@ class FittedModel:
         return paths
 
     def possible_rows(self) -> list[RunRows]:
-        """Return the rows of each run along a possible motion, drawn by its probability."""
+        """Return the rows of each run along a motion drawn from the distribution of its possible motions."""
         rows_of_runs, random = [], np.random.default_rng(self.settings.seed)
         for at, rows in enumerate(self.rows):
             deviation, ratio = np.sqrt(self.likelihood.variances[at]), float(self.likelihood.ratios[at])
@@ -246,10 +247,10 @@ class FittedModel:
         return rows_of_runs
 
     def next_steps(self, reach: float) -> Array:
-        """Return the steps of the shapes, of `reach` at most, in parts of their ranges, (shape,).
+        """Return the shape steps, of `reach` at most, as fractions of their ranges, (shape,).
 
-        No step changes an effect by more than its own size, beyond which its tangent is not valid. For a
-        frequency the limit is a phase of one radian over the record.
+        A step changes an effect by at most the effect's own size, because its tangent is not valid beyond. A
+        step of a frequency changes the phase over the record by one radian at most.
         """
         sizes = np.sqrt(np.sum([np.sum(table**2, axis=0) for table in self.tables], axis=0))
         steps = list[float]()
@@ -260,7 +261,7 @@ class FittedModel:
         return np.array(steps)
 
     def next_trials(self, steps: Array) -> list[TrialEffect]:
-        """Return the trials with their shapes so many steps further, (shape,), within their ranges."""
+        """Return the trials with their shapes changed by these steps, (shape,), within their ranges."""
         trials = list(self.trials)
         for (at, name, _), step in zip(self.shape_columns, steps.tolist(), strict=True):
             trials[at] = trials[at].stepped(name, step)
@@ -268,14 +269,14 @@ class FittedModel:
 
 
 def table_of(rows: RunRows, run: int, runs: int, trials: Sequence[TrialEffect]) -> Array:
-    """Return columns of trials, of the stiffness and of each run's zero, and slopes of trials by shapes."""
-    # A little aside, towards the middle of its range.
+    """Return columns of trials, of stiffness and of each run's zero, and slopes of trials by their shapes."""
+    # Step towards the middle of the range, so that the changed shape stays within it.
     deviated = [
         (at, name, SHAPE_DIFFERENCE if trial.part(name) < 0.5 else -SHAPE_DIFFERENCE)
         for at, trial in enumerate(trials)
         for name in trial.force.shape
     ]
-    # All at once: forces with a history follow the motion together.
+    # One call for all trials: history-dependent forces then share one integration along the motion.
     whole = rows.columns([*trials, *(trials[at].stepped(name, step) for at, name, step in deviated)])
     columns, aside = np.split(whole, [len(trials)], axis=1)
     slopes = [

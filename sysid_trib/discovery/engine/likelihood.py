@@ -1,8 +1,9 @@
 """Likelihood of the rows of all runs, with the noise of the sensor and a random force in each.
 
-Rows of a run have the covariance variance * (A S A' + ratio * G): of the sensor's noise of colour S, and of a
-white random force. Everything about a model is in the products of its columns for a grid of the ratios, so
-that any set of columns is judged by small matrices, both variances of each run at their most likely values.
+The rows of a run have the covariance variance * (A S A' + ratio * G): A S A' is due to the sensor's noise of
+colour S, and G to a white random force. The products of the columns on a grid of ratios hold all that is
+needed to judge any set of columns with small matrices. Both variances of each run take their most likely
+values.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,20 +16,20 @@ from numpy.typing import ArrayLike
 from sysid_trib.arrays import Array
 from sysid_trib.discovery.engine.run_products import RunProducts, spline_over_ratios
 
-# Distance of the ratios, in their logarithm, at which a spline between those tried is evaluated.
+# Step, in the logarithm of the ratio, at which the spline between the grid ratios is evaluated.
 BETWEEN_STEP = 0.03
-# Rounds in which the variances of several runs settle together, and the fall of the deviance at
-# which they have.
+# Most rounds in which the variances of several runs are iterated together, and the decrease of the deviance
+# at which they have converged.
 RATIO_ROUNDS, DEVIANCE_SETTLED = 20, 0.01
-# Part of the information that is added, so that columns which nothing tells apart have a solution.
+# Fraction of the information added to its diagonal, so that collinear columns have a solution.
 RIDGE = 1e-13
 
 
 def of_many_rows(rows: ArrayLike, columns: int) -> Array:
-    """Return the factor that gives a gain of one column the tail of a chi-square.
+    """Return the factor that gives the deviance gained by one column the tail of a chi-square.
 
     The gain has the tail of Student's t with `rows` degrees of freedom (Wallace 1959), while the most likely
-    variance also counts the `columns` as rows. With few rows chance gains more.
+    variance also counts the `columns` as rows. With few rows, random gains are larger.
     """
     dof = np.asarray(rows)
     return np.asarray(dof / (dof + columns) * ((8.0 * dof + 1.0) / (8.0 * dof + 3.0)) ** 2)
@@ -36,7 +37,7 @@ def of_many_rows(rows: ArrayLike, columns: int) -> Array:
 
 @dataclass(frozen=True)
 class Likelihood:
-    """The most likely values of a model.
+    """Maximum-likelihood values of a model.
 
     Attributes
     ----------
@@ -49,7 +50,7 @@ class Likelihood:
     ratios : (run,) array of float
         Ratios of the random force to that noise.
     ratio_errors : (run,) array of float
-        Standard errors of their logarithms, nan of a ratio of 0.
+        Standard errors of the logarithms of the ratios; nan if a ratio is 0.
     gains : (run,) array of float
         Decrease of the deviance by the random force of each run.
     """
@@ -63,7 +64,7 @@ class Likelihood:
     gains: Array
 
     def among(self, columns: Sequence[int], count: int) -> "Likelihood":
-        """Return this fit as one of `count` columns; columns that are not among these are zero."""
+        """Return this fit as one of `count` columns; columns other than `columns` have zero coefficients."""
         if len(columns) == count:
             return self
         coefficients, covariance = np.zeros(count), np.zeros((count, count))
@@ -73,23 +74,23 @@ class Likelihood:
 
 
 def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihood:
-    """Return the maximum likelihood of the model of these columns, the variances of each run profiled.
+    """Return the maximum likelihood of the model of these columns, with the variances of each run profiled.
 
     Parameters
     ----------
     runs : sequence of RunProducts
-        With the same columns.
+        Products of each run; all runs have the same columns.
     columns : sequence of int
         Columns of the table, from 1.
 
     Notes
     -----
-    For one run the coefficients are solved at each ratio. For several runs this is done for one after the
-    other, with the other ratios held, until the deviance converges.
+    For one run the coefficients are solved at each ratio. For several runs, the ratio of one run after
+    another is optimised, with the other ratios held, until the deviance converges.
     """
     places = np.asarray(columns, dtype=int)
     squares = sum(np.einsum("gii->i", run.of(places)) for run in runs)
-    # A column without effect keeps its size; the ridge bounds it.
+    # Do not scale a column of zeros; the ridge bounds its coefficient.
     size = np.where(squares > 0.0, np.sqrt(np.maximum(squares, 0.0)), 1.0)
     size[0] = 1.0
     parts = [run.of(places) / np.outer(size, size) for run in runs]
@@ -102,7 +103,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
         gains[r] = deviances[0] - deviance
     there = [run.at(ratio, places) for run, ratio in zip(runs, ratios.tolist(), strict=True)]
     parts = [run.products / np.outer(size, size) for run in there]
-    # Evaluate several runs at these ratios, not at the nearest tried ones: otherwise a fit may not converge.
+    # Evaluate several runs at these ratios, not at the nearest grid ratios: otherwise a fit may not converge.
     settled, _, variances = _settled(there, parts, [0] * len(runs), variances)
     coefficients, covariance = _solution([part[0] for part in parts], variances)
     return Likelihood(
@@ -119,7 +120,7 @@ def likelihood(runs: Sequence[RunProducts], columns: Sequence[int]) -> Likelihoo
 def _settled(
     runs: Sequence[RunProducts], parts: Sequence[Array], at: list[int], variances: list[float]
 ) -> tuple[float, list[int], list[float]]:
-    """Return the least deviance, and the place of the ratio and the variance of each run with it."""
+    """Return the smallest deviance, and the index of the ratio and the variance of each run there."""
     best = np.inf
     for _ in range(RATIO_ROUNDS):
         before = best
@@ -134,7 +135,7 @@ def _settled(
 
 
 def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array, Array]:
-    """Return coefficients and their covariance by the products of each run."""
+    """Return coefficients and their covariance from the products of each run."""
     total = np.sum([part / variance for part, variance in zip(parts, variances, strict=True)], axis=0)
     diagonal = np.diag(total)[1:]
     information = total[1:, 1:] + RIDGE * np.diag(diagonal + np.max(diagonal, initial=1e-300))
@@ -143,9 +144,9 @@ def _solution(parts: Sequence[Array], variances: Sequence[float]) -> tuple[Array
 
 
 def most_likely_variance(run: RunProducts, squares: ArrayLike, target: ArrayLike) -> Array:
-    """Return the most likely variance of a run by the residual squares of its rows and the target's squares.
+    """Return the most likely variance of a run from the residual sum of squares and that of the target.
 
-    The residual of a completely explained target is rounding.
+    If the columns explain the target completely, the residual is rounding error.
     """
     least = np.finfo(float).eps * np.asarray(target)
     return np.asarray((np.maximum(squares, least) + run.level_rows * run.level**2) / run.degrees_of_freedom)
@@ -192,7 +193,8 @@ def _between(ratios: Array, deviance: Array, at: int) -> tuple[float, float, flo
     return float(np.exp(best)), float(spline(best)), error
 
 
-# Index of a likely ratio, 0 if none is known; see `products_of`.
+# Products of a run on a grid of ratios about a given likely ratio; the argument is 0 if no likely ratio is
+# known.
 ProductsNear: TypeAlias = Callable[[float], RunProducts]
 # Rounds of the joint search for the most likely ratios of several runs.
 TURNS = 6
@@ -201,22 +203,22 @@ TURNS = 6
 def likeliest_near(
     runs: Sequence[ProductsNear], near: Sequence[float], columns: Sequence[int]
 ) -> tuple[list[RunProducts], Likelihood]:
-    """Return products of runs, exact near the maximum, and the likelihood of some columns.
+    """Return the products of runs on fine grids near the maximum, and the likelihood of some columns.
 
     Parameters
     ----------
     runs : sequence of callable
-        Products of each run, of ratios about a likely one.
+        Each returns the products of one run for ratios about a given likely ratio.
     near : sequence of float
-        Likely ratios, 0 where none is known.
+        Likely ratio of each run, 0 if none is known.
     columns : sequence of int
         Columns of the table, from 1.
 
     Notes
     -----
-    Between ratios that are far from each other a spline may be off by several units of the deviance, in which
-    models are compared. Ratios all over the span are tried where none is known to be likely, and where the
-    random force vanishes with one that is.
+    A spline between distant ratios may be wrong by several units of deviance, which is as much as models
+    differ. The whole span of ratios is tried if no likely ratio is known, and if the estimate is 0 although a
+    likely ratio was given.
     """
     everywhere = [not ratio for ratio in near]
     products = [run(ratio) for run, ratio in zip(runs, near, strict=True)]

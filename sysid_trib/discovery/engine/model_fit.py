@@ -1,4 +1,4 @@
-"""Exact fits: forces and errors of the sensor with their shapes, along the motion that they imply."""
+"""Exact fits: forces and errors of the sensor with their shapes, along the motion that they produce."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,17 +15,18 @@ from sysid_trib.discovery.engine.run_rows import run_rows
 from sysid_trib.discovery.engine.trials import TrialEffect
 from sysid_trib.errors import SysidTribError
 
-# Rounds after which a path goes half of its way.
+# Rounds with whole steps of the path; later rounds take half steps.
 WHOLE_STEPS = 3
-# A kink of a force may have the path swing about where it settles: then the best two rounds agree to this,
-# the deviance of one standard error.
+# The path may oscillate about its solution if a force has a kink. Then the deviances of the best two rounds
+# must agree to this, the rise of the deviance at one standard error.
 ROUNDS_AGREE = 1.0
-# Last rounds of a fit that does not converge; they are alike except for the errors of its parameters.
+# Last rounds of a fit that does not converge; it is accepted if they agree within the parameters' errors.
 LAST_ROUNDS = 4
-# Parts of the random force by which paths are first smoothed after an error of the sensor was added: with all
-# of it a path follows the record and its errors, and a large error is mistaken for forces.
+# Factors of the random force with which paths are smoothed after an error of the sensor was added. With the
+# whole random force a path follows the record and its sensor errors, and a large error is mistaken for
+# forces.
 CONTINUATION = (1e-2, 1e-4, 1e-6, 1e-8)
-# A path runs away to where nothing is finite, or rows say nothing: there is no fit.
+# Errors of a fit whose path diverges until values are not finite, or whose rows contain no information.
 NOT_FITTED = (SysidTribError, np.linalg.LinAlgError, ValueError)
 
 
@@ -43,33 +44,33 @@ def fit_model(
     Parameters
     ----------
     paths : sequence of RecordPath
-        First guesses.
+        First estimates of the motions.
     trials : sequence of TrialEffect
-        The model, with first guesses of the shapes.
+        The model, with first estimates of the shapes.
     first : (trial + 1,) array of float, optional
-        First guess of the coefficients and the stiffness, for the operator of small deviations.
+        First estimate of the coefficients and the stiffness, for the operator of small deviations.
     worst : float
-        A deviance: a fit that will not reach it, by what its last round gained, is given up.
+        A deviance. A fit is abandoned if the gain of its last round shows that it cannot reach this.
     possible : callable
-        Physical range: a fit that has been outside of it for two rounds is given up.
+        Test of the physical range. A fit that is outside of this range for two rounds is abandoned.
     part : float
-        Part of the way that a round goes at first.
+        Fraction of a full step that the first rounds take.
 
     Notes
     -----
     The next path is the most likely motion of the model at hand: without a random force it becomes a free
     motion (Newton's method on all samples), with one the smoothed motion.
 
-    Shapes are stepped along tangents: one that leads up was too long, after one that leads down twice as
-    long a one is tried (trust region: Conn, Gould, Toint 2000). A force that is narrow or has a history
-    may have path and coefficients swing about where they settle.
+    Shapes step along tangents. If a step raises the deviance, the next step is at most half as long;
+    otherwise it may be twice as long (trust region: Conn, Gould, Toint 2000). With a narrow or
+    history-dependent force, path and coefficients may oscillate about their solution.
     """
     guess, settings = np.zeros(len(trials) + 1) if first is None else first, paths[0].settings
     model = fitted_along(_of_any_ratio(paths), trials, guess)
-    # Largest step of a shape in a round, in parts of its range.
+    # Largest step of a shape in a round, as a fraction of its range.
     reach = longest = part * settings.shape_step
     rounds, before, unphysical = list[FittedModel](), 0.0, 0
-    # True if it has an error of the sensor that no fit has estimated yet.
+    # Test for a sensor error that no fit has estimated yet.
     if any(t.force.kind == "sensor" and not c for t, c in zip(trials, guess[:-1], strict=True)):
         model = _continued(model, reach, part, worst)
         if not model.settled:
@@ -78,14 +79,14 @@ def fit_model(
         guess = guess + part * (model.estimate - guess) if turn else model.estimate
         after = _next_round(model, guess, reach, part, of_any_ratio=turn + 1 < WHOLE_STEPS)
         if after is None:
-            # The most likely round of a path that diverged.
+            # The path diverged: return the round of largest likelihood.
             best = min([*rounds, model], key=lambda fitted: fitted.likelihood.deviance)
             return replace(best, settled=False)
         fall, model = model.likelihood.deviance - after.likelihood.deviance, after
-        # Falls shrink as a geometric series at least: the next one is this one times their ratio. A small
-        # part of the way has a small part of the fall.
+        # The decreases shrink at least as fast as a geometric series: the next one is the last one times
+        # their ratio. A partial step gives a partial decrease.
         next_fall = abs(fall) * min(1.0, abs(fall / before)) if before else abs(fall)
-        # Along its tangents a shape may go on where the deviance hardly falls.
+        # A shape may still move along its tangent although the deviance hardly decreases.
         on_its_way = model.likelihood.deviance - model.stepped.deviance > ROUNDS_AGREE
         if next_fall < min(1.0, 2.0 * part) * settings.least_gain and not on_its_way:
             return model
@@ -115,7 +116,7 @@ def _next_round(
     of_any_ratio: bool = True,
     random_force: float = 1.0,
 ) -> FittedModel | None:
-    """Return the model along its next paths, with the next shapes; None where there is no fit."""
+    """Return the model along its next paths, with the next shapes; None if it cannot be fitted."""
     paths, steps = model.next_paths(guess[:-1], part, random_force), model.next_steps(reach)
     nearer = _of_any_ratio(paths) if of_any_ratio else paths
     try:
@@ -126,15 +127,15 @@ def _next_round(
 
 
 def _of_any_ratio(paths: Sequence[RecordPath]) -> list[RecordPath]:
-    """Follow paths without a known ratio: as a path moves, a distant ratio may become the most likely."""
+    """Return paths without a known ratio: after a path has moved, a distant ratio may be most likely."""
     return [replace(path, ratio=0.0) for path in paths]
 
 
 def _continued(model: FittedModel, reach: float, part: float, worst: float) -> FittedModel:
-    """Continue with rounds in which paths follow the model more and more; not converged if given up.
+    """Fit in rounds whose paths follow the model ever more closely; mark the fit as unsettled if abandoned.
 
-    A continuation in the random force, whose likelihood has a maximum about each path that follows the record
-    (graduated non-convexity: Blake, Zisserman 1987).
+    This is a continuation in the random force, whose likelihood has a maximum about each path that follows
+    the record (graduated non-convexity: Blake, Zisserman 1987).
     """
     for turn, random_force in enumerate(CONTINUATION):
         after = _next_round(model, model.estimate, reach, part, random_force=random_force)
@@ -151,8 +152,8 @@ def _ended(rounds: Sequence[FittedModel], on_its_way: bool) -> FittedModel:
     best, next_best = sorted(rounds, key=lambda fitted: fitted.likelihood.deviance)[:2]
     if next_best.likelihood.deviance - best.likelihood.deviance < ROUNDS_AGREE:
         return best
-    # If a contact sticks, one reversal more or less makes the deviance jump, although parameters hardly
-    # change.
+    # If a contact sticks, one more or one fewer reversal changes the deviance abruptly although the
+    # parameters hardly change.
     sticks = any(rows.path.sticking.any() for rows in best.rows)
     last = [best, next_best] if sticks else rounds[-LAST_ROUNDS:]
     if _agree(last) and not on_its_way:
@@ -170,9 +171,9 @@ def _agree(rounds: Sequence[FittedModel]) -> bool:
 
 
 def fitted_along(paths: Sequence[RecordPath], trials: Sequence[TrialEffect], guess: Array) -> FittedModel:
-    """Return the most likely coefficients along paths that are held, and steps of the shapes with them.
+    """Return the most likely coefficients along fixed paths, and the shape steps fitted with them.
 
-    Tangents are those at these coefficients (variable projection: Golub, Pereyra 1973).
+    The tangents are evaluated at these coefficients (variable projection: Golub, Pereyra 1973).
     """
     rows = tuple(run_rows(path, trials, guess) for path in paths)
     tables = [table_of(run, at, len(rows), trials) for at, run in enumerate(rows)]

@@ -5,9 +5,9 @@ deviations,
 
     A d + integral psi (x'' + (1 + kappa) x + sum c h) = A noise + integral psi (random force).
 
-All that is sought, forces and errors of the sensor alike, is a column of these rows. The path is a spline,
-and about it the motion that the forces themselves give, which may switch or turn within a sample: no
-simulation is needed; what the path differs from the motion counts in second order alone.
+Every force and every error of the sensor is a column of these rows. The path is a spline plus the fine motion
+due to the forces themselves, which may switch or reverse within a sample. No simulation is needed, because
+the difference between path and motion has an effect of second order only.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -33,11 +33,11 @@ from sysid_trib.simulation import internal_states
 
 # Trials with their coefficients.
 Terms: TypeAlias = Sequence[tuple[TrialEffect, float]]
-# Parts of a cell between two points over which a force that switches there is averaged.
+# Fractions of a cell between two points, at which a force that switches in the cell is averaged.
 CELL_PARTS = (np.arange(32) + 0.5) / 32.0 - 0.5
-# Values of forces along a path that are held at once: of long records they would be most of the memory.
+# Most values of forces along a path that are kept at once; for long records they would fill the memory.
 NUMBERS_AT_ONCE = 2**22
-# Before anything is known of the forces.
+# Fine motion before any force is known.
 NO_FINE_MOTION = PPoly(np.zeros((3, 1)), [0.0, 1.0])
 
 
@@ -50,31 +50,34 @@ class RecordPath:
     time, angle : (sample,) array of float, s and rad
         The record.
     frequency : float, rad/s
-        To which coefficients refer; tau = frequency * time.
+        Frequency to which coefficients refer; tau = frequency * time.
     form : WeakForm
     spline : BSpline
-        The path without its fine part, over tau.
+        The path without its fine motion, over tau.
     sensor : NoiseModel
-        Noise of the sensor; of its level there is but a guess.
+        Noise of the sensor; its level is a first estimate only.
     origin : float, s
-        From which the `t` of formulas counts.
+        Time from which the `t` of formulas counts.
     intervals : int
-        Between the knots of path and test functions: these stay where they are when the frequency changes.
+        Number of intervals between the knots of path and test functions; it stays the same when the frequency
+        changes.
     settings : Settings
     sticking : (row,) array of bool
-        Rows that say nothing, since what holds the motion there is a reaction.
+        Rows without information on the forces, because a reaction holds the motion there.
     frequency_free : bool
         Whether the frequency is fitted.
     fine : PPoly
-        The motion from rest by the forces that gave the path, each constant in the cell about a point.
+        Fine motion: it starts at rest and is due to the forces that gave the path, each constant in the cell
+        about a point.
     ratio : float
-        Ratio of the random force to the sensor's noise, where it was the likeliest so far; 0 if not known.
+        Most likely ratio of the random force to the sensor's noise so far; 0 if not known.
     held : Terms
-        Forces that are always there, with their coefficients, as a pendulum's gravity: no columns.
+        Forces that are always present, such as a pendulum's gravity, with their coefficients; they are not
+        columns.
     inputs : mapping of str to KnownInput
-        Inputs that drive it.
+        Inputs that drive the motion.
     before : RecordPath, optional
-        The record up to the first sample, and with it, of which forces remember.
+        The record up to and including the first sample, for forces that depend on the history.
     """
 
     time: Array
@@ -160,11 +163,11 @@ class RecordPath:
 
     @cached_property
     def stiffness_column(self) -> Array:
-        """Integrals of x and of the forces that are always there, which a frequency scales, (row,)."""
+        """Integrals of x and of the always present forces, which scale with the frequency squared, (row,)."""
         return np.asarray(self.integrals @ (self.points[1] + self._force(self.held)))
 
     def tangent(self, terms: Terms, stiffness: float) -> tuple[Array, Array]:
-        """Return stiffness and damping of small deviations of the motion from a model's, (point,) each."""
+        """Return stiffness and damping of small deviations from a model's motion, (point,) each."""
         acting = [*terms, *((trial, (1.0 + stiffness) * c) for trial, c in self.held)]
         tau, x, v, time = self.points
         given = self.given_at([trial for trial, _ in acting], tau)
@@ -180,7 +183,7 @@ class RecordPath:
     def operator(self, tangent: tuple[Array, Array]) -> sp.csr_matrix:
         """Return the operator of small deviations of a motion, (row, sample).
 
-        It uses means of stiffness and damping about each sample, because they may jump between samples.
+        It uses means of stiffness and damping about each sample, because both may jump between samples.
         """
         points = len(tangent[0])
         parts = (points - 1) // (len(self.time) - 1)
@@ -190,7 +193,7 @@ class RecordPath:
         return weak_form.noise_operator(self.form, *(np.asarray(mean[::parts]) for mean in means))
 
     def columns(self, trials: Sequence[TrialEffect], operator: sp.csr_matrix) -> Array:
-        """Return the rows of each trial of coefficient 1, (row, trial); nan if it cannot be followed."""
+        """Return the rows of each trial with coefficient 1, (row, trial); nan if a force fails."""
         columns = np.empty((self.form.rows, len(trials)))
         of_force = [at for at, trial in enumerate(trials) if trial.force.kind == "force"]
         few = max(1, NUMBERS_AT_ONCE // len(self.points[0]))
@@ -220,7 +223,7 @@ class RecordPath:
         return self.force_values([trial for trial, _ in acting]) @ np.array([c for _, c in acting])
 
     def force_values(self, trials: Sequence[TrialEffect]) -> Array:
-        """Return forces of coefficient 1 along the path, (point, trial), rad; nan where one fails."""
+        """Return forces of coefficient 1 along the path, (point, trial), rad; nan if a force fails."""
         values = np.full((len(self.points[0]), len(trials)), np.nan)
         with_past: dict[str, list[int]] = {}
         for at, trial in enumerate(trials):
@@ -249,7 +252,7 @@ class RecordPath:
         return {}
 
     def _crossed_cells(self, trial: TrialEffect) -> tuple[Index, Array, tuple[Array, Array, Array]]:
-        """Return the cells in which a force switches, with tau, x, v and time of their parts."""
+        """Return the cells in which a force switches, with tau, x, v and time at points within them."""
         tau, x, v, time = self.points
         shapes = trial.force.shape_values(trial.shapes)
         names = {"x": x, "v": v, "t": time} | self.given_at([trial], tau) | shapes

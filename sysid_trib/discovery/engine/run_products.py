@@ -13,14 +13,14 @@ from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.variance_ratio import ratio_span
 from sysid_trib.likelihood.weak_form import WeakForm, cholesky_factor, log_determinant, noise_operator, whiten
 
-# Squares of columns above which the products of products overflow, and below which they vanish.
+# Column sums of squares above which their products overflow, and below which they underflow.
 LEAST_SQUARES, MOST_SQUARES = 1e-200, 1e200
-# Steps in the logarithm of a ratio from a likely one to those that are tried about it.
+# Steps, in the logarithm of the ratio, from a likely ratio to the grid ratios about it.
 ABOUT_LIKELY = np.array([-3.0, -1.2, -0.4, 0.0, 0.4, 1.2, 3.0])
-# Distance of two ratios up to which a spline between them is as good as a sum. Likely ones that are nearer
-# than half of it have the same about them.
+# Distance of two ratios up to which a spline between them is as accurate as the sum itself. Likely ratios
+# closer than half of it share one grid.
 CLOSE = 0.5
-# Distance from the ends of their span in which no other is tried.
+# Least distance of a grid ratio from the ends of the span.
 LEAST_APART = 0.1
 
 
@@ -40,7 +40,7 @@ class RunProducts:
     level : float, rad
         Level of the innovations of the sensor's noise, by its spectrum.
     level_rows : float
-        As which that level counts.
+        Number of rows that the level of the spectrum counts as.
     """
 
     products: Array
@@ -52,14 +52,14 @@ class RunProducts:
 
     @property
     def degrees_of_freedom(self) -> float:
-        """Number of rows and of those that the prior of the level adds."""
+        """Number of rows, with those that the prior of the level adds."""
         return self.rows + self.level_rows
 
     def at(self, ratio: float, columns: Array) -> "RunProducts":
-        """Return the products of the target and some columns in the covariance of any ratio alone.
+        """Return the products of the target and some columns for a single ratio of any value.
 
-        A spline over those tried: each is the same sum, so that a target which the columns explain stays
-        explained.
+        They are interpolated by a spline over the grid ratios. All products use the same weights, so a target
+        that the columns explain completely stays explained.
         """
         kept, (at, weights) = np.concatenate([[0], columns]), self._weighed(ratio)
         determinant = np.array([weights @ self.log_determinant[at]])
@@ -67,7 +67,7 @@ class RunProducts:
         return replace(self, products=products, log_determinant=determinant, ratios=np.array([ratio]))
 
     def block(self, ratio: float, rows: Array, columns: Array) -> Array:
-        """Return the products of any columns, the target among them, with others, (row, column)."""
+        """Return the products of some columns, which may include the target, with others, (row, column)."""
         at, weights = self._weighed(ratio)
         return np.asarray(np.tensordot(weights, self.products[np.ix_(at, rows, columns)], 1))
 
@@ -88,7 +88,7 @@ class RunProducts:
         return replace(self, products=self.products * np.outer(with_target, with_target))
 
     def _weighed(self, ratio: float) -> tuple[Index, Array]:
-        """Return the numbers of ratios, and the weights that interpolate their products to any ratio."""
+        """Return the indices of grid ratios, and the weights that interpolate their products to any ratio."""
         tried = np.flatnonzero(self.ratios == ratio)[:1]
         if len(tried):
             return tried, np.ones(1)
@@ -102,7 +102,7 @@ class RunProducts:
 
 
 def spline_over_ratios(ratios: Array, values: Array) -> PPoly:
-    """Return the spline of values at ratios (ratio,), but at the first, 0, over their logarithms."""
+    """Return the spline of values at ratios (ratio,) over their logarithms, without the first ratio, 0."""
     cardinal = _cardinal_splines(ratios.tobytes())
     return PPoly(cardinal.c @ values[1:], cardinal.x)
 
@@ -115,12 +115,13 @@ def _cardinal_splines(ratios: bytes) -> CubicSpline:
 
 
 def products_of(band: Array, gram: Array, table: Array, ratios: Array) -> tuple[Array, Array]:
-    """Return products of a run's columns, (ratio, column, column), and their covariance's log determinant.
+    """Return the products of a run's columns, (ratio, column, column), and the covariance's log determinant.
 
     Parameters
     ----------
     band, gram : (diagonal, row) array of float
-        Covariance of the rows by the innovations of the sensor's noise, and by a random force, of unit size.
+        Covariance of the rows due to innovations of the sensor's noise, and due to a random force, of unit
+        size.
     table : (row, column) array of float
         The target, then columns.
     ratios : (ratio,) array of float
@@ -136,7 +137,7 @@ def products_of(band: Array, gram: Array, table: Array, ratios: Array) -> tuple[
 
 
 def tried_ratios(tau: Array, step: float, near: float | None) -> Array:
-    """Return ratios that are tried, 0 among them; `near` as of `RunRows.products`."""
+    """Return the grid of ratios with 0 among them; `near` as in `RunRows.products`."""
     span = np.log(ratio_span(float(tau[-1] - tau[0]), float(np.median(np.diff(tau)))))
     logs = np.arange(span[0], span[1], step)
     if near:
@@ -166,22 +167,23 @@ def unresolved(
     form : WeakForm
     tau : (point,) array of float
     stiffness, damping : (point,) array of float
-        Operators of small deviations.
+        Coefficients of the equation of small deviations.
     operator : (row, sample) sparse array of float
         Operator of these deviations.
 
     Returns
     -------
     float
-        0 where the stiffness is constant, or is resolved.
+        0 if the stiffness is constant, or if the rows resolve it.
 
     Notes
     -----
-    A slow modulation of the swing leaves nearly nothing in the rows, so that a small random force shows.
-    Smooth test functions cannot follow a stiffness that jumps; then something is left, and it takes more of a
-    random force to show. But the determinant of the equation of small deviations is known: it goes as that of
-    the Gram matrix of its free motions with unit starts (Gelfand and Yaglom 1960; Forman 1987). So it is
-    compared with that of the mean stiffness and damping, which are resolved.
+    A slow modulation of the swing leaves almost no residual in the rows, so a small random force is detected.
+    Smooth test functions cannot follow a stiffness that jumps; then a residual remains, and only a larger
+    random force is detected. But the determinant of the equation of small deviations is known: it is
+    proportional to that of the Gram matrix of its free motions with unit starts (Gelfand and Yaglom 1960;
+    Forman 1987). The determinant of the rows is therefore compared with that for the mean stiffness and
+    damping, which the rows resolve.
     """
     even = np.linspace(tau[0], tau[-1], len(tau))
     k, d = (np.interp(even, tau, values) for values in (stiffness, damping))
@@ -189,7 +191,7 @@ def unresolved(
     samples = operator.shape[1]
     constant = noise_operator(form, *(np.full(samples, mean[0]) for mean in means))
     with np.errstate(all="ignore"):
-        # A motion that grows beyond all numbers says nothing.
+        # A motion that grows until it overflows gives no excess.
         free = _log_determinant_of_free_motions(even, k, d) - _log_determinant_of_free_motions(even, *means)
     noise, resolved = (
         log_determinant(cholesky_factor(covariance_band(rows))) for rows in (operator, constant)
@@ -212,6 +214,6 @@ def _log_determinant_of_free_motions(tau: Array, stiffness: Array, damping: Arra
     try:
         motions = scipy.linalg.solve_banded((2, 0), band, start, check_finite=False)
     except np.linalg.LinAlgError:
-        # A force too strong for the steps leaves no free motions.
+        # A force too strong for the steps gives no free motions.
         return float("nan")
     return float(np.linalg.slogdet(motions.T @ motions)[1])

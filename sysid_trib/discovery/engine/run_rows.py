@@ -1,4 +1,4 @@
-"""Rows of a run about its path, of as many samples as it needs: columns, and the noise of both."""
+"""Rows of a run about its path, with as many samples as needed: their columns and both noises."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -19,21 +19,22 @@ from sysid_trib.likelihood.sensor_noise import covariance_band
 from sysid_trib.likelihood.weak_form import cholesky_factor, coloured, log_determinant, whiten
 from sysid_trib.records import equilibrium, sensor, signal, smoothing
 
-# Samples per period that are kept at least for a sensor with coarse steps.
+# Least number of samples kept per period for a sensor with coarse steps.
 FEWEST_PER_PERIOD = 10
 # Least slope of the sensor's reading with the angle.
 LEAST_SENSOR_GAIN = 0.05
-# Variance, over the largest by the sensor's noise, of rows that say nothing.
+# Variance of rows without information, over the largest variance due to the sensor's noise.
 SAYS_NOTHING = 1e8
 
 
 def decimated(decay: xr.Dataset, per_period: int = DEFAULTS.samples_per_period) -> xr.Dataset:
-    """Return the decay with some `per_period` samples a period, each from a parabola through its neighbours.
+    """Return the decay with about `per_period` samples a period, each from a parabola through its neighbours.
 
-    A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964),
-    and no sample enters two of them: noise stays white, and its level falls. The rounding of a sensor of
-    coarse steps is white where the motion passes a step from one sample to the next: single samples that
-    far apart. attrs: `decimated`, in words, and `decimation`, how many times fewer samples.
+    A parabola over a sixtieth of a period follows the swing to a part in a million (Savitzky and Golay 1964).
+    No sample enters two parabolas, so white noise stays white, and its level decreases. For a sensor with
+    coarse steps, single samples are kept, so far apart that most neighbours differ by a step: then the
+    rounding is white. Attributes of the result: `decimated`, in words, and `decimation`, the ratio of the
+    numbers of samples.
     """
     time, angle, halves = equilibrium.with_half_periods(decay)
     period = 2.0 * np.median(halves.duration) / np.median(np.diff(time))
@@ -72,9 +73,10 @@ class RunRows:
     ----------
     path : RecordPath
     operator, acting : (row, sample) sparse array of float
-        Of small deviations of the record, on the sensor's noise and on its innovations.
+        Operators of small deviations of the record: on the sensor's noise, and on the innovations of this
+        noise.
     gain : (sample,) array of float
-        By which the record rises with the angle, in the operator.
+        Slope of the record by the angle, as the operator has it.
     """
 
     path: RecordPath
@@ -84,12 +86,12 @@ class RunRows:
 
     @cached_property
     def band(self) -> Array:
-        """Covariance of the rows by the innovations of the sensor's noise, of unit size."""
+        """Covariance of the rows due to innovations of the sensor's noise, of unit size."""
         return self._sensor_band(self.acting)
 
     @cached_property
     def white_band(self) -> Array:
-        """The band of the covariance by white noise of the sensor."""
+        """Covariance band due to white noise of the sensor, of unit size."""
         return self.band if self.acting is self.operator else self._sensor_band(self.operator)
 
     def _sensor_band(self, operator: sp.csr_matrix) -> Array:
@@ -122,9 +124,10 @@ class RunRows:
         ----------
         columns : (row, column) array of float
         near : float, optional
-            A likely ratio, about which ratios are tried; of 0 few are all over their span, without it many.
+            A likely ratio, about which ratios are tried. With 0 the grid over the whole span is coarse;
+            without it the grid is fine.
         colour : (tap,) array of float, optional
-            Whitening filter of the sensor's noise in the place of the path's, of a level that is not known.
+            Whitening filter of the sensor's noise instead of the path's; its level is then unknown.
         """
         path, table = self.path, np.column_stack([self.target, columns])
         band, level_rows = self.band, path.settings.level_rows
@@ -147,10 +150,10 @@ class RunRows:
         return whiten(self.factor(float(likelihood.ratios[run])), table) / np.sqrt(likelihood.variances[run])
 
     def unresolved(self, tangent: tuple[Array, Array], ratio: float) -> float:
-        """Return the deficit of the deviance with a random force, where rows do not resolve a stiffness.
+        """Return the deficit of the deviance with a random force, if the rows do not resolve a stiffness.
 
-        By all that the determinant of the noise alone is too large where the random force shows in far more,
-        by nothing without one.
+        It is the whole excess of the noise's determinant if the random force is much larger than the noise,
+        and zero without a random force.
         """
         excess = unresolved(self.path.form, self.path.points[0], *tangent, self.path.operator(tangent))
         noise, both = (log_determinant(self.factor(q)) for q in (0.0, ratio))
@@ -159,7 +162,7 @@ class RunRows:
     def smoothed_motion(
         self, residual: Array, errors: Array, slopes: tuple[Array, Array], ratio: float, part: float = 1.0
     ) -> Array:
-        """Return the most likely motion at the samples, (sample,), or a part of the way there from the path.
+        """Return the most likely motion at the samples, (sample,), or a motion a fraction of the way to it.
 
         Parameters
         ----------
@@ -168,16 +171,16 @@ class RunRows:
         errors : (sample,) array of float, rad
             Errors of the sensor, its zero among them.
         slopes : pair of (sample,) array of float
-            By which these errors grow with the angle and with its rate.
+            Derivatives of these errors by the angle and by its rate.
         ratio : float
             Ratio of the random force to the noise of the sensor.
         part : float
 
         Notes
         -----
-        This is the spline about the path that minimises the squares of sensor innovations and random force
-        together. Without a random force its rows vanish, and it is a free motion of the model. The
-        multipliers of the rows in this saddle point are the random force over its covariance.
+        The motion is the spline about the path that minimises the sum of squares of sensor innovations and
+        random force. Without a random force, its rows are constraints, and the motion is a free motion of the
+        model. The multipliers of the rows in this saddle point are the random force over its covariance.
         """
         unexplained = self.path.angle - errors - self.path.at_samples[0]
         at_rest = residual + self.operator @ unexplained
@@ -187,19 +190,19 @@ class RunRows:
     def possible_deviation(
         self, deviation: float, slopes: tuple[Array, Array], ratio: float, random: np.random.Generator
     ) -> Array:
-        """Draw a possible deviation of the motion from the most likely one, (sample,), rad.
+        """Draw a random deviation from the most likely motion, (sample,), rad, with the motion's uncertainty.
 
         Parameters
         ----------
         deviation : float, rad
             Standard deviation of the sensor's innovations.
         slopes, ratio
-            As of `smoothed_motion`.
+            As in `smoothed_motion`.
         random : Generator
 
         Notes
         -----
-        The most likely motion of noises that are drawn has the covariance of the motion's uncertainty
+        The most likely motion for randomly drawn noises has the covariance of the motion's uncertainty
         (Papandreou, Yuille 2010).
         """
         innovations = random.standard_normal(len(self.path.time))
@@ -212,13 +215,13 @@ class RunRows:
     @cached_property
     def _whitening(self) -> sp.dia_array:
         count = len(self.path.time)
-        # The filter of a whole record may be longer than a part of it.
+        # The filter of a whole record may be longer than a section of the record.
         return _banded(self.path.sensor.filter_[:count], count)
 
     def _most_likely(
         self, innovations: Array, force: Array, slopes: tuple[Array, Array], ratio: float
     ) -> Array:
-        """Return most likely spline at the samples by innovations (sample,) and force integrals (row,)."""
+        """Return the most likely spline at the samples for innovations (sample,) and forces (row,)."""
         splines = self.path.form.splines
         basis = seen = splines.design()
         if np.any(slopes):
@@ -226,7 +229,7 @@ class RunRows:
         white = (self._whitening @ seen).tocsr() if len(self.path.sensor.filter_) > 1 else seen
         felt = self.operator @ (sp.diags_array(self.gain) @ basis if np.any(self.gain != 1.0) else basis)
         lower = _banded(self.path.form.gram, len(force))
-        # The largest of the band is that of a row that says nothing.
+        # The largest value of the band belongs to a row without information.
         reactions = sp.diags_array(self.band[0].max() * self.path.sticking)
         covariance = ratio * (lower + sp.tril(lower, -1).T) + reactions
         system = sp.block_array([[white.T @ white, felt.T], [felt, -covariance]], format="csc")
@@ -235,16 +238,16 @@ class RunRows:
 
 
 def _banded(diagonals: Array, count: int) -> sp.dia_array:
-    """Return a lower triangle of the diagonal and those below it, each of one value or of many."""
+    """Return a lower triangular band from its diagonals, each given by one value or by many."""
     return sp.diags_array(diagonals, offsets=-np.arange(len(diagonals)), shape=(count, count))
 
 
 def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> RunRows:
-    """Return the rows of a run with a model of coefficients and stiffness `guess`, (trial + 1,)."""
+    """Return the rows of a run with a model whose coefficients and stiffness are `guess`, (trial + 1,)."""
     *coefficients, stiffness = guess.tolist()
     model = list(zip(trials, coefficients, strict=True))
     operator = path.operator(path.tangent(model, stiffness))
-    # A sensor that falls while the angle rises is none; a fit may pass by there.
+    # A reading that decreases while the angle rises is impossible; a fit may pass through such values.
     gain = np.maximum(1.0 + path.sensor_slopes(model)[0], LEAST_SENSOR_GAIN)
     # A motion deviates by less than the record where errors of the sensor grow with the angle.
     if np.any(gain != 1.0):

@@ -18,31 +18,32 @@ from sysid_trib.likelihood import colour, sensor_noise, weak_form
 from sysid_trib.records import signal, smoothing
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
 
-# Part of its standard error by which a frequency may differ from the reference, and rounds to get there.
+# Fraction of its standard error by which a frequency may differ from the reference, and most rescalings.
 SAME_REFERENCE, RESCALINGS = 0.02, 4
-# Factor by which the reference changes at most in each. A model with a lower frequency, or with none because
-# forces of the motion provide the stiffness, keeps the reference.
+# Largest factor between two references. A model with a lower frequency, or with none because forces of the
+# motion provide the stiffness, keeps the reference.
 MOST_RESCALED = 2.0
 
 
 def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> FittedModel:
     """Return the model fitted again, with its frequency as the reference.
 
-    `paths` : of the same frequency as the model's; by default the model's.
+    `paths` : their frequency is the model's; by default the paths of the model.
     """
     near = [rows.path for rows in model.rows] if paths is None else paths
     for _ in range(RESCALINGS):
         squared = 1.0 + model.stiffness
         oscillates = squared >= 1.0 / MOST_RESCALED**2
         factor = min(float(np.sqrt(squared)), MOST_RESCALED) if oscillates else 1.0
-        # The same forces, or a narrow resonance would no longer be where it was.
+        # Keep the forces themselves unchanged; otherwise a narrow resonance would move.
         powers = np.array([reference_power(trial.force) for trial in model.trials])
         first = np.append(model.coefficients * factor**powers, 0.0 if oscillates else model.stiffness)
         rescaled = [path.rescaled(path.frequency * factor) for path in near]
         trials = [trial.referred(factor) for trial in model.trials]
         after = model_fit.fit_model(rescaled, trials, first)
         if paths is None and after.likelihood.deviance > model.likelihood.deviance + model.settings.far:
-            # Shapes that hardly matter may lead astray: along the path where they were found, then.
+            # Poorly determined shapes may lead the fit to a worse maximum: then keep the path at which they
+            # were found.
             after = model_fit.fitted_along(rescaled, trials, first)
         model = after
         same = model.settled and abs(model.stiffness) <= SAME_REFERENCE * model.stiffness_error
@@ -52,17 +53,17 @@ def refitted(model: FittedModel, paths: Sequence[RecordPath] | None = None) -> F
     return model
 
 
-# Harmonics that the spline of a path follows, at least in part.
+# Number of harmonics that the spline of a path follows at least in part.
 ABOVE = 0.5 * smoothing.KNOTS_PER_PERIOD + 2.0
-# The d of 1/f noise, and the periods over which it is followed: the zero takes a part of what is slower.
+# Differencing order d of 1/f noise, and the number of periods over which it is followed; the zero takes part
+# of the slower noise.
 FLICKER, FLICKER_PERIODS = 0.5, 2.0
-# Change of a partial autocorrelation for the slope of the deviance.
+# Step of a partial autocorrelation for the slope of the deviance.
 LITTLE_COLOUR = 0.05
-# In units of the sensor's noise: largest difference of the rates of a motion and of the surface to which it
-# sticks (rad).
+# Largest difference, in standard deviations of the sensor's noise, between the rates of a motion and of the
+# surface to which it sticks (rad).
 STICKING_ERRORS = 3.0
-# In units of the motion's RMS rate: least acceleration (by tau) of a motion that crosses the rate of a
-# surface.
+# Least acceleration (by tau) of a motion that crosses the rate of a surface, over the motion's RMS rate.
 PASSING = 0.2
 
 
@@ -79,16 +80,16 @@ def fit_start_model(
     Parameters
     ----------
     runs : sequence of Dataset
-        With `angle(time)`.
+        Runs with `angle(time)`.
     forces : sequence of Force
     frequency : float or None, rad/s
-        The reference frequency, held; None has it fitted.
+        The reference frequency, which is fixed; with None it is fitted.
     settings : Settings
     held : Terms
-        Forces that are always there, with their coefficients.
+        Forces that are always present, with their coefficients.
     pasts : sequence of (float, Dataset or None)
-        Of each run the time (s) from which the `t` of formulas counts, and the record up to its first sample,
-        and with it, if there is one; where left out `t` counts from the first sample.
+        For each run: the time (s) from which the `t` of formulas counts, and the record up to and including
+        the run's first sample, or None. Without this argument `t` counts from the first sample.
 
     Raises
     ------
@@ -117,9 +118,10 @@ def fit_start_model(
 def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedModel:
     """Return the model with the sensor's noise of the most likely colour.
 
-    Where samples of a period are few, or the noise as 1/f, the spectrum above what a path follows does not
-    tell it. Autoregressions and 1/f noise, which has one parameter, are compared by the Bayesian
-    information criterion. How far that is from `other`, of the same runs, need be known to a part of itself.
+    If there are few samples per period, or the noise is 1/f noise, the spectrum above the band of the path
+    does not determine the colour. Autoregressions and 1/f noise, which has one parameter, are compared by the
+    Bayesian information criterion. If `other`, a model of the same runs, fits better, a relative accuracy of
+    the distance to its deviance is enough.
     """
     sensors = [_likeliest_sensor(model, run, other) for run in range(len(model.rows))]
     known = [rows.path.sensor for rows in model.rows]
@@ -128,13 +130,13 @@ def recoloured(model: FittedModel, other: FittedModel | None = None) -> FittedMo
 
 
 def with_sensor_noises(model: FittedModel, sensors: Sequence[sensor_noise.NoiseModel]) -> FittedModel:
-    """Return the model fitted with other noises of the sensor, one of each run."""
+    """Return the model fitted with another noise of the sensor in each run."""
     paths = [replace(rows.path, sensor=sensor) for rows, sensor in zip(model.rows, sensors, strict=True)]
     return refitted(model_fit.fit_model(paths, model.trials, model.estimate))
 
 
 def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -> sensor_noise.NoiseModel:
-    """Return a run's noise of the most likely colour, with the order that its rows require."""
+    """Return a run's sensor noise of the most likely colour, of the order that its rows require."""
     path = model.rows[run].path
     known, samples = path.sensor.filter_, len(path.time)
     by_colour = _likelihood_by_colour(model, run)
@@ -146,7 +148,7 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
         _likelihood_by_colour(other, run)(other.rows[run].path.sensor.filter_).deviance if other else np.inf
     )
     best, filter_ = deviance_of(known) + _parameters_of(path.sensor) * float(np.log(samples)), known
-    # The spectrum mostly shows the colour: a little more of it is tried before a search.
+    # The spectrum usually gives the colour: search only if a small change of the colour gains enough.
     if gain_of_little_colour(deviance_of, known) > np.log(samples):
         best = np.inf
         for order in range(colour.MAX_COLOUR + 1):
@@ -159,20 +161,20 @@ def _likeliest_sensor(model: FittedModel, run: int, other: FittedModel | None) -
                 best, filter_ = score, tried
             elif order >= len(known):
                 break
-    # An autoregression may be the most likely one of its kind for 1/f noise.
+    # 1/f noise needs fewer parameters, and may be more likely than every autoregression.
     if deviance_of(flicker := _flicker_filter(path)) + np.log(samples) < best:
         filter_ = flicker
     return sensor_noise.NoiseModel(float(np.sqrt(by_colour(filter_).variances[0])), filter_)
 
 
 def _likelihood_by_colour(model: FittedModel, run: int) -> Callable[[Array], likelihood.Likelihood]:
-    """Return the maximum likelihood of a run's rows with noise of a whitening filter (tap,)."""
+    """Return the function that gives the maximum likelihood of a run for a whitening filter (tap,)."""
     columns, near = range(1, 1 + model.columns), model.likelihood.ratios[[run]]
 
     def by_filter(filter_: Array) -> likelihood.Likelihood:
         of_colour = partial(model.rows[run].products, model.tables[run], colour=filter_)
         _, likeliest = likelihood.likeliest_near([of_colour], near.tolist(), columns)
-        # The next colour is near to this one.
+        # The next colour is close to this one, and its ratio to this ratio.
         near[:] = likeliest.ratios
         return likeliest
 
@@ -187,10 +189,11 @@ def _flicker_filter(path: RecordPath) -> Array:
 
 
 def gain_of_little_colour(deviance: Callable[[Array], float], filter_: Array) -> float:
-    """Return the largest fall of the deviance by a small partial autocorrelation, to second order.
+    """Return the largest decrease of the deviance by a small partial autocorrelation, to second order.
 
-    By its slope and its bend there (Rao's score test).
-    `deviance` : of a whitening filter, (tap,).
+    It follows from slope and curvature of the deviance (Rao's score test).
+
+    `deviance` : deviance for a whitening filter, (tap,).
     """
     filter_ = sensor_noise.of_order(filter_, colour.MAX_COLOUR)
     here, gains = deviance(filter_), []
@@ -215,7 +218,7 @@ def _parameters_of(sensor: sensor_noise.NoiseModel) -> int:
 
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
-    """Return a run as a path, with the noise of its sensor: by the spectrum above what the path follows."""
+    """Return a run as a path; its sensor noise is from the spectrum above the band of the path."""
     tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
     sensor = colour.colour_above(angle - smoothing.smooth(tau, angle)[0], tau, ABOVE)
     return _path_of(run, frequency, sensor, float(run.time.values[0]), settings)
@@ -226,7 +229,7 @@ def path_like(
 ) -> RecordPath:
     """Return another run as a path with the sensor and the held forces of a given path.
 
-    `origin`, `before` : as of `RecordPath`.
+    `origin`, `before` : as in `RecordPath`.
     """
     path = _path_of(run, frequency, near.sensor, origin, near.settings)
     earlier = None if before is None else path_like(near, before, frequency, origin)
@@ -236,9 +239,9 @@ def path_like(
 def _path_of(
     run: xr.Dataset, frequency: float, sensor: sensor_noise.NoiseModel, origin: float, settings: Settings
 ) -> RecordPath:
-    """Return a run with its least-squares spline as the path, its inputs, and the rows in which it sticks.
+    """Return a run as a path along its least-squares spline, with its inputs and sticking rows.
 
-    To what moves, or is at rest.
+    The motion sticks in rows in which it rests or follows a moving surface.
     """
     time, angle = run.time.values.astype(float), run.angle.values.astype(float)
     tau, inputs = frequency * (time - time[0]), inputs_of(run)
@@ -253,10 +256,10 @@ def _path_of(
 
 
 def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
-    """Return rows in which the motion has the rate of a surface and does not pass it, (row,).
+    """Return true for rows in which the motion has the rate of a surface and does not pass it, (row,).
 
-    Friction that holds takes any value up to its largest (Leine and Nijmeijer 2004, chapter 4): no column
-    has it, and such rows say nothing of the forces.
+    Static friction takes any value up to its largest (Leine and Nijmeijer 2004, chapter 4). It is not a
+    column, so such rows contain no information on the forces.
     """
     tau, _, v, _ = path.points
     moving = [Channel(name, 1, "displacement") for name in surfaces]
@@ -269,7 +272,8 @@ def _sticking_rows(path: RecordPath, surfaces: Iterable[str]) -> Mask:
         first, end = np.flatnonzero(np.diff(near, prepend=False, append=False)).reshape(-1, 2).T
         stay = tau[end - 1] - tau[first]
         stays = np.abs(slip[end - 1] - slip[first]) < slowest * stay
-        # A moving surface is known to exist; a body that never rests for long only reverses slowly.
+        # A moving surface is known to exist. Without one, a body that does not rest for long is only
+        # reversing slowly.
         if stay[stays].max(initial=0.0) > shortest:
             for begin, after in zip(first[stays], end[stays], strict=True):
                 sticking[begin:after] = True

@@ -1,8 +1,8 @@
-"""Return values of a history-dependent force along a motion for many values of its shapes, fast.
+"""Fast values of a history-dependent force along a motion for many values of its shapes.
 
-One state may have any rate: its whole course is linearised, and where the rate is not linear solved again
-until it settles. Several states follow one after another where their rates are linear with constant
-coefficients. Either way each is a scalar recurrence, a triangular banded system.
+A single state may have any rate: the rate is linearised along the whole motion, and solved again until it
+converges if it is not linear. Several states are solved one after another if their rates are linear with
+constant coefficients. In both cases each state is a scalar recurrence, a triangular banded system.
 """
 
 from collections.abc import Mapping, Sequence
@@ -19,16 +19,16 @@ from sysid_trib.forces.force import Force
 from sysid_trib.forces.formulas import Names
 from sysid_trib.simulation.internal_states import is_linear, is_stepped
 
-# Relative increase of the motion, in which a force changes to this order.
+# Relative increase of the motion for derivatives of a force by its size.
 LARGER = 1e-5
-# Radau's method of order 3 (Hairer and Wanner 1996, IV.5): stages at a third and at the end of a step. It is
-# stiffly accurate: a state that follows at once is followed.
+# Radau's method of order 3 (Hairer and Wanner 1996, IV.5), with stages at a third and at the end of a step.
+# It is stiffly accurate: it also follows a state that reacts at once.
 RADAU_STAGES = (1.0 / 3.0, 1.0)
 RADAU_WEIGHTS = ((5.0 / 12.0, -1.0 / 12.0), (3.0 / 4.0, 1.0 / 4.0))
-# Newton's iteration ends if the nonlinear part moves the state by less than this part of its size; the error
-# of the steps is larger.
+# Newton's iteration ends if its last change of the state is below this fraction of the state's size; the
+# error of the steps is larger.
 NEWTON_TOLERANCE, MAX_NEWTON = 1e-6, 60
-# LAPACK's, of banded triangular systems of real and of complex numbers.
+# LAPACK's solvers of banded triangular systems of real and of complex numbers.
 TRIANGULAR_SOLVERS = {kind: get_lapack_funcs("tbtrs", dtype=kind) for kind in "dD"}
 
 
@@ -56,12 +56,12 @@ class GivenMotion:
 
     @cached_property
     def larger(self) -> "GivenMotion":
-        """A motion larger by the part `LARGER`, of the same reversals."""
+        """A motion larger by the fraction `LARGER`, with the same reversals."""
         x, v = ((1.0 + LARGER) * self.at_samples[name] for name in "xv")
         return GivenMotion(self.tau, x, v, self.time)
 
     def names(self, tau: Array) -> dict[str, Any]:
-        """Return the variables of the formulas that the motion gives."""
+        """Return the variables of the formulas that follow from the motion."""
         return {"x": self.x(tau), "v": self.v(tau), "t": np.interp(tau, self.tau, self.time)}
 
     @cached_property
@@ -78,8 +78,8 @@ class GivenMotion:
 def _zeros(spline: PPoly) -> Array:
     """Return the zeros of a continuous spline of cubics, (zero,), between its ends.
 
-    Looked for where the spline's Bernstein coefficients, between which it lies, differ in sign: in one step
-    of dozens, where a motion is followed closely.
+    Zeros are searched only in steps where the Bernstein coefficients of the spline differ in sign, because
+    the spline lies between them. Along a densely sampled motion this is one step in dozens.
     """
     length = np.diff(spline.x)
     cubic, square, slope, value = spline.c * length ** np.arange(3, -1, -1)[:, None]
@@ -96,34 +96,34 @@ def _zeros(spline: PPoly) -> Array:
 
 
 def values_along(motion: GivenMotion, force: Force, shapes: Sequence[Mapping[str, float]]) -> Array | None:
-    """Return values of a history-dependent force along a motion for many values of its shapes, fast.
+    """Return values of a history-dependent force along a motion for many values of its shapes.
 
     Parameters
     ----------
     motion : GivenMotion
-        Densely sampled: a sample is a step.
+        A densely sampled motion: each sample is a step.
     force : Force
-        With states or memory.
+        A force with states or memory.
     shapes : sequence of mapping of str to float
         Values of its shape parameters, as `{"dahl.s": 0.02}`, for each column.
 
     Returns
     -------
     (sample, column) array of float, or None
-        None unless `is_stepped`. A column that cannot be followed is not finite.
+        None unless `is_stepped(force)`. A column is not finite if it cannot be computed.
     """
     if not is_stepped(force):
         return None
     keys = [(force, tuple(force.shape_values(column).values())) for column in shapes]
-    # The columns of a fit are asked for again, those of a screen are too many to keep.
-    # Values of the shape parameters of a force that are followed at once and kept with their motion.
+    # Cache forces with few values of the shapes, which a fit needs again. The many values of a screen would
+    # take too much memory.
     followed = motion.followed if len(shapes) <= 4 else dict(motion.followed)
     missing = [key for key in dict.fromkeys(keys) if key not in followed]
     if missing:
         values = dict(zip(force.shape, np.array([key[1] for key in missing]).T, strict=True))
         with np.errstate(all="ignore"):
             memory = _memory(motion, force, values, len(missing))
-            # Column by column: a column that is not finite does not affect the others.
+            # Solve column by column: a column that is not finite does not affect the others.
             for i, key in enumerate(missing):
                 column, held = ({k: q[i] for k, q in values.items()}, {k: m[:, i] for k, m in memory.items()})
                 followed[key] = _stepped_value(motion, force, column, held)
@@ -136,16 +136,16 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     Parameters
     ----------
     motion : GivenMotion
-        Densely sampled.
+        A densely sampled motion.
     force : Force
-        Of one that is not `is_stepped` it is zero.
+        The derivatives of a force that is not `is_stepped` are zero.
     shapes : mapping of str to float
 
     Notes
     -----
-    They are taken from motions that are a little larger, or a little ahead, throughout: the two lasting
-    changes of a swing. A state depends on the history of the motion, and is no spring. A linear force may
-    oscillate by itself; then means over a period are taken.
+    The derivatives follow from a motion that is slightly larger, and from one that is slightly ahead: only
+    these two changes of a swing last. A state depends on the history of the motion and is not a spring. A
+    linear force may oscillate without excitation; then means over a period are taken.
     """
     x, v, still = motion.at_samples["x"], motion.at_samples["v"], np.zeros_like(motion.tau)
     linear, values = is_linear(force), values_along(motion, force, [shapes])
@@ -156,7 +156,7 @@ def tangent_along(motion: GivenMotion, force: Force, shapes: Mapping[str, float]
     here = values[:, 0]
     by_size = here if linear else (of_larger[:, 0] - here) / LARGER
     by_advance = np.gradient(here, motion.tau)
-    # For the first the angle changes by x and the rate by v, for the second by v and -x, w = 1.
+    # A larger motion changes angle and rate by x and v, a motion ahead by v and -x (w = 1).
     square = x**2 + v**2 + np.finfo(float).tiny
     along, across = x * by_size + v * by_advance, v * by_size - x * by_advance
     if linear:
@@ -191,7 +191,7 @@ def _memory(motion: GivenMotion, force: Force, shapes: Mapping[str, Any], count:
 def _stepped_value(
     motion: GivenMotion, force: Force, shapes: Mapping[str, Any], memory: Mapping[str, Array]
 ) -> Array:
-    """Return the force at the samples, its states followed by steps from sample to sample."""
+    """Return the force at the samples, with its states integrated from sample to sample."""
     # A step lies between two reversals, except the one that contains a reversal; there the new memory
     # applies.
     names = motion.at_stages | dict(shapes) | {k: m[1:] for k, m in memory.items()}
@@ -204,7 +204,7 @@ def _stepped_value(
 
 
 def _single(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
-    """Compute a single state, (1, sample): directly, or by Newton's iteration on its whole course."""
+    """Compute a single state, (1, sample), directly or by Newton's iteration along the whole motion."""
     ((name, rate),) = force.state.items()
 
     def change_and_pull(stages: Any) -> tuple[Array, Array]:
@@ -230,8 +230,8 @@ def _single(force: Force, step: Array, names: Names, start: Mapping[str, float])
 def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, float]) -> Array:
     """Return states with constant coefficients, (state, sample).
 
-    Schur's form is triangular, so that the last follows alone and each other one is driven by those after it;
-    unlike eigenvectors it serves where two eigenvalues are equal, as at critical damping.
+    Schur's form is triangular: the last state is solved by itself, and drives those before it. Unlike
+    eigenvectors it exists for two equal eigenvalues, as at critical damping.
     """
     rates, count = force.state, step.size
     rest: dict[str, Any] = {**names, **dict.fromkeys(rates, 0.0)}
@@ -246,8 +246,7 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
     forcing = np.stack([sum(c * part for c, part in zip(row, forcing, strict=True)) for row in inverse])
     first = inverse @ [start[k] for k in rates]
     states, stages = np.zeros((len(rates), count + 1), complex), np.zeros_like(forcing)
-    # Equal steps have equal effects. Steps that differ by no more than this part of themselves differ by
-    # rounding.
+    # Equal steps have equal effects. Relative differences of this size are rounding errors of equal steps.
     step = np.asarray(np.mean(step)) if np.ptp(step) <= 1e-9 * abs(step[0]) else step
     for i in reversed(range(len(rates))):
         length = step * _stretch(step * triangle[i, i])
@@ -257,10 +256,10 @@ def _triangular(force: Force, step: Array, names: Names, start: Mapping[str, flo
 
 
 def _stretch(pull: Array) -> Array:
-    """Return the factor of a step with which y' = pull y is multiplied by exp(pull) exactly.
+    """Return the factor by which a step is stretched so that y' = pull y gives exp(pull) exactly.
 
-    Such nonstandard steps (Mickens 1994) keep the frequency and the damping of every resonance; Radau's own
-    damp it by abs(pull)**4 / 72 at each step. Where a step is too long to resolve the decay they are better.
+    Such nonstandard steps (Mickens 1994) keep the frequency and the damping of every resonance. Radau's own
+    steps damp it by abs(pull)**4 / 72 each, and are better where a step is too long to resolve the decay.
     """
     end = np.exp(pull)
     # Radau's factor (1 + q / 3) / (1 - 2 q / 3 + q**2 / 6) is exp(pull): the root q that vanishes with pull.
@@ -270,7 +269,7 @@ def _stretch(pull: Array) -> Array:
 
 
 def _radau_steps(start: complex, forcing: Array, pull: Array) -> tuple[Array, Array]:
-    """Return the y at the samples and, (stage, step), at the stages, where step times rate is push + pull y.
+    """Return y at the samples and at the stages, (stage, step), where step times rate is push + pull y.
 
     `forcing` : (stage, step); `pull` : (stage, step), (step,), or one for all.
     """

@@ -1,4 +1,4 @@
-"""Candidates as trials: each force or sensor effect, at a grid of its shapes, by the settings of a search."""
+"""Candidates as trials: each force or sensor effect on a grid of its shapes."""
 
 import itertools
 import tomllib
@@ -9,30 +9,30 @@ from pathlib import Path
 import numpy as np
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import UsageError
-from sysid_trib.forces.force import Force
-from sysid_trib.forces.notation import reference_powers
-from sysid_trib.forces.shape_parameters import (
+from sysid_trib.discovery.engine.shape_parameters import (
     TURN,
     is_frequency,
     is_frequency_parameter,
     is_phase,
     is_resonance,
 )
+from sysid_trib.errors import UsageError
+from sysid_trib.forces.force import Force
+from sysid_trib.forces.notation import reference_powers
 from sysid_trib.simulation.internal_states import is_stepped
 
 
 @dataclass(frozen=True)
 class Settings:
-    """Settings of `discover`; `table` has the meaning and the source of each.
+    """Settings of `discover`; `table` lists the meaning and the source of each.
 
-    Numbers that are not here are accuracies of arithmetic (steps of differences, ridges) or the layout of
-    what is shown (spans, cells of the map): no name depends on them.
+    Other numbers of the code are accuracies of arithmetic (steps of differences, ridges) or the layout of
+    figures (spans, cells of the map); the named effects do not depend on them.
 
     Raises
     ------
     UsageError
-        A level or a number of effects that is none.
+        The level or the number of effects is impossible.
     """
 
     level: float = 0.01
@@ -64,19 +64,19 @@ class Settings:
     def __post_init__(self) -> None:
         if not 0.0 < self.level < 1.0:
             raise UsageError(
-                f"A level of {self.level:g} is no probability; give one between 0 and 1, such as 0.01."
+                f"A level of {self.level:g} is not a probability; give one between 0 and 1, such as 0.01."
             )
         if self.max_effects < 0:
             raise UsageError(f"At most {self.max_effects} effects cannot be added; give 0 or more.")
 
     @property
     def outside_of_set(self) -> float:
-        """Difference of evidence (-2 ln) at which one of two models is outside of a credible set."""
+        """Difference of evidence (-2 ln) that puts the worse of two models outside of the credible set."""
         return 2.0 * float(np.log(self.credible / (1.0 - self.credible)))
 
     @property
     def far(self) -> float:
-        """Threshold for one of as many models as are fitted."""
+        """Threshold of the evidence if as many models as are fitted compete."""
         return 2.0 * float(np.log(self.fitted / (1.0 - self.credible)))
 
     @staticmethod
@@ -88,9 +88,9 @@ class Settings:
 
 DEFAULTS = Settings()
 
-# Part of a range within which a shape parameter is at its end.
+# Fraction of a range within which a shape parameter counts as at its end.
 END = 1e-9
-# Detunings at which a resonance is tried if it makes no line of its own, in the swing's.
+# Detunings from the swing's frequency at which a resonance is tried if the spectrum shows no line of it.
 OFF_RESONANCE = (0.03, 0.08, 0.2)
 
 
@@ -98,8 +98,8 @@ OFF_RESONANCE = (0.03, 0.08, 0.2)
 class TrialEffect:
     """A candidate with its shape parameters held (`{"dahl.s": 0.02}`).
 
-    `added` : whether a search adds it; those of the start model are always there. `starts` : others of it,
-    from which a fit starts where that from these shapes fails.
+    `added` : whether the search added it; effects of the start model are always present. `starts` : trials
+    with other shapes, from which a fit starts if the fit from these shapes fails.
     """
 
     force: Force
@@ -112,7 +112,7 @@ class TrialEffect:
         return self.shapes[f"{self.force.symbol}.{name}"]
 
     def part(self, name: str) -> float:
-        """Return the position of a shape parameter within its range."""
+        """Return the position of a shape parameter within its range, from 0 to 1."""
         return self.force.shape[name].position(self.value(name))
 
     def end(self, name: str) -> int:
@@ -121,7 +121,7 @@ class TrialEffect:
         return -1 if part <= END else 1 if part >= 1.0 - END else 0
 
     def stepped(self, name: str, step: float) -> "TrialEffect":
-        """Return a shape parameter after a step, in parts of its range; a phase wraps."""
+        """Return the trial with a shape changed by a step, as a fraction of its range; a phase wraps."""
         shape, part = self.force.shape[name], self.part(name) + step
         if is_phase(self.force, name):
             middle = 0.5 * (shape.low + shape.high)
@@ -132,7 +132,7 @@ class TrialEffect:
         return replace(self, shapes={**self.shapes, f"{self.force.symbol}.{name}": value})
 
     def referred(self, factor: float) -> "TrialEffect":
-        """Return effect, within the ranges of its shapes, with a reference frequency higher by a factor."""
+        """Return the effect at a reference frequency higher by a factor, with shapes within their ranges."""
         powers = reference_powers(self.force)
         if powers is None or not self.shapes:
             return self
@@ -147,7 +147,7 @@ class TrialEffect:
 
 
 def reference_power(force: Force) -> float:
-    """Return power of the reference frequency in a coefficient; if unknown, that of a force of x alone."""
+    """Return the power of the reference frequency in a coefficient, as for a force of x if unknown."""
     powers = reference_powers(force)
     return -2.0 if powers is None else powers[""]
 
@@ -161,9 +161,9 @@ def trials_of(
     ----------
     candidates : iterable of Force
     frequencies : sequence of float, rad/s
-        Frequencies at which a force that is periodic in time, or a resonance, is tried.
+        Frequencies at which resonances and forces periodic in time are tried.
     w : float, rad/s
-        Reference frequency, in units of which a resonance is.
+        Reference frequency; resonances are given in units of it.
     settings : Settings
     """
     trials = []
@@ -197,17 +197,17 @@ def _grid(force: Force, name: str, frequencies: Sequence[float], w: float, setti
         return np.array(inside or [shape.default])
     if is_resonance(force, name):
         inside = [q / w for q in frequencies if shape.low <= q / w <= shape.high]
-        # It may be so broad that it makes no line, or in the swing's own.
+        # A resonance may be too broad for a spectral line of its own, or lie within the line of the swing.
         broad = np.geomspace(shape.low, shape.high, settings.lines)
         nearby = [1.0 + side * off for off in OFF_RESONANCE for side in (-1.0, 1.0)]
         return np.sort([*inside, *broad, *(k for k in nearby if shape.low <= k <= shape.high)])
     if is_phase(force, name):
-        # Do not start at an end, from which the way can be longest.
+        # Do not start at an end of the range: the way to the optimum can be longest from there.
         return np.linspace(-0.5, 0.5, settings.shape_values, endpoint=False) * TURN + 0.5 * (
             shape.low + shape.high
         )
-    # Fewer for a single frequency, whose grid is refined where it matters; if each is followed in time by
-    # itself, which is slow; and if there are so many frequencies.
+    # Use fewer values for a single frequency, because its grid is refined where needed; for states that are
+    # integrated one by one, which is slow; and if there are many frequencies.
     fast = force.memoryless or is_stepped(force)
     count = settings.shape_values if fast and len(force.shape) > 1 else (settings.shape_values + 1) // 2
     if any(is_resonance(force, other) for other in force.shape):

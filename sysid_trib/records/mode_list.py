@@ -1,4 +1,4 @@
-"""The modes in a decay: frequency, damping, amplitudes at the sensors, and whether one acts on another."""
+"""The modes in a decay: frequency, damping, amplitudes at the sensors, and influences between modes."""
 
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
@@ -30,18 +30,18 @@ from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component
 from sysid_trib.records.sensors import as_sensors
 
-# Rates at small amplitude are those of the last fall by this power of e, where they are linear in the
+# Rates at small amplitude are those of the last fall by this power of e, in which they are linear in the
 # amplitude.
 LAST_FALL = 3.0
-# Powers of the amplitude that the frequency of a mode may have, and further laws that any influence of
-# another mode has to beat: powers, and a spline of the log amplitude of so many intervals.
+# Powers of a mode's amplitude in its frequency, and alternative laws of its own amplitude that the influence
+# of another mode has to beat: powers, and a spline of the log amplitude with this number of intervals.
 OWN_POWERS = (0, 1, 2, 3)
 OTHER_POWERS = (0.5, 4)
 OWN_INTERVALS = 4
 OWN_DEGREE = 3
-# An influence counts if it lowers chi-square by so much, to such a part, and to so much a point of the
-# history. Noise alone leaves a smaller chi-square; a law of the own amplitude without these powers leaves a
-# larger one.
+# An influence counts if it lowers chi-square by at least this much, to at most this fraction, and to at most
+# this much per point of the history. Noise alone gives a smaller chi-square per point; a law of the mode's
+# own amplitude without these powers leaves a larger one.
 LEAST_LOWERED = 10.0
 LARGEST_PART = 0.4
 LARGEST_A_POINT = 0.1
@@ -53,21 +53,21 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     sensors : Dataset
-        ``signal(sensor, time)``, as `read_sensors` returns it; or a record with ``angle(time)``.
+        ``signal(sensor, time)`` from `read_sensors`, or a record with ``angle(time)``.
 
     Returns
     -------
     Dataset
-        Over ``mode`` (1, 2, ... by rising frequency): ``frequency`` (Hz) and ``damping_ratio``, both at small
-        amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of the
-        signals, ``duration`` (s) in which the mode stands out of the noise; ``noise(sensor)``. attrs `lines`
+        Over ``mode`` (1, 2, ... by increasing frequency): ``frequency`` (Hz) and ``damping_ratio``, both at
+        small amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of
+        the signals, ``duration`` (s) for which the mode exceeds the noise; ``noise(sensor)``. attrs: `lines`
         (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that the sensors do not separate
         reliably, `influences` on modes that act on each other.
 
     Raises
     ------
     DecayError
-        Nothing rings.
+        The sensors show no free ringing.
     """
     sensors = as_sensors(sensors)
     ringing = find_ringing(sensors.signal.values, float(np.mean(np.diff(sensors.time.values))))
@@ -131,7 +131,7 @@ def _close_modes(ringing: Ringing) -> Iterator[str]:
 
 
 def _at_small_amplitude(history: History) -> tuple[float, float]:
-    """Return the frequency (rad/s) and damping ratio at small amplitude, where both are linear in it."""
+    """Return frequency (rad/s) and damping ratio at small amplitude, where both are linear in amplitude."""
     level = np.log(history.amplitude)
     low = level < level[-1] + LAST_FALL
     low[-POINTS_A_SPLINE * FEWEST_POINTS :] = True

@@ -1,7 +1,7 @@
 """Motion by averaging: the envelope of a free decay, and steady amplitudes where forces balance a drive.
 
-Steady: x = a cos phi, phi = W t + theta, r = W/w. The averages of the forces over that cycle balance a drive
-f cos W t, to first order (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 4.1):
+Steady motions: x = a cos phi, phi = W t + theta, r = W/w. To first order, the averages of the forces over
+that cycle balance a drive f cos W t (Krylov and Bogoliubov; Nayfeh and Mook 1979, section 4.1):
 
     a (1 - r^2) + 2 <h cos phi> = f cos theta,    -2 <h sin phi> = -f sin theta.
 """
@@ -34,24 +34,24 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
     Parameters
     ----------
     model : Model
-        Forces with coefficients; first order in them. Sensor terms are left out.
+        Forces with coefficients, taken to first order. Sensor terms are left out.
     time : (time,) array of float, s
-        Increasing; `t` in a formula counts from the first.
+        Increasing times; `t` in a formula counts from the first.
     amplitude : float, rad
-        At time[0].
+        Amplitude at time[0].
 
     Returns
     -------
     Dataset
         `amplitude(time)` (rad), `frequency(time)` (rad/s), `phase(time)` (rad, zero at time[0], so that
-        theta = a cos phase) and the scalar `arrest_time` (s, on the clock of `time`; NaN if the decay has no
-        end). After the arrest the amplitude is zero, frequency and phase are NaN. An arrest after the last
-        time is given too, unless a formula holds `t`.
+        theta = a cos phase) and the scalar `arrest_time` (s, on the clock of `time`; NaN if the decay does
+        not end). After the arrest, the amplitude is zero, and frequency and phase are NaN. An arrest after
+        the last time is predicted too, unless a formula contains `t`.
 
     Raises
     ------
     SimulationError
-        Time that does not increase, an amplitude that is not positive or grows without bound.
+        The times do not increase, or the amplitude is not positive or grows without bound.
 
     Notes
     -----
@@ -102,7 +102,7 @@ def _decay(
 ) -> tuple[Array, Array, float]:
     """Return the amplitude, phase at the times, and time of arrest (NaN if none), all from t = 0."""
     end = max(float(time[-1]), 1e-9)
-    # Below this part of the first amplitude the signatures are continued by a power of the amplitude.
+    # Below this fraction of the first amplitude, a power of the amplitude extrapolates the signatures.
     least = 1e-9 * amplitude
 
     def rates(t: float, y: Array) -> tuple[float, float]:
@@ -135,7 +135,7 @@ def _decay(
     arrest = last + _tail(averaged, least, last)
     slope, frequency = averaged(least, last)
     after = time > last
-    # Without an arrest the last billionth dies out exponentially.
+    # Without an arrest, the last billionth decays exponentially.
     rest = least * np.exp(slope / least * (time - last)) if np.isnan(arrest) else 0.0
     return np.where(after, rest, a), np.where(after, phase + frequency * (time - last), phase), arrest
 
@@ -143,7 +143,7 @@ def _decay(
 def _tail(averaged: AveragedRates, a: float, time: float) -> float:
     """Return the time from a very small amplitude to zero (s); NaN if it is infinite.
 
-    da/dt falls with a power of a, and zero is reached only if this is smaller than one.
+    da/dt decreases with a power of a; the amplitude reaches zero only if this power is smaller than one.
     """
     slope, half = (float(averaged(x, time)[0]) for x in (a, 0.5 * a))
     if not (slope < 0 and half < 0):
@@ -153,7 +153,7 @@ def _tail(averaged: AveragedRates, a: float, time: float) -> float:
 
 
 def _remaining(averaged: AveragedRates, a: float, least: float) -> float:
-    """Return time from amplitude `a` to the arrest (s); NaN if there is none or it cannot be predicted."""
+    """Return the time from amplitude `a` to the arrest (s); NaN without an arrest or a prediction of it."""
     tail = _tail(averaged, least, 0.0)
     if np.isnan(tail):
         return np.nan
@@ -169,21 +169,22 @@ def _remaining(averaged: AveragedRates, a: float, least: float) -> float:
     return float(quad(waiting, np.log(least), np.log(a), epsabs=0.0, epsrel=1e-10, limit=200)[0] + tail)
 
 
-# Amplitudes between which a balance is searched; the least one is a small part of the static deflection.
+# Number of amplitudes at which a balance is searched; the least amplitude is this fraction of the static
+# deflection.
 AMPLITUDES_TRIED, LEAST_TRIED = 400, 1e-3
-# A force whose dependence on the frequency is no power law is averaged at so many frequencies, with a
-# polynomial between them.
+# Number of frequencies at which a force is averaged if its dependence on the frequency is not a power law,
+# with a polynomial between them.
 NODES = 5
-# Part of an amplitude over which slopes are taken.
+# Relative step of the amplitude for slopes.
 SLOPE_PART = 1e-6
-# 2 <h sin phi> and 2 <h cos phi> of each force at amplitudes, (force, 2, frequency, amplitude); or, given the
-# number of a frequency for each, (force, 2, amplitude).
+# 2 <h sin phi> and 2 <h cos phi> of each force at amplitudes, (force, 2, frequency, amplitude), or at one
+# frequency index per amplitude, (force, 2, amplitude).
 DescribedAt: TypeAlias = Callable[..., Array]
 
 
 def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Array) -> DescribedAt:
     """Return the describing functions of forces at ratios W/w of frequencies, (frequency,), increasing."""
-    # Forces that act at some of the ratios, and their weights at each, (frequency, node).
+    # Forces with a value at some of the ratios, and their weights at each ratio, (frequency, node).
     parts: list[tuple[list[Force], Array]] = []
     for force in forces:
         power = force.speed_degree if force.memoryless else None
@@ -195,7 +196,7 @@ def describing_functions(forces: Sequence[Force], shapes: ShapeValues, ratio: Ar
         if half:
             nodes = middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES)
             weights = np.asarray(BarycentricInterpolator(nodes, np.eye(NODES))(ratio))
-        # Their time is faster: v is this multiple of that of the cycle.
+        # The node's cycle is faster: its v is this multiple of the reference cycle's v.
         parts.append(([force.with_instead("v", f"{node!r}*v", node) for node in nodes.tolist()], weights))
 
     def described(amplitude: Array, frequency: Index | None = None) -> Array:
@@ -217,7 +218,7 @@ def balance_grid(described: DescribedAt, coefficients: Array, ratio: Array, driv
     Raises
     ------
     DecayError
-        Nothing bounds the response.
+        No dissipative force limits the response.
     """
     top = 4.0 * float(np.max(drive))
     for _ in range(40):
@@ -237,8 +238,8 @@ def balances(
     Returns
     -------
     frequency, amplitude, phase, stable, by_lines : (motion,) arrays
-        Number of the frequency, amplitude, theta (rad), whether it is stable, and the amplitude by lines
-        between those of the grid.
+        Index of the frequency, amplitude, theta (rad), whether the motion is stable, and the amplitude by
+        linear interpolation on the grid.
     """
     over_grid = excess(described(amplitude), coefficients, ratio, drive, amplitude)
     frequency, by_lines = crossings(over_grid, amplitude)

@@ -1,4 +1,4 @@
-"""Search for the start of a motion from several first guesses."""
+"""Search for the start of a motion from several first estimates."""
 
 from contextlib import suppress
 
@@ -10,9 +10,9 @@ from sysid_trib.simulation.initial_conditions import FittedMotion, fit_start
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.trajectory import trajectory
 
-# A start may be in a local minimum if its residual (RMS) is more than this part of the record's.
+# The start may be in a local minimum if the residual exceeds this fraction of the record (RMS).
 LOCAL_MINIMUM = 0.3
-# Sizes of the swing and phases of a period at which others then begin; the nearest of them are fitted.
+# Relative swing sizes and number of phases of the further starts; the nearest ones are fitted.
 SWING_SIZES, START_PHASES, FITTED_STARTS = np.linspace(0.6, 1.3, 29), 16, 4
 
 
@@ -24,11 +24,11 @@ def fit_start_of_several(
     *,
     offset: float | None = 0.0,
 ) -> FittedMotion:
-    """Return `fit_start` from further first guesses where the motion from the first one misses the record.
+    """Return `fit_start` from more first estimates if the motion from the first does not follow the record.
 
-    Where the frequency of a model is a little off, its motion slips out of phase in a long record, and the
-    sum of squares has a minimum for each slip. A better motion may begin at another phase, or with another
-    amplitude, on which the frequency depends. A driven motion forgets its start, and is fitted once.
+    If the frequency of a model is slightly wrong, its motion loses the phase in a long record, and the sum of
+    squares has one minimum per phase slip. A better motion may start at another phase, or with another
+    amplitude, which changes the frequency. A driven motion forgets its start and is fitted once.
 
     Raises
     ------
@@ -44,7 +44,7 @@ def fit_start_of_several(
     for size in SWING_SIZES:
         with suppress(SimulationError):
             motion = trajectory(model, longer, size * start[0], size * start[1])
-            # The same motion later begins at another phase.
+            # Later parts of the same motion provide the other phases.
             for later in lead * np.arange(START_PHASES) / START_PHASES:
                 x = np.interp(time + later, longer, motion.angle)
                 begin = [float(np.interp(time[0] + later, longer, of)) for of in (motion.angle, motion.rate)]
@@ -57,6 +57,6 @@ def fit_start_of_several(
 
 
 def _missed(motion: FittedMotion, angle: Array) -> float:
-    """Return the RMS of a record minus a motion; infinite where that is no number."""
+    """Return the RMS of a record minus a motion; infinite if it is not a number."""
     rms = float(np.sqrt(np.mean((angle - motion.offset - motion.x) ** 2)))
     return rms if np.isfinite(rms) else float("inf")

@@ -8,12 +8,12 @@ from sysid_trib.methods.scope import Method, scope_of
 
 
 def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]) -> dict[str, Method]:
-    """Return methods by a unique label that may be the name of a group in a netCDF file.
+    """Return methods by a unique label that is also valid as the name of a netCDF group.
 
     Parameters
     ----------
     pairs : sequence of (str, Method)
-        Each with its name; where that is empty, with what its scope and its options say.
+        Each method with its name; for an empty name, the label is made from its scope and its options.
     reserved : sequence of str
         Names of other groups.
     """
@@ -31,7 +31,7 @@ def by_unique_label(pairs: Sequence[tuple[str, Method]], reserved: Sequence[str]
 
 
 def _label(method: Method, same: Sequence[Method]) -> str:
-    """Return a method's label, with the options in which it differs from its like and from the default."""
+    """Return a method's label, with the options in which it differs from similar methods and the default."""
     options = []
     all_options: tuple[Field[Any], ...] = fields(method) if is_dataclass(method) else ()
     for option in all_options:
