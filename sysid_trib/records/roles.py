@@ -18,7 +18,7 @@ def input_names(record: xr.Dataset) -> list[str]:
 
 
 # The name of a single input, if its column was given without one.
-UNNAMED = "u"
+SINGLE_INPUT = "u"
 
 
 def input_label(record: xr.Dataset, name: str, *details: str) -> str:
@@ -27,7 +27,7 @@ def input_label(record: xr.Dataset, name: str, *details: str) -> str:
     `details` : in the brackets that follow.
     """
     column = str(json.loads(record.attrs.get("input_columns", "{}")).get(name, name))
-    renamed = name == UNNAMED and column != name
+    renamed = name == SINGLE_INPUT and column != name
     inside = [f"{name} in formulas", *details] if renamed else list(details)
     shown = column if renamed else name
     return f"{shown} ({', '.join(inside)})" if inside else shown
