@@ -7,6 +7,7 @@ beam   how often the simultaneous 95 % bands of mode 1 hold the truth from 0.1 s
 close  the same of two modes whose frequencies are 10 to 3 % apart, of three sensors and of one
 kinds  the same of the first mode of other beams: frequencies, shapes, a trigger, an offset, mains hum
 coupling   how often it is said that the frequency of a mode follows the amplitude of another one
+judged     what `discover` says of a mode whose forces are all in its start model, and if one is missing
 
 The modes are made by averaged equations: a' = -zeta(a) w(a) a and phase' = w(a), with the laws of the beam of
 `../shared/data/hammer_beam`: w^2 = w0^2 (1 - c a + 3/4 e a^2), and the damping ratio of its decay.
@@ -15,11 +16,13 @@ The modes are made by averaged equations: a' = -zeta(a) w(a) a and phase' = w(a)
 import time
 from argparse import Namespace
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import xarray as xr
 from scipy.integrate import solve_ivp
+from scipy.interpolate import make_interp_spline
 
 import sysid_trib as st
 from benchmarks.coupled_modes import random_decay
@@ -259,6 +262,60 @@ def modes(asked: Namespace) -> None:
         shown("", heads, table, 140)
     if asked.only in "coupling":
         coupled(asked)
+    if asked.only in "judged":
+        judged(asked)
+
+
+# Forces of a simulated mode (coefficients in 1 and 1/m), its first amplitude (m), duration (s), rate (Hz).
+FORCES_OF_MODE = {"zeta": 0.003, "delta": 15.0, "nu": -60.0}
+FIRST_OF_MODE, RINGS_FOR, RATE_OF_MODE = 2.4e-4, 1.5, 5120.0
+NOISE_OF_MODE = 0.01
+
+
+@lru_cache(1)
+def clean_mode() -> Array:
+    """The acceleration of a mode with the `FORCES_OF_MODE` (m/s^2), at rest for the first 0.05 s."""
+    clock = np.arange(round(RINGS_FOR * RATE_OF_MODE)) / RATE_OF_MODE
+    model = st.Model(st.load_library(), FORCES_OF_MODE, W0)
+    motion = st.simulate(model, clock, angle=0.0, rate=FIRST_OF_MODE * W0)
+    acceleration = make_interp_spline(clock, motion.angle.values, 7)(clock, 2)
+    return np.concatenate([np.zeros(round(0.05 * RATE_OF_MODE)), acceleration])
+
+
+def mode_of_known_forces(seed: int) -> xr.Dataset:
+    """The free decay of that mode, as an accelerometer with white noise shows it."""
+    clean = clean_mode()
+    noise = NOISE_OF_MODE * np.random.default_rng([seed, 13]).standard_normal(clean.size)
+    time_ = np.arange(clean.size) / RATE_OF_MODE
+    return st.free_decay(st.one_mode(sensors(time_, (clean + noise)[None]), 1))
+
+
+def verdict_on_mode(seed: int, known: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+    """The outcome of `discover` that starts from some of the forces, and the forces that it adds."""
+    library = st.load_library()
+    start = replace(library, forces=tuple(force for force in library if force.symbol in known))
+    found = st.discover(mode_of_known_forces(seed), start)
+    steps = found["steps"].to_dataset()
+    added = steps.symbol.values.tolist() if steps.sizes.get("step") else []
+    return str(found.attrs["search_outcome"]), tuple(added)
+
+
+def judged(asked: Namespace) -> None:
+    """How often the verdict on a simulated mode is right: all forces known, and one missing."""
+    table = []
+    for missing in ("", "delta", "nu"):
+
+        def one(seed: int, missing: str = missing) -> dict:
+            known = tuple(name for name in FORCES_OF_MODE if name != missing)
+            verdict, added = verdict_on_mode(seed, known)
+            right = ("explained", (missing,)) if missing else ("nothing missing", ())
+            return {"right": (verdict, added) == right, "unknown": verdict == "unknown effect"}
+
+        rows = over_seeds(asked, one, case=f"without {missing or 'none'}")
+        shares = [f"{100 * np.mean([row[name] for row in rows]):.1f}" for name in ("right", "unknown")]
+        table.append([missing or "none", str(len(rows)), *shares])
+    heads = ("missing force", "records", "right verdict %", "unknown effect %")
+    shown("discover of a mode with viscous and quadratic friction and a softening spring", heads, table, 100)
 
 
 # Relative changes of the frequency of mode 1 by the first amplitude of mode 2.

@@ -9,9 +9,24 @@ from command_line import run, write_table
 
 import sysid_trib as st
 from benchmarks.coupled_modes import random_decay
-from benchmarks.modes import LINEAR, Law, beam, close_modes, holds, linear, ringing, sensors
+from benchmarks.modes import (
+    LINEAR,
+    Law,
+    beam,
+    close_modes,
+    holds,
+    linear,
+    mode_of_known_forces,
+    ringing,
+    sensors,
+    verdict_on_mode,
+)
 from sysid_trib.cycles.backbone import half_width
 from sysid_trib.errors import DecayError, UsageError
+from sysid_trib.likelihood.integrated_noise import integrated_noise
+from sysid_trib.likelihood.sensor_noise import whitened
+from sysid_trib.records import smoothing
+from sysid_trib.records.integration import as_position
 from sysid_trib.records.mode_search import find_ringing
 from sysid_trib.records.one_mode import decimated
 
@@ -58,6 +73,20 @@ def test_offset_hum_and_a_late_blow_change_nothing():
     assert listed.frequency.values == pytest.approx([80.0, *(f for f, *_ in LINEAR)], rel=1e-3)
     assert listed.attrs["lines"] == "50"
     assert listed.attrs["start"] == pytest.approx(0.4, abs=5e-3)
+
+
+def test_a_drift_of_the_sensors_is_subtracted(record):
+    """As of a charge amplifier after a blow."""
+    time = record.time.values
+    drifting = record.copy(deep=True)
+    drifting.signal.values += 0.8 * time + 0.3 * np.sin(2.0 * np.pi * 0.3 * time)
+    separate = st.one_mode(drifting, 1)
+    assert "a slow drift of acc1 and acc2 and acc3 subtracted" in separate.attrs["separation"]
+    assert "exceeds the white noise" not in separate.attrs["separation"]
+    assert holds(st.backbone(st.free_decay(separate)), Law(), 0.05) == {
+        "frequency": True,
+        "damping_ratio": True,
+    }
 
 
 def test_the_shape_is_that_of_the_mode(separate):
@@ -300,3 +329,38 @@ def test_bands_hold_over_seeds():
         held += holds(curves, source.laws[1], source.blow).values()
         assert np.median(half_width(curves, "damping_ratio")) < 2e-5
     assert sum(held) >= 10
+
+
+@pytest.mark.parametrize("seed", [111, 5])
+def test_a_complete_model_of_a_mode_misses_nothing(seed):
+    """The noise of the integral is coloured: taken as white, it looks like an ambient vibration."""
+    assert verdict_on_mode(seed, ("zeta", "delta", "nu")) == ("nothing missing", ())
+
+
+@pytest.mark.slow
+def test_a_force_that_a_mode_misses_is_found():
+    assert verdict_on_mode(0, ("zeta", "nu")) == ("explained", ("delta",))
+
+
+def test_the_noise_of_an_integrated_mode_is_known():
+    run = mode_of_known_forces(0)
+    noise = integrated_noise(run)
+    time = np.arange(20_000) * float(run.time.values[1] - run.time.values[0])
+    measured = 0.01 * np.random.default_rng(1).standard_normal(time.size)
+    position = as_position(time, measured, 1.0 / 80.0, run.attrs)
+    innovations = whitened(position, noise.filter_)[200:-200]
+    of_record = smoothing.sensor_noise(run) * smoothing.swing_frequency(run) ** 2
+    assert np.std(innovations) / noise.innovation == pytest.approx(0.01 / of_record, rel=0.05)
+    assert integrated_noise(run.drop_attrs()) is None
+
+
+def test_harmonics_of_a_mode_are_no_drift():
+    """The third harmonic of a stiff joint does not move the ends of the integral."""
+    w, time = 503.0, np.arange(4000) / 2560.0
+    swing = np.exp((-2.0 + 1j * w) * time)
+    third = 3e-3 * np.exp((-6.0 + 3j * w) * time)
+    measured = (swing + third).real
+    truth = (swing / (-2.0 + 1j * w) ** 2 + third / (-6.0 + 3j * w) ** 2).real
+    attrs = {"integrations": 2, "white_noise_in": "measured"}
+    error = w**2 * (as_position(time, measured, 2.0 * np.pi / w, attrs) - truth)
+    assert np.max(np.abs(error)) < 2e-5

@@ -1,5 +1,6 @@
 """Figures show the numbers of their results: of the paper, of studies, and the overview."""
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 import xarray as xr
@@ -8,6 +9,7 @@ from helpers import FIVE, NOISE, W, decay, library_of_formulas, paper_run
 import sysid_trib as st
 from sysid_trib import plots
 from sysid_trib.plots.over_time import MOST_POINTS
+from sysid_trib.plots.style import logarithmic_ticks
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation.missing_force import residual_force
 
@@ -67,3 +69,19 @@ def test_the_missing_force_is_the_one_that_was_left_out(formula, axis, expected)
     away = np.abs(mean - expected(at.values))[inner]
     assert np.all(away < 5.0 * error[inner] + 0.05 * np.max(np.abs(expected(at.values))))
     assert np.max(np.abs(mean / error)) > 20.0
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "labels"),
+    [(1.5e-6, 2.4e-4, [r"$2 \cdot 10^{-6}$", "$10^{-5}$"]), (0.02, 0.5, ["0.02", "0.1"])],
+)
+def test_the_numbers_of_a_logarithmic_axis_have_one_style(low, high, labels):
+    figure, ax = plt.subplots()
+    ax.set(xscale="log", xlim=(low, high))
+    logarithmic_ticks(ax.xaxis, low, high)
+    figure.canvas.draw()
+    texts = [tick.label1.get_text() for tick in (*ax.xaxis.get_minor_ticks(), *ax.xaxis.get_major_ticks())]
+    written = [text for text in texts if text]
+    assert set(labels) <= set(written)
+    assert len({text.startswith("$") for text in written}) == 1
+    plt.close(figure)

@@ -181,7 +181,7 @@ SHOWN = {
     # Not files of this package: their messages are unchanged.
     "folder": "this is a directory; name a file in it",
     "other.nc": "there are no numbers in it",
-    "other.json": "no column for the angle",
+    "other.json": "there is no column of numbers for the signal",
     "cut.json": "no rows of numbers",
 }
 

@@ -35,6 +35,7 @@ from sysid_trib.methods.direct import Direct
 from sysid_trib.records import smoothing
 from sysid_trib.records.inputs import inputs_for, inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs, one_or_all
+from sysid_trib.records.signal import NOISE_IS_WHITE_IN
 from sysid_trib.results import effects, judged, schema, signal_scale, variables
 from sysid_trib.results.judged import SEARCH_OUTCOME
 from sysid_trib.validation.cross_check import CLEARLY_BETTER
@@ -444,7 +445,8 @@ def _or_coloured_noise(fits: Fits, tell: Tell) -> Search:
     together with the effects.
     """
     done = search(fits, growing=True, tell=tell)
-    if parts.outcome_of(done) == "nothing missing":
+    colour_is_known = any(run.attrs.get(NOISE_IS_WHITE_IN) for run in fits.runs)
+    if colour_is_known or parts.outcome_of(done) == "nothing missing":
         return done
     tell("colour of the sensor's noise")
     start, last, outside = fits.start, done.models[-1], fits.start.settings.outside_of_set

@@ -56,6 +56,12 @@ def _autoregression_of(covariance: Array, samples: int) -> tuple[Array, float]:
     return np.concatenate([[1.0], -weights[1 : order + 1, order]]), float(variances[order])
 
 
+def autoregression_of_order(covariance: Array, order: int) -> tuple[Array, float]:
+    """Return whitening filter, (order + 1,), and innovation variance, by an autocovariance that is known."""
+    weights = scipy.linalg.solve_toeplitz(covariance[:order], covariance[1 : order + 1])
+    return np.append(1.0, -weights), float(covariance[0] - weights @ covariance[1 : order + 1])
+
+
 def filter_of(partial: Array) -> Array:
     """Return the whitening filter of partial autocorrelations (Levinson, Durbin): stable within (-1, 1)."""
     filter_ = np.ones(1)

@@ -208,7 +208,7 @@ def noise_operator(form: WeakForm, stiffness: Array, damping: Array) -> sp.csr_m
     return (turned - form.slope @ sp.diags_array(damping)).tocsr()
 
 
-def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
+def coloured(operator: sp.csr_matrix, filter_: Array, *, has_past: bool = False) -> sp.csr_matrix:
     """Return an operator on samples as an operator on the innovations of coloured noise.
 
     Parameters
@@ -217,6 +217,9 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
         Each row acts on a few neighbouring samples.
     filter_ : (tap,) array of float
         Whitening filter of the noise; [1] if it is white.
+    has_past : bool
+        Whether the noise began long before the first sample. Its innovations before then are further columns,
+        ahead of the others.
 
     Returns
     -------
@@ -229,10 +232,13 @@ def coloured(operator: sp.csr_matrix, filter_: Array) -> sp.csr_matrix:
     """
     if len(filter_) == 1:
         return operator
-    rows, samples = operator.shape
+    memory = min(memory_samples(filter_), operator.shape[1])
+    if has_past:
+        operator = sp.hstack([sp.csr_matrix((operator.shape[0], memory)), operator], format="csr")
+    rows = operator.shape[0]
     operator = operator.sorted_indices()
     first, last = operator.indices[operator.indptr[:-1]], operator.indices[operator.indptr[1:] - 1]
-    length = last - np.maximum(0, first - min(memory_samples(filter_), samples)) + 1
+    length = last - np.maximum(0, first - memory) + 1
     values, columns = [], []
     for block in np.array_split(np.arange(rows), 1 + int(np.sum(length)) // MOST_DENSE):
         # Reverse each row from its end, so that all start in the same column.

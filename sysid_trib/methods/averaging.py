@@ -226,10 +226,9 @@ class Averaging(Constrained):
                 parameters if reference is None else np.append(parameters, reference)
             )
             if reference is None:
-                # Frequency at zero amplitude, which damping lowers.
+                # Damping lowers the frequency at zero amplitude: go back to w, that without damping.
                 for at, factor in damping:
                     frequency = np.hypot(frequency, factor * products[at])
-            # Relative to the frequency at this amplitude, not at zero amplitude.
             coefficients = np.array(products)[free.free] / frequency
             return np.append(free.matrix @ coefficients + free.constant, frequency)
 

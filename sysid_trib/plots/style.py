@@ -52,6 +52,8 @@ WHITE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "pad": 0.4}
 THRESHOLD: dict[str, Any] = {"color": "black", "linewidth": 0.8, "linestyle": "--"}
 # Below this ratio of the largest to the smallest number, too few numbers are round.
 SHORT_AXIS = 8.0
+# Numbers of an axis that are written without a power of ten.
+SMALLEST_PLAIN, LARGEST_PLAIN = 1e-3, 1e5
 # Largest number of characters of a unit for which numbers in a panel have space.
 LONG_UNIT = 4
 
@@ -179,11 +181,20 @@ def legend_marks(styles: Mapping[str, Style]) -> list[Line2D]:
     return [Line2D([], [], label=label, **usual | dict(style)) for label, style in styles.items()]
 
 
+def power_of_ten(value: float) -> str:
+    """Return a number as a multiple of a power of ten, for a figure."""
+    digits, exponent = f"{value:.6e}".split("e")
+    power = f"10^{{{int(exponent)}}}"
+    return f"${power}$" if float(digits) == 1.0 else f"${float(digits):g} \\cdot {power}$"
+
+
 def logarithmic_ticks(axis: Axis, low: float, high: float) -> None:
-    """Draw plain numbers on a logarithmic axis from `low` to `high`, as many as fit."""
-    axis.set_major_formatter("{x:g}")
+    """Draw numbers on a logarithmic axis from `low` to `high`, as many as have room, all in one style."""
+    is_plain = low >= SMALLEST_PLAIN and high <= LARGEST_PLAIN
+    text = "{:g}".format if is_plain else power_of_ten
+    axis.set_major_formatter(lambda value, _: text(value))
     if high > SHORT_AXIS * low:
-        axis.set_minor_formatter(lambda value, _: f"{value:g}" if f"{value:e}"[0] in "235" else "")
+        axis.set_minor_formatter(lambda value, _: text(value) if f"{value:e}"[0] in "235" else "")
         return
     # Powers of ten and their multiples would leave most of the axis without a tick.
     axis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))

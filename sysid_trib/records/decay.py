@@ -13,10 +13,12 @@ from sysid_trib.errors import DecayError
 from sysid_trib.records import free_motion_checks as checks, half_periods
 from sysid_trib.records.equilibrium import Swing, find_swing
 from sysid_trib.records.integration import Piece, as_position
-from sysid_trib.records.signal import unit_of_signal
+from sysid_trib.records.signal import NOISE_IS_WHITE_IN, unit_of_signal
 
 # Relative accuracy of the extremum before the first zero crossing, in half periods.
 EXTREMUM_ERROR = 0.003
+# Periods that are left out at both ends of the integral of a mode.
+END_OF_A_MODE = 1.0
 
 
 def free_part(swing: Swing) -> Swing:
@@ -186,8 +188,11 @@ def decay_dataset(record: xr.Dataset, swing: Swing, said: str) -> xr.Dataset:
         # higher frequencies.
         every = max(1, int(period / 32 * (time.size - 1) / (time[-1] - time[0])))
         every = every if record.attrs["integrations"] else 1
-        time = time[::every]
-        signal = signal[::every]
+        # At the ends of a mode its integral has several times the noise.
+        ends = END_OF_A_MODE * period if record.attrs.get(NOISE_IS_WHITE_IN) else 0.0
+        inside = (time >= time[0] + ends) & (time <= time[-1] - ends)
+        time = time[inside][::every]
+        signal = signal[inside][::every]
         equilibrium = (0.0, np.nan)
         centred_in = str(record[measured].attrs["units"])
     cut = _on_own_samples(record, time, bare=bool(measured))

@@ -9,10 +9,20 @@ from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 from scipy.linalg import solveh_banded
 
 from sysid_trib.arrays import Array
-from sysid_trib.records.signal import LONGEST_FILLED, PARTED_STEP, clamped_knots, is_uniform, usual_step
+from sysid_trib.records.signal import (
+    LONGEST_FILLED,
+    NOISE_IS_WHITE_IN,
+    PARTED_STEP,
+    clamped_knots,
+    is_uniform,
+    usual_step,
+)
 
 FILL_DEGREE = 7
 DRIFT_DEGREE = 3
+# Harmonics of a mode that are fitted with the drift: those of a stiff joint or of friction pass for drift at
+# the ends otherwise. Each has so many samples at least.
+HARMONICS_OF_A_MODE, SAMPLES_OF_A_WAVE = 3, 6.0
 SMALLEST_PIVOT = 1e-13
 
 
@@ -86,7 +96,7 @@ def _on_a_grid(time: Array, signal: Array, usual: float, period: float) -> Piece
     return Piece(grid, value, " and ".join(said))
 
 
-def integrated(time: Array, signal: Array, period: float) -> Array:
+def integrated(time: Array, signal: Array, period: float, harmonics: int = 1) -> Array:
     """Return the integral of an oscillation over time, about its slow mean.
 
     Parameters
@@ -96,6 +106,8 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
     signal : (sample,) array of float
     period : float, s
         Period of the oscillation.
+    harmonics : int
+        Harmonics of the oscillation that are fitted with the drift, fewer if they have few samples.
 
     Returns
     -------
@@ -111,16 +123,19 @@ def integrated(time: Array, signal: Array, period: float) -> Array:
     centred = signal - np.median(signal)
     spline = make_interp_spline(time, centred, 5) if time.size > 6 else CubicSpline(time, signal)
     whole = np.asarray(spline.antiderivative()(time), dtype=float)
-    return whole - _drift(time, whole, period)
+    return whole - _drift(time, whole, period, harmonics)
 
 
-def _drift(time: Array, signal: Array, period: float) -> Array:
+def _drift(time: Array, signal: Array, period: float, harmonics: int) -> Array:
     # Periods between the knots of drift and envelope: longer than the swing, shorter than the drift of a
     # bias.
     spans = int((time[-1] - time[0]) / (2.0 * period))
     slow = BSpline.design_matrix(time, clamped_knots(time, spans, DRIFT_DEGREE), DRIFT_DEGREE).tocsr()
     phase = 2.0 * np.pi * (time - time[0]) / period
-    waves = (np.ones_like(phase), np.cos(phase), np.sin(phase))
+    resolved = int(time.size * period / (time[-1] - time[0]) / SAMPLES_OF_A_WAVE)
+    numbers = range(1, max(1, min(harmonics, resolved)) + 1)
+    waves = [np.ones_like(phase)]
+    waves += [wave(number * phase) for number in numbers for wave in (np.cos, np.sin)]
     # The columns of each spline are adjacent, so the normal equations are banded, and the solution time is
     # proportional to the number of periods.
     columns = sp.hstack([sp.diags_array(wave) @ slow for wave in waves], format="csc")
@@ -145,10 +160,11 @@ def as_position(time: Array, measured: Array, period: float, attrs: Mapping[Any,
         Period of the oscillation.
     attrs : mapping
         `integrations`, the number of integrations; `felt_per_sine` for an accelerometer on a pendulum, its
-        reading per sine of the angle.
+        reading per sine of the angle; `NOISE_IS_WHITE_IN` of a mode.
     """
+    harmonics = HARMONICS_OF_A_MODE if attrs.get(NOISE_IS_WHITE_IN) else 1
     for _ in range(int(attrs["integrations"])):
-        measured = integrated(time, measured, period)
+        measured = integrated(time, measured, period, harmonics)
     if "felt_per_sine" in attrs:
         return np.asarray(np.arcsin(np.clip(measured / float(attrs["felt_per_sine"]), -1.0, 1.0)))
     return measured

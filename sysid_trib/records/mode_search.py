@@ -7,7 +7,7 @@ import numpy as np
 from scipy.fft import next_fast_len, rfft
 from scipy.ndimage import maximum_filter1d, median_filter
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.records.ringing import (
     MOST_CANCELLING,
     Component,
@@ -27,6 +27,10 @@ BLOW_BLOCKS, SECOND_BLOW = 200, 3.0
 # is the largest, and the number of bins whose median it exceeds by this factor.
 LINE_BIN, LARGEST_OF_BINS, MEDIAN_BINS, ABOVE_MEDIAN = 0.005, 4, 60, 5.0
 LOWEST_LINE = 8
+# Degree of the polynomial in time that is the drift of a sensor: slower than the lowest line.
+SENSOR_DRIFT_DEGREE = 8
+# It is one if it is this part of the residual of all lines: otherwise lines are not fitted well.
+DRIFT_OF_RESIDUAL = 0.7
 # Logarithm of one over the probability that noise alone makes a line of a spectrum this high.
 CERTAIN_LINE = 30.0
 # Rounds of the search, fits per round, most new lines per round, and most lines in total.
@@ -77,6 +81,8 @@ class Ringing:
         RMS residual of all components.
     second_blow : int or None
         Sample at which the signals jump again; later samples are left out.
+    drifts : (sensor,) array of bool
+        Whether a slow drift of the sensor was subtracted.
     """
 
     onset: int
@@ -88,6 +94,7 @@ class Ringing:
     kinds: tuple[str, ...]
     residual: Array
     second_blow: int | None
+    drifts: Mask
 
     @property
     def duration(self) -> float:
@@ -118,8 +125,13 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
     onset, start, second = _free_part(signals)
     noise = np.maximum(_white_noise(signals[:, start:second]), LEAST_NOISE * np.ptp(signals, axis=1))
     signals = signals[:, start:second] - _offset(signals[:, start:second])[:, None]
-    components = _components(signals, interval, noise)
-    rest = signals - sum((component.signal() for component in components), np.zeros_like(signals))
+    components, rest = _components_and_rest(signals, interval, noise)
+    drift = _drift(rest)
+    size = np.std(drift, axis=1)
+    drifts = (size > noise) & (size > DRIFT_OF_RESIDUAL * np.std(rest, axis=1))
+    if drifts.any():
+        signals = signals - np.where(drifts[:, None], drift, 0.0)
+        components, rest = _components_and_rest(signals, interval, noise)
     return Ringing(
         onset=onset,
         start=start,
@@ -130,7 +142,14 @@ def find_ringing(signals: Array, interval: float) -> Ringing:
         kinds=tuple(_kinds(components, interval)),
         residual=np.sqrt(np.mean(rest**2, axis=1)),
         second_blow=second,
+        drifts=drifts,
     )
+
+
+def _components_and_rest(signals: Array, interval: float, noise: Array) -> tuple[list[Component], Array]:
+    """Return every oscillation above the noise, and the signals without them, (sensor, sample)."""
+    components = _components(signals, interval, noise)
+    return components, signals - sum((component.signal() for component in components), np.zeros_like(signals))
 
 
 def _components(signals: Array, interval: float, noise: Array) -> list[Component]:
@@ -197,6 +216,13 @@ def _offset(signals: Array) -> Array:
     last = signals[:, signals.shape[1] // 2 :]
     window = np.hanning(last.shape[1])
     return np.asarray(last @ window / window.sum())
+
+
+def _drift(rest: Array) -> Array:
+    """Return the slow drift of signals without their oscillations, (sensor, sample): a polynomial in time."""
+    time = np.linspace(-1.0, 1.0, rest.shape[1])
+    columns = np.linalg.qr(np.polynomial.legendre.legvander(time, SENSOR_DRIFT_DEGREE))[0]
+    return np.asarray(rest @ columns @ columns.T)
 
 
 def _lines(signals: Array, interval: float, known: Mapping[float, float]) -> dict[float, float]:

@@ -410,7 +410,8 @@ def _as_record(
             f"{quantity}_bias": 0.0,
             NOISE_IS_WHITE_IN: "measured",
         }
-        said = f"integrated {'once' if times == 1 else 'twice'}, without drift"
+        how_often = "once" if times == 1 else "twice"
+        said = f"integrated {how_often}, without drift and without a period at both ends"
         record.attrs |= made | {"integration": said}
         record[quantity] = ("time", values, {"units": units, "long_name": f"{quantity} of the mode"})
         values = as_position(time, values, 1.0 / frequency, made)
@@ -441,6 +442,9 @@ def _sentences(sensors: xr.Dataset, ringing: Ringing, place: int, separate: Sepa
         said.append(f"{others} other mode{'s' * (others > 1)} subtracted as decaying oscillations")
     if separate.neighbours:
         said[-1] += f", {separate.neighbours} of them fitted together with it"
+    if ringing.drifts.any():
+        drifting = [name for name, drifts in zip(names, ringing.drifts.tolist(), strict=True) if drifts]
+        said.append(f"a slow drift of {' and '.join(drifting)} subtracted")
     said += _close_modes(ringing, place)
     if (rise := rise_of(history_of(own, ringing))) is not None:
         units = str(sensors.signal.attrs["units"])

@@ -11,7 +11,7 @@ from sysid_trib.discovery.engine.likelihood import Likelihood
 from sysid_trib.discovery.engine.paths import RecordPath, Terms
 from sysid_trib.discovery.engine.run_rows import RunRows
 from sysid_trib.discovery.engine.trials import Settings, TrialEffect, reference_power
-from sysid_trib.likelihood.sensor_noise import NoiseModel
+from sysid_trib.likelihood.sensor_noise import NoiseModel, whitened
 
 # Step of a shape parameter for its difference quotient, as a fraction of its range.
 SHAPE_DIFFERENCE = 1e-4
@@ -136,9 +136,9 @@ class FittedModel:
     def sensor(self, run: int) -> NoiseModel:
         """Return the noise of the sensor in a run, with the level of the residual of the smoothed motion."""
         path = self.rows[run].path
-        level = root_mean_square(path.angle - self.sensor_errors(run) - path.at_samples[0])
+        residual = path.angle - self.sensor_errors(run) - path.at_samples[0]
         filter_ = path.sensor.filter_
-        return NoiseModel(level / NoiseModel(1.0, filter_).standard_deviation, filter_)
+        return NoiseModel(root_mean_square(whitened(residual, filter_)), filter_)
 
     def without_caches(self) -> "FittedModel":
         """Return the model without the values that its runs can compute again, to save memory."""

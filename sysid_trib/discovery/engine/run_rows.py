@@ -132,7 +132,7 @@ class RunRows:
         path, table = self.path, np.column_stack([self.target, columns])
         band, level_rows = self.band, path.settings.level_rows
         if colour is not None:
-            band, level_rows = self._sensor_band(coloured(self.operator, colour)), 0.0
+            band, level_rows = self._sensor_band(coloured(self.operator, colour, has_past=True)), 0.0
         ratios = tried_ratios(path.form.tau, path.settings.ratio_step, near)
         products, determinants = products_of(band, path.form.gram, table, ratios)
         white = (
@@ -252,4 +252,4 @@ def run_rows(path: RecordPath, trials: Sequence[TrialEffect], guess: Array) -> R
     # A motion deviates by less than the record where errors of the sensor grow with the angle.
     if np.any(gain != 1.0):
         operator = (operator @ sp.diags_array(1.0 / gain)).tocsr()
-    return RunRows(path, operator, coloured(operator, path.sensor.filter_), gain)
+    return RunRows(path, operator, coloured(operator, path.sensor.filter_, has_past=True), gain)

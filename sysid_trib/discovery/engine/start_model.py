@@ -15,6 +15,7 @@ from sysid_trib.discovery.engine.trials import DEFAULTS, Settings, TrialEffect, 
 from sysid_trib.errors import LibraryError
 from sysid_trib.forces.force import Channel, Force
 from sysid_trib.likelihood import colour, sensor_noise, weak_form
+from sysid_trib.likelihood.integrated_noise import integrated_noise
 from sysid_trib.records import signal, smoothing
 from sysid_trib.records.inputs import inputs_of, values_of_inputs
 
@@ -218,9 +219,14 @@ def _parameters_of(sensor: sensor_noise.NoiseModel) -> int:
 
 
 def _first_path(run: xr.Dataset, frequency: float, settings: Settings) -> RecordPath:
-    """Return a run as a path; its sensor noise is from the spectrum above the band of the path."""
+    """Return a run as a path; its sensor noise is from the spectrum above the band of the path.
+
+    The noise of an integrated mode is known.
+    """
     tau, angle = frequency * (run.time.values - run.time.values[0]), run.angle.values.astype(float)
-    sensor = colour.colour_above(angle - smoothing.smooth(tau, angle)[0], tau, ABOVE)
+    sensor = integrated_noise(run)
+    if sensor is None:
+        sensor = colour.colour_above(angle - smoothing.smooth(tau, angle)[0], tau, ABOVE)
     return _path_of(run, frequency, sensor, float(run.time.values[0]), settings)
 
 
