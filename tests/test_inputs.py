@@ -390,7 +390,7 @@ def test_hysteresis_is_fitted_to_the_noise_once_its_beginning_is_forgotten():
     assert fitted(run, 0.0).residual_rms.item() > 1.05 * result.residual_rms.item()
 
 
-@pytest.mark.parametrize(("warm_up", "words"), [(-1.0, "is no time"), (30.9, "give a shorter one")])
+@pytest.mark.parametrize(("warm_up", "words"), [(-1.0, "is not a time"), (30.9, "give a shorter one")])
 def test_a_warm_up_that_cannot_be_is_refused(warm_up, words):
     with pytest.raises(UsageError, match=words):
         fitted(record(), warm_up)

@@ -31,7 +31,7 @@ def load():
 
 def test_the_load_is_named_although_the_start_model_is_far_from_the_records(load):
     assert added_effects(load) == ["load_friction"]
-    assert load.attrs["verdict"] == "explained"
+    assert load.attrs["search_outcome"] == "explained"
     assert verdict_of(load) == "explained"
     (step,) = steps_taken(load)
     assert abs(step.coefficient.item() - 0.2) < 4.0 * step.standard_error.item()
@@ -52,7 +52,7 @@ def test_a_complete_joint_is_given_no_further_force():
         runs_of("Coulomb and viscous"), forces.select(START), forces, constraints={"gravity": 1.0}
     )
     assert added_effects(tree) == []
-    assert tree.attrs["verdict"] == "nothing missing"
+    assert tree.attrs["search_outcome"] == "nothing missing"
 
 
 @pytest.mark.slow
@@ -61,7 +61,7 @@ def test_the_law_of_a_simulated_rig_is_named(law):
     forces = servo.library()
     tree = st.discover(runs_of(law), forces.select(START), forces, constraints={"gravity": 1.0})
     assert {*added_effects(tree)} == {*servo.RIG_LAWS[law]}
-    assert tree.attrs["verdict"] == "explained"
+    assert tree.attrs["search_outcome"] == "explained"
 
 
 def test_the_time_limit_ends_a_search_by_motions():
@@ -74,7 +74,7 @@ def test_the_time_limit_ends_a_search_by_motions():
         time_limit=1e-3,
     )
     assert tree.attrs["out_of_time"] == "0.001 s"
-    assert tree.attrs["verdict"] == "unknown effect"
+    assert tree.attrs["search_outcome"] == "unknown effect"
     assert not bool(tree["converged"])
 
 

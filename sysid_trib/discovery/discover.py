@@ -19,7 +19,13 @@ from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.law_rival import LawPrediction, held_out_by_laws
-from sysid_trib.discovery.motion_fits import MotionFits, decimated_run, swing_frequency_of
+from sysid_trib.discovery.motion_fits import (
+    MOST_SAMPLES,
+    Budget,
+    MotionFits,
+    decimated_run,
+    swing_frequency_of,
+)
 from sysid_trib.discovery.motion_groups import groups_of_motions, held_out_of
 from sysid_trib.discovery.motion_search import search_by_motions
 from sysid_trib.discovery.plain_start import PlainStart, plain_start, residual_of_motions
@@ -284,7 +290,8 @@ def _discovery_by_motions(
     Such a force is not linear in the coefficients: the columns of the other search would be those of a start
     model that is wrong. Here each model is fitted to the motions (see `search_by_motions`).
     """
-    deadline, whole = time.monotonic() + how.time_limit, as_runs(decay, driven=True)
+    whole = as_runs(decay, driven=True)
+    budget = Budget(time.monotonic() + how.time_limit, MOST_SAMPLES)
     model, _, _ = start_forces(model_forces, how.reference_frequency, Constraints(constraints))
     offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
     if not len(offered):
@@ -295,7 +302,7 @@ def _discovery_by_motions(
     frequency = how.reference_frequency or swing_frequency_of(whole)
     seen = [decimated_run(run, frequency, how.settings.samples_per_period) for run in whole]
     fixed = Constraints(constraints).fixed
-    fits = MotionFits(seen, model, offered, fixed, how.reference_frequency, how.settings, deadline)
+    fits = MotionFits(seen, model, offered, fixed, how.reference_frequency, how.settings, budget)
     done = search_by_motions(fits, how.tell)
     how.tell("difference of model and record")
     groups = groups_of_motions(done, offered, whole, unseen)
@@ -310,14 +317,14 @@ def _discovery_by_motions(
         "options": json.dumps(_options_of(how, constraints)),
         "settings": json.dumps(asdict(how.settings)),
         "candidates": offered.to_toml(),
-        "verdict": complete if done.is_complete and done.converged else "unknown effect",
+        SEARCH_OUTCOME: complete if done.is_complete and done.converged else "unknown effect",
         "closing_effect": "",
         "not_improving": "",
         "noise_p_value": done.models[-1].noise_p_value,
         "failed_fits": sorted({*fits.failed} - {*done.effects}),
         "laws_held_out_rms": float("nan"),
         "refused_by_laws": "",
-        "out_of_time": f"{how.time_limit:g} s" if fits.out_of_time else "",
+        "out_of_time": f"{how.time_limit:g} s" if budget.late and not done.converged else "",
         "max_effects": how.settings.max_effects,
         "left_out": left_out,
         "held_out": held_out_of(done, len(unseen)),
@@ -325,7 +332,7 @@ def _discovery_by_motions(
         "decimated": [run.attrs["decimated"] for run in seen if "decimated" in run.attrs],
     }
     if effects.misnamed_effects(tree):
-        tree.attrs["verdict"] = "unknown effect"
+        tree.attrs[SEARCH_OUTCOME] = "unknown effect"
     return tree
 
 

@@ -36,6 +36,85 @@ from sysid_trib.simulation.model import FREQUENCY, Model
 KEPT_SAMPLES = 1500
 # Relative step at which a fit of a search ends, and its largest number of evaluations.
 SEARCH_TOLERANCE, SEARCH_EVALUATIONS = 1e-4, 15
+# Samples of motions that a search computes at most: about 3 min of processor time.
+MOST_SAMPLES = 25_000_000
+# Time of a motion with its derivatives over that of the motion alone.
+COST_OF_DERIVATIVES = 3
+
+
+class OutOfTimeError(SysidTribError):
+    """The time or the samples of a search are used up."""
+
+
+class Budget:
+    """Limits of a search: a time, and a number of computed samples.
+
+    The number does not depend on the speed of the computer, so that the result does not.
+
+    Parameters
+    ----------
+    deadline : float
+        Largest `time.monotonic()`.
+    samples : int
+        Largest number of samples of motions.
+    """
+
+    def __init__(self, deadline: float, samples: int) -> None:
+        self.deadline = deadline
+        self.samples = samples
+
+    @property
+    def late(self) -> bool:
+        """True if the deadline has passed."""
+        return monotonic() > self.deadline
+
+    @property
+    def spent(self) -> bool:
+        """True if the deadline has passed or no samples are left."""
+        return self.late or self.samples <= 0
+
+    def spend(self, samples: int) -> None:
+        """Subtract samples that will be computed.
+
+        Raises
+        ------
+        OutOfTimeError
+            The budget is spent.
+        """
+        if self.spent:
+            raise OutOfTimeError("The time of the search is used up.")
+        self.samples -= samples
+
+
+@dataclass(frozen=True)
+class LimitedProblem(FitProblem):
+    """A fit that ends with an `OutOfTimeError` if the budget of its search is spent."""
+
+    budget: Budget
+
+    @classmethod
+    def of(cls, problem: FitProblem, budget: Budget) -> "LimitedProblem":
+        """Return a problem with a limit."""
+        return cls(problem.parameters, problem.records, problem.runs, problem.offered, budget)
+
+    @property
+    def without_limit(self) -> FitProblem:
+        """Return the problem without its limit."""
+        return FitProblem(self.parameters, self.records, self.runs, self.offered)
+
+    @property
+    def _samples(self) -> int:
+        return sum(len(record.time) for record in self.records)
+
+    def residuals(self, values: Array) -> list[Array]:
+        """Return the motion minus record of each run; see `FitProblem`."""
+        self.budget.spend(self._samples)
+        return super().residuals(values)
+
+    def white_sensitivity(self, values: Array, residuals: Sequence[Array]) -> Array:
+        """Return the derivatives of the whitened residuals; see `FitProblem`."""
+        self.budget.spend(COST_OF_DERIVATIVES * self._samples)
+        return super().white_sensitivity(values, residuals)
 
 
 class Gain(NamedTuple):
@@ -250,11 +329,13 @@ class MotionFits:
     frequency : float or None, rad/s
         w, where it is held.
     settings : Settings
-    deadline : float
-        By `time.monotonic`: after it no model is fitted.
+    budget : Budget
+        After it is spent, no model is fitted.
     kept : dict of frozenset of str to MotionModel
         Fitted models by their effects; None where the fit failed.
     failed : list of str
+    known_gains : dict of frozenset of str to (Fit, dict of str to Gain)
+        Candidates in addition to a fitted model, by its effects.
     """
 
     runs: Sequence[xr.Dataset]
@@ -263,14 +344,10 @@ class MotionFits:
     fixed: Mapping[str, float]
     frequency: float | None
     settings: Settings
-    deadline: float
+    budget: Budget
     kept: dict[frozenset[str], MotionModel | None] = field(default_factory=dict)
     failed: list[str] = field(default_factory=list)
-
-    @property
-    def out_of_time(self) -> bool:
-        """True if the deadline has passed."""
-        return monotonic() > self.deadline
+    known_gains: dict[frozenset[str], tuple[Fit, dict[str, Gain]]] = field(default_factory=dict)
 
     @cached_property
     def whole(self) -> ForceLibrary:
@@ -337,9 +414,9 @@ class MotionFits:
             Common parameters in place of those of the near model.
         """
         key = frozenset(effects)
-        if key in self.kept or self.out_of_time:
+        if key in self.kept or self.budget.spent:
             return self.kept.get(key)
-        problem = self._problem(effects, self.library(effects))
+        problem = LimitedProblem.of(self._problem(effects, self.library(effects)), self.budget)
         places = [{**problem.parameters.library.shape_values(), **near.values, **(step or {})}]
         with np.errstate(all="ignore"):
             try:
@@ -349,29 +426,42 @@ class MotionFits:
                 starts = [problem.parameters.expand(start[problem.parameters.free]) for start in starts]
                 begin = min(starts, key=lambda start: _squares(problem, start))
                 fit = fitted(problem, begin, tolerance=SEARCH_TOLERANCE, most_evaluations=SEARCH_EVALUATIONS)
+            except OutOfTimeError:
+                return None
             except (SysidTribError, np.linalg.LinAlgError, ValueError):
                 self.failed += [symbol for symbol in effects if symbol not in near.effects]
                 self.kept[key] = None
                 return None
-        model_with = self._model(effects, fit)
+        model_with = self._model(effects, replace(fit, problem=problem.without_limit))
         passive = [symbol for symbol in effects if self.whole[symbol].passive]
         physical = all(model_with.values[symbol] > 0.0 for symbol in passive)
         self.kept[key] = model_with if physical else None
         return self.kept[key]
 
     def best_nearby(self, model: MotionModel) -> MotionModel:
-        """Return the best fit of a model from several starts near it; the model itself if it is complete.
+        """Return the best fit of a model from several starts near it; the model itself if none is better.
 
+        A complete model is not fitted again.
         With friction that sticks, the sum of squares has many minima.
         """
-        if model.is_complete or self.out_of_time:
+        if model.is_complete or self.budget.spent:
             return model
-        better = self._model(model.effects, nearby_best(model.fit))
+        limited = LimitedProblem.of(model.fit.problem, self.budget)
+        try:
+            fit = nearby_best(replace(model.fit, problem=limited))
+        except OutOfTimeError:
+            return model
+        if fit.residual @ fit.residual >= model.fit.residual @ model.fit.residual:
+            return model
+        better = self._model(model.effects, replace(fit, problem=limited.without_limit))
         self.kept[frozenset(model.effects)] = better
         return better
 
     def gains(self, model: MotionModel) -> dict[str, Gain]:
         """Return the candidates that the runs can test, by one linear step each from a model."""
+        known = self.known_gains.get(frozenset(model.effects))
+        if known is not None and known[0] is model.fit:
+            return known[1]
         added = [symbol for symbol in self.offered.symbols if symbol not in model.effects]
         problem = self._problem(model.effects, self.library([*model.effects, *added]))
         shapes = problem.parameters.library.shape_values()
@@ -394,6 +484,7 @@ class MotionFits:
                 columns = [at for at, name in enumerate(names) if name not in others]
                 start = Fit(held, here, residual, table[:, columns])
                 gains[symbol] = _gain_of(model, start, symbol, outside, rest / outside)
+        self.known_gains[frozenset(model.effects)] = (model.fit, gains)
         return gains
 
 

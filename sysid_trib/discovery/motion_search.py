@@ -8,6 +8,8 @@ import numpy as np
 from sysid_trib.discovery.motion_fits import Gain, MotionFits, MotionModel
 from sysid_trib.errors import Tell
 
+# Candidates that are fitted in addition to a model, and in place of an effect.
+FITTED_IN_ADDITION, FITTED_IN_PLACE = 4, 2
 # An exchange must reduce the squares of what is left out by this part.
 EXCHANGE_GAIN = 0.02
 
@@ -66,11 +68,15 @@ def search_by_motions(fits: MotionFits, tell: Tell) -> MotionSearch:
         tell(f"candidates in addition to {', '.join(model.effects) or 'the start model'}")
         moves = _without_chance(fits, model) or _exchanges(fits, model) or _additions(fits, model, most)
         moves = [move for move in moves if frozenset(move.effects) not in seen]
-        converged = not moves and not fits.out_of_time
-        if not moves:
+        if moves:
+            model = min(moves, key=lambda move: move.left_out_rms)
+            seen.add(frozenset(model.effects))
+            continue
+        better = fits.best_nearby(model)
+        converged = better is model and not fits.budget.spent
+        if better is model:
             break
-        model = fits.best_nearby(min(moves, key=lambda move: move.left_out_rms))
-        seen.add(frozenset(model.effects))
+        model = better
     tell("competitors of each effect")
     rivals = {symbol: _rivals(fits, model, symbol) for symbol in model.effects}
     models = _nested(fits, model)
@@ -96,7 +102,7 @@ def _additions(fits: MotionFits, model: MotionModel, most: int) -> list[MotionMo
     if model.is_complete or len(model.effects) >= most:
         return []
     gains, moves = fits.gains(model), list[MotionModel]()
-    for symbol in _largest(gains)[: fits.settings.fitted]:
+    for symbol in _largest(gains)[:FITTED_IN_ADDITION]:
         move = fits.of((*model.effects, symbol), model, gains[symbol].step)
         better = move is not None and move.left_out_rms < model.left_out_rms
         if move is not None and better and move.p_value(symbol) < fits.settings.level:
@@ -128,7 +134,7 @@ def _in_place(fits: MotionFits, model: MotionModel, symbol: str) -> dict[str, Mo
     places = [other for other in _largest(gains) if other not in model.effects]
     # Those that are fitted already are compared too.
     fitted_before = [other for other in places if fits.kept.get(frozenset((*rest.effects, other)))]
-    chosen = dict.fromkeys([*places[: fits.settings.fitted // 2], *fitted_before])
+    chosen = dict.fromkeys([*places[:FITTED_IN_PLACE], *fitted_before])
     moves = {other: fits.of((*rest.effects, other), rest, gains[other].step) for other in chosen}
     return {other: move for other, move in moves.items() if move is not None}
 
