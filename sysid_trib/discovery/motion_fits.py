@@ -18,6 +18,7 @@ from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.methods.trajectory import Trajectory, first_values
 from sysid_trib.motion_fit.least_squares import (
+    BETTER_START_BY,
     FEWEST_CLUSTERS,
     PARTS_OF_RUNS,
     SINGULAR_PART,
@@ -25,6 +26,7 @@ from sysid_trib.motion_fit.least_squares import (
     fitted,
     grown,
     nearby_best,
+    sum_of_squares,
 )
 from sysid_trib.motion_fit.moving_samples import MovingSamples, points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN
@@ -439,19 +441,28 @@ class MotionFits:
         return self.kept[key]
 
     def best_nearby(self, model: MotionModel) -> MotionModel:
-        """Return the best fit of a model from several starts near it; the model itself if none is better.
+        """Return the best fit of a model from several starts; the model itself if none is better.
 
-        A complete model is not fitted again.
-        With friction that sticks, the sum of squares has many minima.
+        With friction that sticks, the sum of squares has many minima. The starts are near the model, and at
+        the best fit of the same effects with another one. A complete model is not fitted again.
         """
         if model.is_complete or self.budget.spent:
             return model
         limited = LimitedProblem.of(model.fit.problem, self.budget)
+        fit = replace(model.fit, problem=limited)
+        larger = [other for other in self.kept.values() if other and {*model.effects} < {*other.effects}]
         try:
-            fit = nearby_best(replace(model.fit, problem=limited))
-        except OutOfTimeError:
+            with np.errstate(all="ignore"):
+                if larger:
+                    near = min(larger, key=lambda other: other.rms)
+                    start = limited.parameters.pack({**model.values, **near.values}, near.per_run)
+                    start = limited.parameters.expand(start[limited.parameters.free])
+                    again = fitted(limited, start, tolerance=SEARCH_TOLERANCE)
+                    fit = min(fit, again, key=sum_of_squares)
+                fit = nearby_best(fit)
+        except (SysidTribError, np.linalg.LinAlgError):
             return model
-        if fit.residual @ fit.residual >= model.fit.residual @ model.fit.residual:
+        if sum_of_squares(fit) > (1.0 - BETTER_START_BY) * sum_of_squares(model.fit):
             return model
         better = self._model(model.effects, replace(fit, problem=limited.without_limit))
         self.kept[frozenset(model.effects)] = better
