@@ -6,7 +6,14 @@ from command_line import run
 
 import sysid_trib as st
 from benchmarks import servo
-from sysid_trib.discovery.motion_fits import MotionModel, decimated_run
+from sysid_trib.discovery.engine.trials import Settings
+from sysid_trib.discovery.motion_fits import (
+    COST_OF_DERIVATIVES,
+    Budget,
+    MotionFits,
+    MotionModel,
+    decimated_run,
+)
 from sysid_trib.motion_fit.least_squares import Fit
 from sysid_trib.motion_fit.parameters import PER_RUN
 from sysid_trib.motion_fit.problem import FitProblem, WhitenedRecord
@@ -76,6 +83,33 @@ def test_the_time_limit_ends_a_search_by_motions():
     assert tree.attrs["out_of_time"] == "0.001 s"
     assert tree.attrs["search_outcome"] == "unknown effect"
     assert not bool(tree["converged"])
+
+
+def test_a_search_by_motions_ends_at_a_number_of_computed_samples(monkeypatch):
+    """By default, too, it ends: the limit does not depend on the speed of the computer."""
+    runs, forces = runs_of("with the load")[:2], servo.library()
+    samples = 30 * sum(run.sizes["time"] for run in runs)
+    monkeypatch.setattr("sysid_trib.discovery.discover.MOST_SAMPLES", samples)
+    tree = st.discover(runs, forces.select(START), forces, constraints={"gravity": 1.0})
+    assert tree.attrs["out_of_time"] == ""
+    assert not bool(tree["converged"])
+    assert tree.attrs["search_outcome"] == "unknown effect"
+    assert "ended after as many fits as its settings allow" in str(st.show(tree))
+
+
+def test_a_fit_ends_within_its_evaluations_if_the_budget_is_spent():
+    runs, forces = runs_of("with the load")[:2], servo.library()
+    samples, start = sum(run.sizes["time"] for run in runs), forces.select(START)
+    candidates = forces.select([symbol for symbol in forces.symbols if symbol not in START])
+    fits = MotionFits(
+        runs, start, candidates, {"gravity": 1.0}, None, Settings(), Budget(np.inf, 6 * samples)
+    )
+    first = fits.first()
+    assert fits.of(["load_friction"], first) is None
+    # The last evaluation may exceed the budget; no other one is begun.
+    assert -COST_OF_DERIVATIVES * samples < fits.budget.samples <= 0
+    assert fits.failed == []
+    assert fits.best_nearby(first) is first
 
 
 class LinearParameters:

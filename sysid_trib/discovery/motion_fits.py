@@ -18,15 +18,11 @@ from sysid_trib.forces.selection import forces_to_identify
 from sysid_trib.likelihood.sensor_noise import white_p_value
 from sysid_trib.methods.trajectory import Trajectory, first_values
 from sysid_trib.motion_fit.least_squares import (
-    BETTER_START_BY,
-    FEWEST_CLUSTERS,
-    PARTS_OF_RUNS,
     SINGULAR_PART,
     Fit,
     fitted,
     grown,
     nearby_best,
-    sum_of_squares,
 )
 from sysid_trib.motion_fit.moving_samples import MovingSamples, points_of, regressed
 from sysid_trib.motion_fit.parameters import PER_RUN
@@ -40,6 +36,8 @@ KEPT_SAMPLES = 1500
 SEARCH_TOLERANCE, SEARCH_EVALUATIONS = 1e-4, 15
 # Samples of motions that a search computes at most: about 3 min of processor time.
 MOST_SAMPLES = 25_000_000
+# A fit of a model is better if it reduces the residual to this fraction.
+BETTER_FIT = 0.999
 # Time of a motion with its derivatives over that of the motion alone.
 COST_OF_DERIVATIVES = 3
 
@@ -242,8 +240,7 @@ class MotionModel:
     @property
     def clusters(self) -> int:
         """Number of independent parts whose scatter determines the errors: the runs, or parts of few runs."""
-        runs = len(self.fit.problem.records)
-        return runs if runs >= FEWEST_CLUSTERS else runs * -(-PARTS_OF_RUNS // runs)
+        return self.fit.clusters
 
     @cached_property
     def left_out_squares(self) -> Array:
@@ -458,13 +455,13 @@ class MotionFits:
                     start = limited.parameters.pack({**model.values, **near.values}, near.per_run)
                     start = limited.parameters.expand(start[limited.parameters.free])
                     again = fitted(limited, start, tolerance=SEARCH_TOLERANCE)
-                    fit = min(fit, again, key=sum_of_squares)
+                    fit = min(fit, again, key=_sum_of_squares)
                 fit = nearby_best(fit)
         except (SysidTribError, np.linalg.LinAlgError):
             return model
-        if sum_of_squares(fit) > (1.0 - BETTER_START_BY) * sum_of_squares(model.fit):
-            return model
         better = self._model(model.effects, replace(fit, problem=limited.without_limit))
+        if better.rms > BETTER_FIT * model.rms:
+            return model
         self.kept[frozenset(model.effects)] = better
         return better
 
@@ -521,6 +518,10 @@ def _gain_of(model: MotionModel, start: Fit, symbol: str, outside: float, direct
         direction,
         dict(zip(parameters.common, after.tolist(), strict=False)),
     )
+
+
+def _sum_of_squares(fit: Fit) -> float:
+    return float(fit.residual @ fit.residual)
 
 
 def _squares(problem: FitProblem, values: Array) -> float:
