@@ -89,7 +89,7 @@ def test_a_search_by_motions_ends_at_a_number_of_computed_samples(monkeypatch):
     """By default, too, it ends: the limit does not depend on the speed of the computer."""
     runs, forces = runs_of("with the load")[:2], servo.library()
     samples = 30 * sum(run.sizes["time"] for run in runs)
-    monkeypatch.setattr("sysid_trib.discovery.discover.MOST_SAMPLES", samples)
+    monkeypatch.setattr("sysid_trib.discovery.discover.MOST_COMPUTED", samples)
     tree = st.discover(runs, forces.select(START), forces, constraints={"gravity": 1.0})
     assert tree.attrs["out_of_time"] == ""
     assert not bool(tree["converged"])

@@ -20,7 +20,7 @@ from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.law_rival import LawPrediction, held_out_by_laws
 from sysid_trib.discovery.motion_fits import (
-    MOST_SAMPLES,
+    MOST_COMPUTED,
     Budget,
     MotionFits,
     decimated_run,
@@ -291,7 +291,7 @@ def _discovery_by_motions(
     model that is wrong. Here each model is fitted to the motions (see `search_by_motions`).
     """
     whole = as_runs(decay, driven=True)
-    budget = Budget(time.monotonic() + how.time_limit, MOST_SAMPLES)
+    budget = Budget(time.monotonic() + how.time_limit, MOST_COMPUTED)
     model, _, _ = start_forces(model_forces, how.reference_frequency, Constraints(constraints))
     offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
     if not len(offered):

@@ -35,7 +35,7 @@ KEPT_SAMPLES = 1500
 # Relative step at which a fit of a search ends, and its largest number of evaluations.
 SEARCH_TOLERANCE, SEARCH_EVALUATIONS = 1e-4, 15
 # Samples of motions that a search computes at most: about 3 min of processor time.
-MOST_SAMPLES = 25_000_000
+MOST_COMPUTED = 25_000_000
 # A fit of a model is better if it reduces the residual to this fraction.
 BETTER_FIT = 0.999
 # Time of a motion with its derivatives over that of the motion alone.
