@@ -205,7 +205,7 @@ RIG_FREQUENCY, RIG_NOISE, RIG_SEEDS = 8.4, 5e-4, (1, 2, 3)
 
 
 def rig_goals(time: np.ndarray) -> dict[str, np.ndarray]:
-    """The goal motions of the measured runs, by their names, rad."""
+    """Return the goal motions of the measured runs, by their names, rad."""
     rises = np.clip(time / 3.0, 0.0, 1.0)
     return {
         "sin_sin": 0.5 * np.pi * np.sin(time) + 0.5 * np.sin(5.0 * time) * np.sin(2.0 * time),
@@ -216,7 +216,7 @@ def rig_goals(time: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def rig_runs(law: dict[str, float], seed: int, step: float = 0.02) -> list[xr.Dataset]:
-    """Twelve simulated runs of 6 s with a law, of the gains and motions that were measured."""
+    """Return twelve simulated runs of 6 s with a law, with the measured gains and motions."""
     random, time = np.random.default_rng(seed), np.arange(0.0, 6.0, step)
     truth, forces = RIG | law, library()
     model = st.Model(forces.select([*truth]), truth, RIG_FREQUENCY)
@@ -233,7 +233,7 @@ def rig_runs(law: dict[str, float], seed: int, step: float = 0.02) -> list[xr.Da
 
 
 def found_by(runs: list[xr.Dataset]) -> tuple[xr.DataTree, float]:
-    """What `discover` adds to Coulomb and viscous friction, and the processor's time (s)."""
+    """Return what `discover` adds to Coulomb and viscous friction, and the processor's time (s)."""
     forces = library()
     begun = time.process_time()
     start = forces.select([symbol for symbol in BASE if symbol != "tilt"])
@@ -241,7 +241,7 @@ def found_by(runs: list[xr.Dataset]) -> tuple[xr.DataTree, float]:
 
 
 def rigs() -> None:
-    """How often `discover` names exactly the law of a simulated rig."""
+    """Print how often `discover` names exactly the law of a simulated rig."""
     for name, law in RIG_LAWS.items():
         answers, seconds = list[str](), list[float]()
         for seed in RIG_SEEDS:
@@ -254,7 +254,7 @@ def rigs() -> None:
 
 
 def named() -> None:
-    """What `discover` names on the measured runs, all and without a gain; the error of that gain."""
+    """Print what `discover` names on all measured runs and without a gain, and the error of that gain."""
     for kept_back in (None, *gains()):
         tree, seconds = found_by(runs_of([gain for gain in gains() if gain != kept_back]))
         which = "all runs" if kept_back is None else f"without the gain {kept_back}"

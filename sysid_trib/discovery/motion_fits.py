@@ -43,7 +43,7 @@ COST_OF_DERIVATIVES = 3
 
 
 class OutOfTimeError(SysidTribError):
-    """The time or the samples of a search are used up."""
+    """The budget of a search is spent."""
 
 
 class Budget:
@@ -65,12 +65,12 @@ class Budget:
 
     @property
     def late(self) -> bool:
-        """True if the deadline has passed."""
+        """Return true if the deadline has passed."""
         return monotonic() > self.deadline
 
     @property
     def spent(self) -> bool:
-        """True if the deadline has passed or no samples are left."""
+        """Return true if the deadline has passed or no samples are left."""
         return self.late or self.samples <= 0
 
     def spend(self, samples: int) -> None:
@@ -171,7 +171,7 @@ class MotionModel:
 
     @property
     def per_run(self) -> Array:
-        """Angle (rad), rate (rad/s) and zero (rad) of each run, (run, 3)."""
+        """Return angle (rad), rate (rad/s) and zero (rad) of each run, (run, 3)."""
         return self.fit.parameters.per_run(self.fit.values)
 
     @cached_property
@@ -181,12 +181,12 @@ class MotionModel:
 
     @property
     def rms(self) -> float:
-        """RMS of the residual, rad."""
+        """Return the RMS of the residual, rad."""
         return root_mean_square(self.fit.residual)
 
     @cached_property
     def noise_p_value(self) -> float:
-        """P-value that the residual of every run is white noise."""
+        """Return the p-value of the hypothesis that the residual of every run is white noise."""
         return min(1.0, len(self.residuals) * min(map(white_p_value, self.residuals)))
 
     @property
@@ -196,7 +196,7 @@ class MotionModel:
 
     @cached_property
     def covariance(self) -> Array:
-        """Covariance of all parameters, by the noise, or by the scatter between runs if there is more."""
+        """Return the covariance of all parameters, by the noise, or by the scatter between runs."""
         return self.covariance_of(self.fit)
 
     def covariance_of(self, fit: Fit) -> Array:
@@ -231,7 +231,7 @@ class MotionModel:
 
     @property
     def threshold(self) -> float:
-        """Coefficient over its error of the significance level, corrected for the number of candidates."""
+        """Return the least significant ratio of a coefficient to its error, for all candidates together."""
         tail = self.level / (2.0 * self.tests)
         if self.is_complete:
             return float(scipy.stats.norm.isf(tail))
@@ -239,14 +239,14 @@ class MotionModel:
 
     @property
     def clusters(self) -> int:
-        """Number of independent parts whose scatter determines the errors: the runs, or parts of few runs."""
+        """Return the number of independent parts whose scatter gives errors: runs, or parts of few runs."""
         return self.fit.clusters
 
     @cached_property
     def left_out_squares(self) -> Array:
         """Return the squares of the residual of each cluster, predicted by the others, (cluster,).
 
-        To first order, the start of each run fitted (PRESS; Allen 1974).
+        The prediction is to first order, and the start of each run is fitted (PRESS; Allen 1974).
         """
         fit, parameters = self.fit, self.fit.parameters
         names = [parameters.names[at] for at in parameters.free]
@@ -272,18 +272,18 @@ class MotionModel:
 
     @property
     def left_out_rms(self) -> float:
-        """RMS of the residual predicted by the other clusters, rad."""
+        """Return the RMS of the residual that the other clusters predict, rad."""
         return float(np.sqrt(np.sum(self.left_out_squares) / len(self.fit.residual)))
 
 
 def _size(table: Array) -> Array:
-    """Return the norm of each column, 1 of an empty one."""
+    """Return the norm of each column; 1 if the column is zero."""
     size = np.linalg.norm(table, axis=0)
     return np.where(size > 0.0, size, 1.0)
 
 
 def _ends(fit: Fit, parts: int) -> list[int]:
-    """Return the samples at which parts of runs end, the last one left out."""
+    """Return the samples at which parts of runs end, without the last one."""
     counts = [len(record.time) - record.uncounted for record in fit.problem.records]
     lengths = [len(part) for count in counts for part in np.array_split(np.arange(count), parts)]
     return np.cumsum(lengths)[:-1].tolist()
@@ -294,7 +294,7 @@ def _names_of_run(run: int) -> list[str]:
 
 
 def decimated_run(run: xr.Dataset, frequency: float, per_period: int) -> xr.Dataset:
-    """Return a run with fewer samples, as its attribute `decimated` says: they determine the time of a fit.
+    """Return a run with fewer samples, which makes the fits faster; its attribute `decimated` states them.
 
     Parameters
     ----------
@@ -350,7 +350,7 @@ class MotionFits:
 
     @cached_property
     def whole(self) -> ForceLibrary:
-        """All forces: those of the start model, then the candidates."""
+        """Return all forces: those of the start model, then the candidates."""
         both = replace(self.start, forces=(*self.start, *self.offered))
         return forces_to_identify(both, self.frequency, sensors=True)
 
@@ -402,8 +402,8 @@ class MotionFits:
     ) -> MotionModel | None:
         """Fit the start model with effects, once; None if the fit fails or the coefficients are unphysical.
 
-        It starts near another model or at the regression, whichever motion is nearer to the records: with
-        friction that sticks, the sum of squares has many minima.
+        The fit starts near another model or at the regression, whichever motion is nearer to the records. If
+        friction sticks, the sum of squares has many minima.
 
         Parameters
         ----------
@@ -440,8 +440,8 @@ class MotionFits:
     def best_nearby(self, model: MotionModel) -> MotionModel:
         """Return the best fit of a model from several starts; the model itself if none is better.
 
-        With friction that sticks, the sum of squares has many minima. The starts are near the model, and at
-        the best fit of the same effects with another one. A complete model is not fitted again.
+        If friction sticks, the sum of squares has many minima. The starts are near the model, and at the best
+        fit of a model with one or more further effects. A complete model is not fitted again.
         """
         if model.is_complete or self.budget.spent:
             return model

@@ -39,7 +39,7 @@ class MotionSearch:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Effects of the final model, the most significant one first."""
+        """Return the effects of the final model, the most significant one first."""
         return self.models[-1].effects
 
     @property
@@ -52,9 +52,9 @@ def search_by_motions(fits: MotionFits, tell: Tell) -> MotionSearch:
     """Add, exchange and drop effects of driven motions until none is significant and predicts better.
 
     Models are compared in the sensor's noise alone, without a random force: one would explain the residual of
-    the start model. An effect is significant if its coefficient is, by the noise where the residual is noise
-    and by the scatter between runs else, corrected for the number of candidates. It predicts better if it
-    reduces the residual of runs that are left out.
+    the start model. An effect is significant if its coefficient is significant, corrected for the number of
+    candidates. Its error is that of the noise if the residual is noise, and otherwise the scatter between
+    runs. An effect predicts better if it reduces the residual of runs that are left out.
 
     Raises
     ------
@@ -91,14 +91,17 @@ def _without_chance(fits: MotionFits, model: MotionModel) -> list[MotionModel]:
 
 
 def _exchanges(fits: MotionFits, model: MotionModel) -> list[MotionModel]:
-    """Return models with another effect in place of one that predict better."""
+    """Return models that predict better with another effect in place of one of theirs."""
     moves = [move for symbol in model.effects for move in _in_place(fits, model, symbol).values()]
     least = (1.0 - EXCHANGE_GAIN) * np.sum(model.left_out_squares)
     return [move for move in moves if np.sum(move.left_out_squares) < least and _is_significant(fits, move)]
 
 
 def _additions(fits: MotionFits, model: MotionModel, most: int) -> list[MotionModel]:
-    """Return models with one more effect that is significant and predicts better; none of a complete one."""
+    """Return models with one more effect that is significant and predicts better.
+
+    A complete model gets no further effect.
+    """
     if model.is_complete or len(model.effects) >= most:
         return []
     gains, moves = fits.gains(model), list[MotionModel]()
@@ -117,7 +120,7 @@ def _is_significant(fits: MotionFits, model: MotionModel) -> bool:
 
 
 def _largest(gains: dict[str, Gain]) -> list[str]:
-    """Return candidates by what they explain, the largest first."""
+    """Return candidates, with the one that explains most first."""
     return sorted(gains, key=lambda symbol: -gains[symbol].fall)
 
 
@@ -142,8 +145,8 @@ def _in_place(fits: MotionFits, model: MotionModel, symbol: str) -> dict[str, Mo
 def _rivals(fits: MotionFits, model: MotionModel, symbol: str) -> dict[str, float]:
     """Return minus twice the logarithm of the odds of each candidate in place of an effect.
 
-    By the residuals of what is left out. If the residual is noise every sample is independent; if not, each
-    run, or each part of few runs, counts once.
+    The odds are those of the residuals that are left out. If the residual is noise, every sample is
+    independent. If not, each run, or each part of few runs, counts once.
     """
     moves = _in_place(fits, model, symbol)
     count = len(model.fit.residual) if model.is_complete else model.clusters
