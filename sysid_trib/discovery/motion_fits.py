@@ -1,6 +1,6 @@
 """Fits of forces to motions of driven runs, their errors, and the prediction of what is left out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from time import monotonic
@@ -96,11 +96,6 @@ class LimitedProblem(FitProblem):
     def of(cls, problem: FitProblem, budget: Budget) -> "LimitedProblem":
         """Return a problem with a limit."""
         return cls(problem.parameters, problem.records, problem.runs, problem.offered, budget)
-
-    @property
-    def without_limit(self) -> FitProblem:
-        """Return the problem without its limit."""
-        return FitProblem(self.parameters, self.records, self.runs, self.offered)
 
     @property
     def _samples(self) -> int:
@@ -415,7 +410,8 @@ class MotionFits:
         key = frozenset(effects)
         if key in self.kept or self.budget.spent:
             return self.kept.get(key)
-        problem = LimitedProblem.of(self._problem(effects, self.library(effects)), self.budget)
+        whole = self._problem(effects, self.library(effects))
+        problem = LimitedProblem.of(whole, self.budget)
         places = [{**problem.parameters.library.shape_values(), **near.values, **(step or {})}]
         with np.errstate(all="ignore"):
             try:
@@ -431,35 +427,44 @@ class MotionFits:
                 self.failed += [symbol for symbol in effects if symbol not in near.effects]
                 self.kept[key] = None
                 return None
-        model_with = self._model(effects, replace(fit, problem=problem.without_limit))
+        model_with = self._model(effects, replace(fit, problem=whole))
         passive = [symbol for symbol in effects if self.whole[symbol].passive]
         physical = all(model_with.values[symbol] > 0.0 for symbol in passive)
         self.kept[key] = model_with if physical else None
         return self.kept[key]
 
+    def from_larger(self, model: MotionModel, larger: MotionModel) -> MotionModel:
+        """Return the fit of a model that starts at one with further effects; the model itself if not better.
+
+        If friction sticks, the sum of squares has many minima: the model may have stopped at a worse one.
+        """
+        limited = LimitedProblem.of(model.fit.problem, self.budget)
+        start = limited.parameters.pack({**model.values, **larger.values}, larger.per_run)
+        start = limited.parameters.expand(start[limited.parameters.free])
+        return self._better(model, lambda: fitted(limited, start, tolerance=SEARCH_TOLERANCE))
+
     def best_nearby(self, model: MotionModel) -> MotionModel:
         """Return the best fit of a model from several starts; the model itself if none is better.
 
-        If friction sticks, the sum of squares has many minima. The starts are near the model, and at the best
-        fit of a model with one or more further effects. A complete model is not fitted again.
+        The starts are at the best fit of a model with further effects, and near the model. A complete model
+        is not fitted again.
         """
-        if model.is_complete or self.budget.spent:
-            return model
-        limited = LimitedProblem.of(model.fit.problem, self.budget)
-        fit = replace(model.fit, problem=limited)
         larger = [other for other in self.kept.values() if other and {*model.effects} < {*other.effects}]
+        if larger and not model.is_complete:
+            model = self.from_larger(model, min(larger, key=lambda other: other.rms))
+        if model.is_complete:
+            return model
+        near = replace(model.fit, problem=LimitedProblem.of(model.fit.problem, self.budget))
+        return self._better(model, lambda: nearby_best(near))
+
+    def _better(self, model: MotionModel, fit_again: Callable[[], Fit]) -> MotionModel:
+        """Return a model or its other fit, whichever is better, and keep it."""
         try:
             with np.errstate(all="ignore"):
-                if larger:
-                    near = min(larger, key=lambda other: other.rms)
-                    start = limited.parameters.pack({**model.values, **near.values}, near.per_run)
-                    start = limited.parameters.expand(start[limited.parameters.free])
-                    again = fitted(limited, start, tolerance=SEARCH_TOLERANCE)
-                    fit = min(fit, again, key=_sum_of_squares)
-                fit = nearby_best(fit)
+                fit = fit_again()
         except (SysidTribError, np.linalg.LinAlgError):
             return model
-        better = self._model(model.effects, replace(fit, problem=limited.without_limit))
+        better = self._model(model.effects, replace(fit, problem=model.fit.problem))
         if better.rms > BETTER_FIT * model.rms:
             return model
         self.kept[frozenset(model.effects)] = better
@@ -518,10 +523,6 @@ def _gain_of(model: MotionModel, start: Fit, symbol: str, outside: float, direct
         direction,
         dict(zip(parameters.common, after.tolist(), strict=False)),
     )
-
-
-def _sum_of_squares(fit: Fit) -> float:
-    return float(fit.residual @ fit.residual)
 
 
 def _squares(problem: FitProblem, values: Array) -> float:

@@ -87,7 +87,7 @@ def _without_chance(fits: MotionFits, model: MotionModel) -> list[MotionModel]:
     """Return models without an effect that is not significant."""
     by_chance = [symbol for symbol in model.effects if model.p_value(symbol) >= fits.settings.level]
     fewer = (fits.of(_without(model.effects, symbol), model) for symbol in by_chance)
-    return [of for of in fewer if of is not None]
+    return [fits.from_larger(of, model) for of in fewer if of is not None]
 
 
 def _exchanges(fits: MotionFits, model: MotionModel) -> list[MotionModel]:
