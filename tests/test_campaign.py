@@ -165,9 +165,9 @@ def test_a_store_of_another_campaign_is_refused(tmp_path):
         with pytest.raises(UsageError, match="another campaign"):
             st.campaign(records, task, output=tmp_path / "a.zarr", workers=0)
     (tmp_path / "file.zarr").write_text("no store")
-    with pytest.raises(RecordError, match="no store of a campaign"):
+    with pytest.raises(RecordError, match="not the store of a campaign"):
         st.campaign(RECORDS, TASK, output=tmp_path / "file.zarr", workers=0)
-    with pytest.raises(RecordError, match="no store of a campaign"):
+    with pytest.raises(RecordError, match="not the store of a campaign"):
         st.campaigns.open_store(tmp_path)
 
 

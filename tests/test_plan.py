@@ -150,7 +150,7 @@ def test_impossible_plans_are_refused(tree, options, words):
 def test_a_coefficient_that_is_held_has_no_error_to_be_wanted():
     held = identify(RUN.decay(1), RUN.model.library, constraints={"epsilon": FIVE["epsilon"]})
     assert "epsilon" not in plan(held, **SAME).force
-    with pytest.raises(UsageError, match="'epsilon' is held"):
+    with pytest.raises(UsageError, match="'epsilon' is fixed"):
         plan(held, wanted={"epsilon": 0.1})
 
 

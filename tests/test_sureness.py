@@ -47,7 +47,7 @@ def test_a_profile_of_a_linear_parameter_is_the_parabola_of_its_error(decay, res
 def test_held_parameters_and_other_names_are_refused(decay, result):
     held = identify(decay, LIBRARY, Direct(), constraints={"lambda": 0.0})
     for one, name in ((held, "lambda"), (result, "gravity"), (result, "dahl.s")):
-        with pytest.raises(UsageError, match=r"is held|is no parameter"):
+        with pytest.raises(UsageError, match=r"is fixed|is not a parameter"):
             profile(decay, one, [name])
 
 

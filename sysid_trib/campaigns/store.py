@@ -48,7 +48,7 @@ class Store:
     Raises
     ------
     RecordError
-        The path is not a store of a campaign, or its format has another version.
+        The path is not the store of a campaign, or its format has another version.
     ValueError, KeyError
         Its arrays are of other kinds; zarr raises other errors if an array is damaged.
     """
@@ -311,8 +311,8 @@ def _readable(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise RecordError(
-            f"{path}: cannot be created, or is not a store of a campaign ({error.strerror or error}); choose "
-            "another with -o."
+            f"{path}: cannot be created, or is not the store of a campaign ({error.strerror or error}); "
+            "choose another with -o."
         ) from None
     # Reading a damaged store can raise any exception.
     except Exception as error:

@@ -15,7 +15,7 @@ SPECTRAL_LINES = 4096
 
 
 def integrated_noise(run: xr.Dataset) -> NoiseModel | None:
-    """Return the noise of a record that was integrated from white noise; None of another record.
+    """Return the noise of a record that was integrated from white noise; None for another record.
 
     Parameters
     ----------

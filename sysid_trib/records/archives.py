@@ -1,4 +1,4 @@
-"""Files that are no tables: archives (a .zip with a single file is read), documents, pictures, sounds."""
+"""Files that are not tables: archives (a .zip with a single file is read), documents, pictures, sounds."""
 
 import re
 import zipfile
@@ -8,7 +8,7 @@ from sysid_trib.errors import RecordError, readable
 
 EXPORT = "export the data as CSV or .xlsx"
 UNPACK = "unpack it, and name a file of numbers in it"
-# First bytes of files, what these are, and what to do.
+# First bytes of files, the kind of file, and what to do.
 SIGNATURES = (
     (b"%PDF", "a PDF document", EXPORT),
     (b"\x89PNG", "a picture", EXPORT),
@@ -23,7 +23,7 @@ SIGNATURES = (
     (b"7z\xbc\xaf", "an archive (7z)", UNPACK),
     (b"Rar!", "an archive (RAR)", UNPACK),
 )
-# Place and mark of a tar archive, and of a video.
+# Position and bytes of the mark of a tar archive, and of a video.
 TAR = slice(257, 262), b"ustar"
 VIDEO = slice(4, 8), b"ftyp"
 # Dataset 58 of the universal file format: a function over time or frequency.
@@ -33,12 +33,12 @@ DOCUMENTS = {"word/": "a document of Word", "ppt/": "slides", "content.xml": "a 
 
 
 def refuse_other_kinds(path: Path, head: bytes) -> None:
-    """Raise an error for a file that is no table, by its first bytes.
+    """Raise an error for a file that is not a table, by its first bytes.
 
     Raises
     ------
     RecordError
-        With what it is, and what to do.
+        The file is of another kind; the message names it, and what to do.
     """
     kinds = [(what, remedy) for start, what, remedy in SIGNATURES if head.startswith(start)]
     if head[TAR[0]] == TAR[1]:
@@ -52,12 +52,12 @@ def refuse_other_kinds(path: Path, head: bytes) -> None:
 
 
 def single_file(path: Path) -> zipfile.ZipInfo | None:
-    """Return the only file in a .zip; None of a workbook or of arrays of NumPy.
+    """Return the only file in a .zip; None for a workbook or for arrays of NumPy.
 
     Raises
     ------
     RecordError
-        It is damaged or locked, or contains no file, several files, or a document.
+        The archive is damaged or locked, or contains no file, several files, or a document.
     """
     name = readable(path.name)
     try:

@@ -128,7 +128,7 @@ def choose_columns(table: FileTable, how: Reading, driving: list[Column]) -> lis
 
 
 def _distinct(signals: list[Column]) -> list[Column]:
-    """Return columns, of those with the same numbers the one that is named best."""
+    """Return the columns without copies: of columns with equal numbers, keep the one with the best name."""
     ranked = sorted(signals, key=lambda c: (c.quantity != "angle", not c.unit_text))
     kept: list[Column] = []
     for column in ranked:
@@ -181,11 +181,11 @@ def _refuse_long_format(table: FileTable, times: list[Column]) -> None:
             continue
         rows = pd.DataFrame({"of": pd.Series(labels.cells).astype(str)})
         named = rows["of"].unique()
-        # More texts are remarks.
+        # A column with more different texts contains remarks.
         if not 2 <= named.size <= LISTED or times[0].cells.size != len(rows):
             continue
         rows["time"] = times[0].cells
-        # All sensors are read at each time, and each of them once.
+        # Each sensor is read once at each time.
         of_several = rows["time"].duplicated(keep=False).mean() > 0.5
         in_turn = rows["of"].ne(rows["of"].shift()).mean() > 0.5
         if of_several and in_turn and not rows.duplicated().any():
@@ -253,10 +253,10 @@ def _are_bodies(runs: list[tuple[Column, list[Column]]]) -> bool:
 def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: Reading) -> ChosenColumns:
     """Return the only plausible signal column, its times, and the reason."""
     own = {signal: _time_of(table, signal, times) for signal in signals}
-    # Columns that are looked at.
+    # Columns that are considered.
     made = {signal: _swing_of(signal, own[signal]) for signal in signals[:40] if len(signals) > 1}
     swings = {signal: swing for signal, swing in made.items() if swing is not None}
-    # If each of them contains a text, the error states where.
+    # If each of these columns contains a text, the error states where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
     if not lab.names_quantity(chosen.base):
         _ask_of_closed_loop(chosen, [c for c in swings if c is not chosen])
@@ -266,7 +266,7 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
 def _without_drives(
     signals: list[Column], times: list[Column], table: FileTable
 ) -> tuple[list[Column], list[Column]]:
-    """Return columns without those that drive, and these; all, where what drives alone swings as a decay."""
+    """Return the columns without drives, and the drives; all columns if only the drives swing as a decay."""
     acting = [c for c in signals if drives.is_named_as_drive(c)]
     others = [c for c in signals if c not in acting]
     if not acting or not any(drives.moves(c) for c in others):
@@ -287,7 +287,7 @@ def _chosen_of_driven(
     pool = [c for c in signals if drives.moves(c) and not drives.is_named_as_drive(c)] or signals
     for quantity in ("angle", "displacement", "rate", "acceleration"):
         known = [c for c in pool if c.quantity == quantity]
-        # A name says it where a unit is any number's: of a position in V no torque or temperature is one.
+        # A unit such as V may belong to any quantity, so the name decides: a torque is not a position.
         named = [c for c in known if c.quantity == lab.names_quantity(c.base)] or known
         if len(named) == 1:
             reason = f"the only {quantity} of {len(signals)} columns"
@@ -312,12 +312,12 @@ def _swings(column: Column, time: Column | None) -> bool:
 
 
 def _swing_of(column: Column, time: Column | None) -> TriedColumn | None:
-    """Return the swing of a column, or why there is none; None of a text or of fewer than three numbers."""
+    """Return the swing of a column, or the reason for none; None for texts or fewer than three numbers."""
     try:
         values = column.values
     except SysidTribError:
         return None
-    # Fewer numbers are none that move.
+    # Fewer numbers cannot show a motion.
     if np.count_nonzero(np.isfinite(values)) < 3:
         return None
     with suppress(SysidTribError):

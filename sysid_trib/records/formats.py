@@ -20,7 +20,7 @@ UNIT_ATTRIBUTES = ("units", "unit")
 FEWEST_OF_A_RECORD = 20
 # MATLAB objects without a signal.
 WITHOUT_NUMBERS = ("string", "categorical", "datetime", "duration", "function_handle", "containers.Map")
-# Most texts of a list that are read as a note.
+# Largest number of texts in a list that is read as a note.
 MOST_TEXTS = 100
 
 
@@ -108,7 +108,7 @@ CHANNEL_UNITS = ("unit", "units")
 
 
 def _json_channel(value: Any) -> tuple[str, Any] | None:
-    """Return the name, with the unit, and the numbers of a channel; None if a value is none."""
+    """Return the name, with the unit, and the numbers of a channel; None if a value is not a channel."""
     if not isinstance(value, dict):
         return None
     vectors = [item for item in value.values() if isinstance(item, list) and len(item) > 1]
@@ -186,7 +186,7 @@ def _is_long(table: TextTable) -> bool:
 
 
 def _side_by_side(runs: Mapping[str, TextTable]) -> Contents:
-    """Return the columns of several sheets, each of a run, with the name of the sheet before theirs."""
+    """Return the columns of several sheets, one run per sheet, with the sheet's name before the column's."""
     columns: dict[str, Any] = {}
     notes: list[str] = []
     said: list[str] = []

@@ -1,4 +1,4 @@
-"""Causes for which a signal is no free decay, and the sentence on each."""
+"""Reasons why a signal is not a free decay, with a sentence for each."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from sysid_trib.errors import DecayError
 
 
 class Cause(Enum):
-    """Cause for which a signal is no free decay."""
+    """Cause because of which a signal is not a free decay."""
 
     STILL = auto()
     FEW_SAMPLES = auto()
@@ -24,7 +24,8 @@ class Cause(Enum):
     SEVERAL_MODES = auto()
 
 
-# Causes behind which several modes may be, if the spectrum shows several; that of a clipped swing does.
+# Causes that several modes may have, if the spectrum shows several. CLIPPED is not among them, because the
+# spectrum of a clipped swing always shows several lines.
 MAYBE_OF_MODES = frozenset(
     {
         Cause.COARSE_SAMPLING,
@@ -37,14 +38,14 @@ MAYBE_OF_MODES = frozenset(
 )
 # Causes that are, or look like, a beat of modes.
 LIKE_BEATS = frozenset({Cause.BEATS, Cause.RISES_AGAIN, Cause.SEVERAL_MODES})
-# Advice for a record that is no decay, and for one in which modes beat.
+# Advice for a record that is not a decay, and for one in which modes beat.
 AS_IT_IS = "name the forces that act (--forces) to use it uncut"
 ONE_DECAY = "record one alone, or choose the window of one decay"
 
 
 @dataclass(frozen=True)
 class NoDecay:
-    """Reason why a signal is no free decay.
+    """Reason why a signal is not a free decay.
 
     Attributes
     ----------
@@ -72,7 +73,7 @@ class NoDecay:
 
 
 class NoDecayError(DecayError):
-    """A signal that is no free decay.
+    """A signal that is not a free decay.
 
     Parameters
     ----------
@@ -120,19 +121,19 @@ def pulses() -> NoDecay:
 
 
 def clipped(limits: Sequence[str]) -> NoDecay:
-    """Describe a signal that reaches these limits of the sensor's range to its end."""
+    """Describe a signal that reaches the limits of the sensor's range until the end of the record."""
     what = f"its half periods are clipped at {' or '.join(limits)}, to the end"
     return NoDecay(Cause.CLIPPED, what, "record with a wider range")
 
 
 def coarse_sampling(per_half_period: float) -> NoDecay:
-    """Describe a signal of so few samples in a half period."""
+    """Describe a signal with too few samples in a half period."""
     what = f"only {per_half_period:.2g} samples in a half period"
     return NoDecay(Cause.COARSE_SAMPLING, what, "sample faster")
 
 
 def few_half_periods(count: int, period: float) -> NoDecay:
-    """Describe a swing of so few whole half periods; its period in s."""
+    """Describe a swing with too few whole half periods; `period` in s."""
     what = (
         f"only {count} whole half period{'s' * (count != 1)} of steady oscillation (period about "
         f"{period:.3g} s)"
@@ -158,7 +159,7 @@ def does_not_decay(amplitude: float, percent: float) -> NoDecay:
 
 
 def falls_and_rises(before: float, trough: float, after: float) -> NoDecay:
-    """Describe an amplitude that falls to a trough and rises as far again."""
+    """Describe an amplitude that falls to a minimum and rises to its first value again."""
     what = (
         f"the amplitude falls from {before:.3g} to {trough:.3g} and rises again to {after:.3g}: "
         "two modes beat"
@@ -167,7 +168,7 @@ def falls_and_rises(before: float, trough: float, after: float) -> NoDecay:
 
 
 def beats(first: float, last: float, instant: float, top: float) -> NoDecay:
-    """Describe an amplitude that falls until an instant (s) and rises as gradually to a top."""
+    """Describe an amplitude that falls until an instant (s) and then rises gradually to a maximum."""
     what = (
         f"the amplitude falls from {first:.3g} to {last:.3g} at {instant:.4g} s and rises again to "
         f"{top:.3g} as gradually: two modes beat"
@@ -185,7 +186,7 @@ def rises_again(instant: float, before: float, after: float) -> NoDecay:
 
 
 def several_modes(listed: str, first: NoDecay) -> NoDecay:
-    """Describe a signal of several modes, which is no free decay for another reason."""
+    """Describe a signal of several modes, with the reason for which it is not a free decay."""
     what = f"several modes swing at once, {listed} ({first.what})"
     remedy = "separate one of them (--mode 1, or one_mode in Python), or record only one"
     return NoDecay(Cause.SEVERAL_MODES, what, remedy)

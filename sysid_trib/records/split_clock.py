@@ -37,7 +37,7 @@ def with_joined_clock(columns: Sequence[Column]) -> tuple[tuple[Column, ...], li
 
 
 def _joined(whole: Column, fraction: Column) -> Array | None:
-    """Return the times (s) of whole seconds and their fraction; None if two columns are no such clock."""
+    """Return the times (s) of whole seconds and their fraction; None if they are not such a clock."""
     unit = TIME_UNITS.get(plain_unit(fraction.stated or fraction.base.split(" ")[-1]), 1.0)
     seconds_by_name = TIME_UNITS.get(plain_unit(whole.stated or whole.base.split(" ")[-1])) == 1.0
     if not (whole.is_time or seconds_by_name) or unit >= 1.0 or not fraction.is_plain:

@@ -176,7 +176,7 @@ def _rows_below(
 
 
 def _is_remark(line: str, delimiter: str | None, usual: list[str]) -> bool:
-    """Return true if a line is a text without any number, where the others hold several numbers."""
+    """Return true if a line is a text without numbers, while the other lines have several numbers."""
     first = next(iter(line.split(delimiter, 1)), "").strip(" \t\"'")
     if is_number(first) or is_missing(first) or sum(map(is_number, usual)) < 2:
         return False
@@ -185,12 +185,12 @@ def _is_remark(line: str, delimiter: str | None, usual: list[str]) -> bool:
 
 
 def _numberless(text: str) -> str:
-    """Return a text with one sign for every number next to words: `Run 2` is a line like `Run 1`."""
+    """Return a text with one sign in place of each number next to words, so that `Run 2` equals `Run 1`."""
     return re.sub(r"\d+", "0", text) if any(map(str.isalpha, text)) else text
 
 
 def _begins_with(line: str, keys: set[str], delimiter: str | None) -> bool:
-    """Return true if the first cell of a line is one of these texts, whatever the numbers in it."""
+    """Return true if the first cell of a line is one of these texts, up to the numbers in it."""
     first = next(iter(line.strip().split(delimiter, 1)), "")
     return not is_number(first) and _numberless(first.strip(" \t\"'")) in keys
 
@@ -249,12 +249,12 @@ def check_width(path: Path, columns: int, rows: int) -> None:
     RecordError
         There are too many columns; the message states their number.
     """
-    # The widest table that is looked at.
+    # A wider table is refused.
     if columns > 4096:
         raise RecordError(
             f"{path.name}: has {columns:,} columns, where a record has a few: turn the table, or cut it."
         )
-    # No record has so few rows, and so many columns for each.
+    # A table with few rows, and many times as many columns, lies on its side.
     if rows <= 12 and columns >= 8 * max(rows, 8):
         raise RecordError(
             f"{path.name}: has {columns:,} columns and {rows} row{'s' * (rows != 1)}: time must run down the "
