@@ -228,7 +228,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
     step = f"smallest step between values {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
-    step = step if np.isfinite(value["sensor_step"]) else "no smallest step between values"
+    step = step if np.isfinite(value["sensor_step"]) else "values without a visible step"
     first, last = value["first_damping_ratio"], value["last_damping_ratio"]
     fall = value["first_amplitude"] / value["last_amplitude"]
     limits = {
