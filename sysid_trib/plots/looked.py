@@ -32,7 +32,7 @@ DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "line
 
 @shows("backbone", groups=("backbone",), of_record=backbone_of)
 def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """Frequency and damping ratio against amplitude, with 95 % bands; dots are single periods.
+    """Frequency and damping ratio against amplitude, with 95 % bands; circles are single periods.
 
     Parameters
     ----------
