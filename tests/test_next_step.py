@@ -69,7 +69,7 @@ def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
     swing["angle"] += 1e-3 * np.random.default_rng(1).standard_normal(swing.sizes["time"])
     tree = checked(st.free_decay(swing), FORCES.select(["lambda", "zeta"]), random_force="off")
     keep_next(tree, DiscoverOptions())
-    assert "discover --system pendulum #" in tree.attrs["next"]
+    assert "identify --system pendulum #" in tree.attrs["next"]
     # The user states the kind of oscillator.
     keep_next(tree, DiscoverOptions(system="ship"))
     assert "laws --system ship" in tree.attrs["next"]
