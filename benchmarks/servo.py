@@ -1,6 +1,6 @@
 """A pendulum on a servo: which friction law, how well it predicts runs that were not fitted, and how fast.
 
-python -m benchmarks servo [--only chosen|laws|prediction|halves|free]
+python -m benchmarks servo [--only chosen|laws|prediction|halves|free|rigs|named]
 
 The runs are read from ../shared/data/servo_pendulum beside the project, or from the folder in
 SYSID_TRIB_DATA. Those of a gain are predicted from the start that was measured, with the goal position, the
@@ -20,6 +20,8 @@ from benchmarks import DATA
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.free_decay import free_decays
+from sysid_trib.records.inputs import KnownInput
+from sysid_trib.results.effects import added_effects, credible_set, steps_taken
 
 FOLDER = DATA / "servo_pendulum"
 MOTIONS = ("lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
@@ -115,6 +117,8 @@ def servo(asked: Namespace) -> None:
         ("prediction", prediction),
         ("halves", halves),
         ("free", free),
+        ("rigs", rigs),
+        ("named", named),
     ):
         if asked.only in title:
             part()
@@ -186,6 +190,84 @@ def halves() -> None:
         each = ", ".join(f"{name} {value:+.1f}" for name, value in zip(names, z, strict=True))
         print(f"halves of the runs, difference over its error: {each}; RMS {sizes[-1]:.2f}", flush=True)
     print(f"    RMS of {len(HALVES)} divisions {np.sqrt(np.mean(np.square(sizes))):.2f}", flush=True)
+
+
+# Simulated rigs: the common part of their laws, and what each has besides.
+RIG = {"gravity": 1.0, "motor": 1.5, "back_emf": 0.6, "lambda": 0.02, "zeta": 0.06}
+RIG_LAWS: dict[str, dict[str, float]] = {
+    "Coulomb and viscous": {},
+    "with Stribeck": {"stribeck": 0.03},
+    "with the load": {"load_friction": 0.2},
+    "with the load, and Stribeck": {"load_friction": 0.2, "stribeck": 0.03},
+    "directional": {"motor_friction": 0.2, "weight_friction": 0.08},
+}
+RIG_FREQUENCY, RIG_NOISE, RIG_SEEDS = 8.4, 5e-4, (1, 2, 3)
+
+
+def rig_goals(time: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the goal motions of the measured runs, by their names, rad."""
+    rises = np.clip(time / 3.0, 0.0, 1.0)
+    return {
+        "sin_sin": 0.5 * np.pi * np.sin(time) + 0.5 * np.sin(5.0 * time) * np.sin(2.0 * time),
+        "sin_time_square": np.sin(time**2),
+        "up_and_down": 0.5 * np.pi * (rises - 0.2 * np.clip((time - 3.0) / 3.0, 0.0, 1.0)),
+        "lift_and_drop": -0.5 * np.pi * np.clip(time / 2.0, 0.0, 1.0),
+    }
+
+
+def rig_runs(law: dict[str, float], seed: int, step: float = 0.02) -> list[xr.Dataset]:
+    """Return twelve simulated runs of 6 s with a law, with the measured gains and motions."""
+    random, time = np.random.default_rng(seed), np.arange(0.0, 6.0, step)
+    truth, forces = RIG | law, library()
+    model = st.Model(forces.select([*truth]), truth, RIG_FREQUENCY)
+    runs = []
+    for gain in (100.0, 400.0, 800.0):
+        for motion, goal in rig_goals(time).items():
+            on = np.where((motion == "lift_and_drop") & (time > 2.0), 0.0, 1.0)
+            given = {"goal": (goal, "linear"), "kp": (np.full_like(time, gain), "held"), "on": (on, "held")}
+            inputs = {name: KnownInput(time, *of) for name, of in given.items()}
+            moved = st.simulate(model, time, 0.0, inputs=inputs)
+            noise = RIG_NOISE * random.standard_normal(len(time))
+            runs.append(moved.assign(angle=moved.angle + noise))
+    return runs
+
+
+def found_by(runs: list[xr.Dataset]) -> tuple[xr.DataTree, float]:
+    """Return what `discover` adds to Coulomb and viscous friction, and the processor's time (s)."""
+    forces = library()
+    begun = time.process_time()
+    start = forces.select([symbol for symbol in BASE if symbol != "tilt"])
+    return st.discover(runs, start, forces, constraints={"gravity": 1.0}), time.process_time() - begun
+
+
+def rigs() -> None:
+    """Print how often `discover` names exactly the law of a simulated rig."""
+    for name, law in RIG_LAWS.items():
+        answers, seconds = list[str](), list[float]()
+        for seed in RIG_SEEDS:
+            tree, taken = found_by(rig_runs(law, seed))
+            answers.append(", ".join(sorted(added_effects(tree))) or "nothing")
+            seconds.append(taken)
+        right = answers.count(", ".join(sorted(law)) or "nothing")
+        others = "; ".join(sorted({*answers}))
+        print(f"{name:30s} {right} of {len(RIG_SEEDS)}, {np.mean(seconds):.0f} s: {others}", flush=True)
+
+
+def named() -> None:
+    """Print what `discover` names on all measured runs and without a gain, and the error of that gain."""
+    for kept_back in (None, *gains()):
+        tree, seconds = found_by(runs_of([gain for gain in gains() if gain != kept_back]))
+        which = "all runs" if kept_back is None else f"without the gain {kept_back}"
+        effects = ", ".join(added_effects(tree)) or "nothing"
+        print(f"{which}: {effects} ({tree.attrs['verdict']}), {seconds:.0f} s", flush=True)
+        for step in steps_taken(tree):
+            likely = ", ".join(f"{symbol} {part:.2f}" for symbol, part in credible_set(step).items())
+            size = f"{step.coefficient.item():.3f} ± {step.standard_error.item():.3f}"
+            print(f"    {step.symbol.item()} {size}, p {step.p_value.item():.1g}; in its place: {likely}")
+        if kept_back is not None:
+            models = (tree[name].to_dataset() for name in ("before", "after"))
+            errors = [np.mean(absolute_error(of, runs_of([kept_back]))) for of in models]
+            print(f"    mean absolute error of the gain {kept_back}: {errors[0]:.1f} to {errors[1]:.1f} mrad")
 
 
 def free() -> None:

@@ -12,11 +12,24 @@ from helpers import paper_run
 
 import sysid_trib as st
 from sysid_trib.errors import SysidTribError, UsageError
+from sysid_trib.forces.library import library_of_text
 from sysid_trib.records.inputs import KnownInput
 from sysid_trib.simulation.simulate import trajectory
 
 RUN = paper_run({"lambda": 1e-3, "zeta": 5e-3}, duration=15.0, sampling_rate=50.0)
 CANDIDATES = st.library(friction="sign(v)", drag="v*abs(v)")
+# The formula of one force holds the coefficient of another.
+LOADED = library_of_text(
+    """
+inputs = ["u"]
+force = [
+    {symbol = "zeta", formula = "2*v"},
+    {symbol = "drive", formula = "-u"},
+    {symbol = "loaded", formula = "sign(v)*abs(drive*u)"},
+]
+""",
+    "loaded",
+)
 
 
 def friction():
@@ -57,6 +70,7 @@ MADE = {
     "discover": lambda _: st.discover(RUN.decay(1), st.library(zeta="2*v"), CANDIDATES),
     "laws": lambda _: st.laws(RUN.decay(1)),
     "driven": lambda _: st.identify(driven_record(), st.library(zeta="2*v", gain="-u")),
+    "discover by motions": lambda _: st.discover(driven_record(), LOADED.select(["zeta", "drive"]), LOADED),
     "difference": lambda _: st.difference(RUN.decay(1), RUN.decay(2), friction()),
     "difference of results": lambda _: st.difference(identified(), identified()),
     "campaign": store,

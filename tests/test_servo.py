@@ -258,6 +258,9 @@ def test_parameters_leave_with_their_covariance_as_toml_and_json(joint, runs, tm
         ("kp=torque on", "goal=goal position,on=torque on", "the constant kp changes within the run"),
         ("kp=gain", "goal=goal position,on=torque on", "the constant kp is not known"),
         ("kp=1,2,3", "goal=goal position,on=torque on", "contains 3 values for 1 records"),
+        ("kp=nan", "goal=goal position,on=torque on", "the constant kp is nan, which is no finite number"),
+        ("kp=1e400", "goal=goal position,on=torque on", "the constant kp is inf, which is no finite number"),
+        ("kp=kp", "goal=wanted,on=torque on", "there is no single column 'wanted'"),
         ("kp=kp", "on=torque on", "contains the input goal, which this record lacks"),
         ("kp=kp", "kp=kp,goal=goal position", "given as an input and as a constant"),
     ],
@@ -266,6 +269,16 @@ def test_a_constant_that_is_none_is_refused_in_a_sentence(folder, given, inputs,
     ending = command(folder, ["kp100_lift.csv"], FORCES, constant=given, inputs=inputs)
     assert ending.status in (1, 2)
     assert said in ending.err
+    assert ending.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("asked", ["", " , "])
+@pytest.mark.parametrize("of", ["identify", "laws"])
+def test_an_empty_name_is_no_coefficient_of_each_run(folder, asked, of):
+    files = [str(folder / f"kp{kp}_lift.csv") for kp in (100, 400)]
+    ending = run(of, *files, "--angle", "position (rad)", "--input", "goal position", "--own", asked)
+    assert ending.status == 2
+    assert ending.err.startswith(f"sysid-trib: --own '{asked}' names nothing; ")
     assert ending.err.count("\n") == 1
 
 

@@ -50,6 +50,20 @@ from sysid_trib.validation.identify import identify as identified, usual_methods
 OR_FEWER = "give a longer record or fewer."
 
 
+def own_names(text: str | None) -> tuple[str, ...]:
+    """Return the names that are each run's own; raise an error for a text without a name.
+
+    Raises
+    ------
+    UsageError
+        The text has none.
+    """
+    names = tuple(names_in(text))
+    if text is not None and not names:
+        raise UsageError(f"--own '{text}' names nothing; name what is each run's own, or leave --own out.")
+    return names
+
+
 def names_in(text: str | None) -> list[str]:
     """Return the names in a comma-separated text, without duplicates."""
     names = [name.strip() for name in (text or "").split(",")]
@@ -89,7 +103,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
         raise UsageError(
             "--warm-up is 0 s or more of a driven record, or of --test; use --window to cut decays."
         )
-    own = tuple(names_in(given.own))
+    own = own_names(given.own)
     warm_up = given.warm_up or 0.0
     starts = checked_starts(given.starts, driven=driven or given.test is not None)
     asked = wanted.reference_frequency, wanted.shapes, own, warm_up, starts

@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from sysid_trib.commands.asked import asked_constraints, parse_random_force
-from sysid_trib.commands.fits import measured_given, names_in, record_sentences
+from sysid_trib.commands.fits import measured_given, own_names, record_sentences
 from sysid_trib.commands.next_step import keep_next
 from sysid_trib.commands.options import LawsOptions
 from sysid_trib.commands.record_inputs import calibration_of, read_decays
@@ -52,7 +52,7 @@ def laws(tell: Tell, given: LawsOptions) -> Callable[[], None]:
         constraints.table,
         library=library,
         random_force=random_force,
-        own=names_in(given.own),
+        own=own_names(given.own),
         passive=given.passive,
         tell=tell,
     )

@@ -183,10 +183,8 @@ def alternatives(tree: xr.DataTree, given: RecordOptions) -> list[str]:
         if judged.held_out_excess(tree) and not tree["holdout_given"]:
             made.append(("To fit the same forces to the whole record", "discover", {"refit": ""}))
     elif kind_of(tree) == "laws":
-        if judged.verdict_of(tree) != "explained" and not kinds.is_of_driven(tree):
-            when = "For a force with memory, or one that changes in time"
-            made.append((when, "discover", {}))
-        # No other record can be measured with the rig of a simulated one.
+        # A search that finds no name leads to the laws: they do not lead back to it.
+        # A simulated record has no rig to make another one.
         tested = isinstance(given, MeasuredOptions) and given.test is not None
         if not tested and tree[record_groups(tree)[0]].attrs.get("record_checksum"):
             when = "To see whether another record of the rig follows these laws"

@@ -159,9 +159,7 @@ def _look_at_driven(tell: Tell, given: LookOptions) -> Callable[[], None]:
     runs = [run for source in sources for run in decays_within(given, source)[0]]
     sentences = [sentence for _, of_file, sentence in sources for _ in of_file]
     if not given.changed(["between"]):
-        between = drive.between_of(runs[0])
-        given = given.but(between=between)
-        runs = [drive.with_between(run, between) for run in runs]
+        given = given.but(between=drive.common_between(runs[0]))
     tell("which forces fit")
     models = drive.fitting_models(runs)
     command = command_after("identify", fitting_options(models, given.system), given)

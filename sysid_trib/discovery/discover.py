@@ -19,6 +19,15 @@ from sysid_trib.discovery.engine.trials import DEFAULTS, Settings
 from sysid_trib.discovery.fits import Fits, evidence
 from sysid_trib.discovery.free_motion import free_motions
 from sysid_trib.discovery.law_rival import LawPrediction, held_out_by_laws
+from sysid_trib.discovery.motion_fits import (
+    MOST_COMPUTED,
+    Budget,
+    MotionFits,
+    decimated_run,
+    swing_frequency_of,
+)
+from sysid_trib.discovery.motion_groups import groups_of_motions, held_out_of
+from sysid_trib.discovery.motion_search import search_by_motions
 from sysid_trib.discovery.plain_start import PlainStart, plain_start, residual_of_motions
 from sysid_trib.discovery.search import Search, search, with_steps
 from sysid_trib.discovery.unseen import RecordPart, predicted, search_parts, start_forces
@@ -139,15 +148,19 @@ def discover(
             "discover needs a restoring force, and this body has none; identify it with several sets of "
             "forces, and compare the residuals."
         )
-    if offered.used or model.used:
-        # A candidate has its own coefficient and shapes; coefficients of the start model in its formula are
-        # numbers.
+    how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
+    together = replace(
+        model, forces=(*model, *(force for force in offered if force.symbol not in model.symbols))
+    )
+    if together.used and all(map(inputs_of, as_runs(runs, driven=True))):
+        return _discovery_by_motions(runs, model, offered, constraints, unseen, how)
+    if together.used:
+        # A candidate has its own coefficient and shapes: those of the start model enter it as numbers.
         coefficients = _of_start_model(runs, model, reference_frequency, constraints)
         model, offered = (
             replace(library, forces=tuple(force.with_numbers(coefficients) for force in library))
             for library in (model, offered)
         )
-    how = SearchPlan(reference_frequency, refit, time_limit, settings, tell)
     return to_xarray.with_inseparable(_discovery(runs, model, offered, constraints, unseen, how))
 
 
@@ -259,6 +272,66 @@ def _discovery(
         "decimated": [run.attrs["decimated"] for run in runs if "decimated" in run.attrs],
     }
     if refused or effects.misnamed_effects(tree):
+        tree.attrs[SEARCH_OUTCOME] = "unknown effect"
+    return tree
+
+
+@signal_scale.in_units_of_the_motion
+def _discovery_by_motions(
+    decay: Decays,
+    model_forces: ForceLibrary,
+    candidates: ForceLibrary,
+    constraints: ConstraintTable,
+    holdout: Decays,
+    how: SearchPlan,
+) -> xr.DataTree:
+    """Search driven runs for forces whose formulas hold coefficients of others.
+
+    Such a force is not linear in the coefficients: the columns of the other search would be those of a start
+    model that is wrong. Here each model is fitted to the motions (see `search_by_motions`).
+    """
+    whole = as_runs(decay, driven=True)
+    budget = Budget(time.monotonic() + how.time_limit, MOST_COMPUTED)
+    model, _, _ = start_forces(model_forces, how.reference_frequency, Constraints(constraints))
+    offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
+    if not len(offered):
+        raise UsageError(
+            "The library has no candidate except the forces of the model; offer another library."
+        )
+    unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
+    frequency = how.reference_frequency or swing_frequency_of(whole)
+    seen = [decimated_run(run, frequency, how.settings.samples_per_period) for run in whole]
+    fixed = Constraints(constraints).fixed
+    fits = MotionFits(seen, model, offered, fixed, how.reference_frequency, how.settings, budget)
+    done = search_by_motions(fits, how.tell)
+    how.tell("difference of model and record")
+    groups = groups_of_motions(done, offered, whole, unseen)
+    # The models are fitted to all of the runs from the start.
+    values = {"converged": done.converged, "holdout_given": bool(unseen), "refitted": not unseen}
+    groups["/"] = xr.Dataset(variables.described("search", values))
+    tree = xr.DataTree.from_dict(_with_kept_windows(groups, whole))
+    complete = "explained" if done.effects else "nothing missing"
+    tree.attrs = {
+        **schema.provenance(None, one_or_all(seen), model),
+        "method": "discover",
+        "options": json.dumps(_options_of(how, constraints)),
+        "settings": json.dumps(asdict(how.settings)),
+        "candidates": offered.to_toml(),
+        SEARCH_OUTCOME: complete if done.is_complete and done.converged else "unknown effect",
+        "closing_effect": "",
+        "not_improving": "",
+        "noise_p_value": done.models[-1].noise_p_value,
+        "failed_fits": sorted({*fits.failed} - {*done.effects}),
+        "laws_held_out_rms": float("nan"),
+        "refused_by_laws": "",
+        "out_of_time": f"{how.time_limit:g} s" if budget.late and not done.converged else "",
+        "max_effects": how.settings.max_effects,
+        "left_out": left_out,
+        "held_out": held_out_of(done, len(unseen)),
+        "stretches": "",
+        "decimated": [run.attrs["decimated"] for run in seen if "decimated" in run.attrs],
+    }
+    if effects.misnamed_effects(tree):
         tree.attrs[SEARCH_OUTCOME] = "unknown effect"
     return tree
 

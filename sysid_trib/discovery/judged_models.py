@@ -46,7 +46,11 @@ def judged_models(
     seen = [groups[name] for name in names]
     judged = partial(verdict.judged_models, made_by="discover")
     of_search = {
-        name: FollowedRuns(dict(enumerate(seen)), groups[name], {"motions": [run.motion for run in of_runs]})
+        name: FollowedRuns(
+            dict(enumerate(seen)),
+            groups[name],
+            {f"motion {at}": run.motion for at, run in enumerate(of_runs)},
+        )
         for name, of_runs in motions.items()
     }
     last = [*of_search][-1]

@@ -54,12 +54,12 @@ def groups_of(
     groups: dict[str, xr.Dataset] = dict(zip(names, records, strict=True))
     for when, name, at in (("", "before", 0), ("_after", "after", -1)):
         spans, attrs = demodulation.demodulate(motions[at])
-        groups[f"discrepancy{when}"] = _group("discrepancy", spans, attrs=attrs)
+        groups[f"discrepancy{when}"] = group_of("discrepancy", spans, attrs=attrs)
         candidates, forces = parts.detectability(search.screenings[at])
         symbols = [force.symbol for force in forces]
-        labels = _labels(forces, ("name", "family", "formula", "unit"))
+        labels = labels_of(forces, ("name", "family", "formula", "unit"))
         coords = {"candidate": symbols, "other": symbols, **labels}
-        groups[f"detectability{when}"] = _group("detectability", candidates, coords)
+        groups[f"detectability{when}"] = group_of("detectability", candidates, coords)
         errors = search.screenings[at].widening, error if at else None
         model = search.models[at], motions[at]
         groups[name] = free_motion.model_identification(*model, seen, *errors)
@@ -72,11 +72,11 @@ def groups_of(
     groups["holdout"] = _holdout(search, motions[-1])
     groups["judged"] = judged_models(groups, {"before": motions[0], "after": motions[-1]}, whole)
     if len(seen) > 1:
-        groups["homogeneity"] = _group("homogeneity", parts.homogeneity(search.models))
+        groups["homogeneity"] = group_of("homogeneity", parts.homogeneity(search.models))
     return groups
 
 
-def _group(
+def group_of(
     name: str,
     values: Mapping[str, Any],
     coords: Mapping[str, Any] | None = None,
@@ -92,7 +92,7 @@ def texts_of(forces: Iterable[Force], names: Iterable[str]) -> dict[str, Any]:
     return {name: list(map(attrgetter(paths.get(name, name)), forces)) for name in names}
 
 
-def _labels(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[str, list[str]]]:
+def labels_of(forces: Sequence[Force], names: Sequence[str]) -> dict[str, tuple[str, list[str]]]:
     """Return the texts of candidates as coordinates."""
     return {name: ("candidate", texts) for name, texts in texts_of(forces, names).items()}
 
@@ -135,11 +135,11 @@ def _ranking(search: Search, offered: ForceLibrary) -> xr.Dataset:
     values |= {"coefficient": coefficient, "testable": reasons == "", "reason": reasons}
     values |= {"independent_tests": tests, "threshold": scipy.stats.norm.isf(level / (2.0 * tests))}
     values |= {"significance_level": level}
-    coords: dict[str, Any] = {"candidate": symbols, **_labels(offered.forces, ("name", "family", "unit"))}
+    coords: dict[str, Any] = {"candidate": symbols, **labels_of(offered.forces, ("name", "family", "unit"))}
     if names:
         # netCDF has no empty axis.
         values["shape"], coords["shape_parameter"] = shapes, names
-    return _group("ranking", values, coords)
+    return group_of("ranking", values, coords)
 
 
 def _steps(search: Search, motions: Motions, error: Array | None, offered: ForceLibrary) -> xr.Dataset:
@@ -191,7 +191,7 @@ def _steps(search: Search, motions: Motions, error: Array | None, offered: Force
         # netCDF has no empty axis.
         values["competing_shape"] = np.transpose([*competing.values()])
         coords["competing_shape_parameter"] = list(competing)
-    return _group("steps", values, coords, {"count": len(places)})
+    return group_of("steps", values, coords, {"count": len(places)})
 
 
 def _whitened(search: Search) -> list[float]:
@@ -298,7 +298,7 @@ def _omnibus(search: Search) -> xr.Dataset:
     names = {"z": "omnibus_z", "widening": "widening", "p_value": "omnibus_p_value"}
     values = {name: np.array([getattr(s, of) for s in search.screenings]) for name, of in names.items()}
     values["significant"] = values["p_value"] < search.models[0].settings.level
-    return _group("omnibus", values, {"trial_force": omnibus_test.trial_names()})
+    return group_of("omnibus", values, {"trial_force": omnibus_test.trial_names()})
 
 
 def _holdout(search: Search, final: Sequence[free_motion.FreeMotion]) -> xr.Dataset:
@@ -313,4 +313,4 @@ def _holdout(search: Search, final: Sequence[free_motion.FreeMotion]) -> xr.Data
         "residual_noise": noise,
         "residual_above_noise": above / above[0] if above[0] > 0.0 else np.full(len(above), np.nan),
     }
-    return _group("holdout", values)
+    return group_of("holdout", values)

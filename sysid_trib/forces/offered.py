@@ -1,6 +1,6 @@
 """Start forces of a search, and the candidates offered to it."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 from sysid_trib.errors import UsageError
@@ -32,8 +32,16 @@ def first_of_inputs(inputs: Collection[str]) -> list[Force]:
     return [force for held, force in driving.items() if set(held) <= set(inputs)]
 
 
-def with_inputs_acting(library: ForceLibrary, inputs: Collection[str]) -> ForceLibrary:
-    """Return the library with the first force of each input that is in none of its forces."""
+def with_inputs_acting(
+    library: ForceLibrary, inputs: Collection[str], offered: Iterable[Force] = ()
+) -> ForceLibrary:
+    """Return the library with the first force of each input that none of its forces holds.
+
+    `offered` : forces of the user, which come before the shipped ones.
+    """
+    for force in offered:
+        if {*force.inputs} & {*inputs} - {*library.inputs} and {*force.inputs} <= {*inputs}:
+            library = replace(library, forces=(*library, force))
     idle = [name for name in inputs if name not in library.inputs]
     further = [force for force in first_of_inputs(idle) if force.symbol not in library.symbols]
     return replace(library, forces=(*further, *library)) if further else library
@@ -71,7 +79,8 @@ def _same(force: Force, other: Force) -> bool:
     """Return true if two forces are the same function."""
     if force.kind != other.kind:
         return False
-    if force.memoryless and not force.shape and force.kind == "force" and not force.channels:
+    plain = force.memoryless and not (force.shape or force.channels or force.uses)
+    if plain and force.kind == "force":
         return other.matches(force.formula.text)
     texts = [
         (f.formula.text, *(p.text for table in (f.state, f.memory) for p in table.values()))

@@ -143,7 +143,7 @@ class Trajectory(Constrained):
         """
         runs = as_runs(decay, driven=True)
         library = library.with_own(self.own, len(runs))
-        problem = self._problem(runs, library)
+        problem = self.problem(runs, library)
         # A measured rate or acceleration is fitted by the free motion alone.
         stochastic_too = is_fitted(self._random_force) and not any(MEASURED in run for run in runs)
         stochastic_too = stochastic_too and not self.warm_up
@@ -153,7 +153,7 @@ class Trajectory(Constrained):
             # round.
             begun = replace(self, start=_regressed_start(problem))
         quick = _quick(self, problem, runs) if begun.start is None or stochastic_too else None
-        first = _first_values(begun, problem, quick)
+        first = first_values(begun, problem, quick)
         if stochastic_too:
             if quick is not None:
                 # Direct identification provides the colours, from frequencies above that of the motion.
@@ -169,15 +169,16 @@ class Trajectory(Constrained):
         The fit starts from a result: a motion that stops may have a minimum for each number of swings.
         """
         runs = as_runs(decay, driven=True)
-        problem = self._problem(runs, library.with_own(self.own, len(runs)))
-        first = _first_values(self, problem, near)
+        problem = self.problem(runs, library.with_own(self.own, len(runs)))
+        first = first_values(self, problem, near)
         return most_likely(problem, first, coloured=self.noise == "coloured")
 
     def _constraints(self, count: int) -> Constraints:
         """Return the constraints of each of `count` runs."""
         return Constraints(self.constraints).of_each_run(self.own, count)
 
-    def _problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
+    def problem(self, runs: Sequence[xr.Dataset], library: ForceLibrary) -> FitProblem:
+        """Return the records and parameters of the fit of forces to runs."""
         offered = forces_to_identify(library, self.reference_frequency, sensors=True)
         records = tuple(WhitenedRecord.of_decay(run, offered, self.warm_up) for run in runs)
         constraints = self._constraints(len(runs))
@@ -247,7 +248,7 @@ def _quick(method: Trajectory, problem: FitProblem, runs: Sequence[xr.Dataset]) 
         return None
 
 
-def _first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
+def first_values(method: Trajectory, problem: FitProblem, quick: xr.Dataset | None) -> Array:
     """Return the first estimate of all parameters, from the start model or the direct identification."""
     parameters = problem.parameters
     start = method.start if quick is None else method.start or model_of(quick)

@@ -57,7 +57,7 @@ def identified_freely(
     parameters = fit.parameters
     while stopped := stopped_by_bounds(fit):
         fit = fitted(replace(fit.problem, parameters=fit.parameters.fix(stopped)), fit.values)
-    return _identification(method, fit, fit.with_free(parameters), constraints)
+    return identification_of_fit(method, fit, fit.with_free(parameters), constraints)
 
 
 def most_likely(problem: FitProblem, first: Array, *, coloured: bool) -> Fit:
@@ -114,7 +114,7 @@ def _residuals(fit: Fit) -> list[Array]:
     return counted
 
 
-def _identification(method: Any, fit: Fit, unbounded: Fit, constraints: Constraints) -> xr.Dataset:
+def identification_of_fit(method: Any, fit: Fit, unbounded: Fit, constraints: Constraints) -> xr.Dataset:
     """Return a fit as an identification, with the errors of the fit in which no bound holds a parameter."""
     problem, parameters = fit.problem, fit.parameters
     residuals, runs = _residuals(fit), problem.runs

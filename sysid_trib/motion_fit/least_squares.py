@@ -121,6 +121,12 @@ class Fit:
         wider = np.maximum(1.0, ratio)
         return np.asarray(of_runs * np.outer(wider, wider))
 
+    @property
+    def clusters(self) -> int:
+        """Number of clusters of `clustered_covariance`: the runs, or parts of few runs."""
+        runs = len(self.problem.records)
+        return runs if runs >= FEWEST_CLUSTERS else runs * -(-PARTS_OF_RUNS // runs)
+
     @cached_property
     def covariance_between_parts(self) -> Array:
         """Return the covariance of all parameters if the residual is correlated within parts of runs."""

@@ -135,8 +135,11 @@ def _probability(value: float) -> str:
 
 
 def remedy(tied: Sequence[Force]) -> str:
-    """Return the measurement that would separate forces, depending on how they differ."""
-    if len({force.kind == "sensor" for force in tied}) > 1:
+    """Return the measurement that would separate forces, by how they differ."""
+    if any(force.inputs for force in tied):
+        what = "Runs with another load, gain or motion of the inputs"
+        why = "there the variables of these formulas differ"
+    elif len({force.kind == "sensor" for force in tied}) > 1:
         what = "Another inertia, or a second sensor,"
         why = "the error of the sensor stays the same, but the coefficient of a force changes"
     elif len({force.holds_time for force in tied}) > 1:
@@ -206,7 +209,8 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
     """Return an effect with its competing effects, on held-out data, and in parts of the record."""
     held, offered = tree["holdout"].rms, effects.candidates_of(tree)
     probabilities = {s: round(p, 4) for s, p in effects.credible_set(step).items()}
-    likeliest = layout.per_label(step, "part", "likeliest_in_parts")
+    in_parts = "likeliest_in_parts" in step
+    likeliest = layout.per_label(step, "part", "likeliest_in_parts") if in_parts else {}
     symbol, pairs = step.symbol.item(), effects.replacing_pairs(step)
     computed = {
         "shapes": effects.shapes_of(step, symbol),
@@ -217,7 +221,7 @@ def _step(tree: xr.DataTree, at: int, step: xr.Dataset) -> dict[str, Any]:
         "probability": probabilities.pop(symbol),
         "holdout_before": held[at],
         "holdout_after": held[at + 1],
-        "stands_in": step.stands_in,
+        "stands_in": step.stands_in if in_parts else None,
         "parts": len(likeliest),
         "likeliest_in_parts": likeliest,
         "indistinguishable_from": [

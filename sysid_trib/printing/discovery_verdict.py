@@ -74,9 +74,12 @@ def _closed(tree: xr.DataTree) -> Iterator[str]:
             headline = f"{UNEXPLAINED_WORDS[word]}: {what}"
         tests = "neither the candidates nor the omnibus test finds" * (not ranking.significant.any())
         tests = tests or "the omnibus test does not find"
+        nothing = f"{tests.capitalize()} a further effect (significance level {level:.2g})."
+        if np.isnan(_last(tree, "omnibus").p_value):
+            # A search by motions ends at a residual that is noise.
+            nothing = f"The residual is noise, so that no further effect is needed (level {level:.2g})."
         yield (
-            f"{headline} {residual}{', as expected with a random force' * stochastic}.{unpredicted} "
-            f"{tests.capitalize()} a further effect (significance level {level:.2g})."
+            f"{headline} {residual}{', as expected with a random force' * stochastic}.{unpredicted} {nothing}"
         )
         yield UNSEEN
         yield from _high_but_not_significant(ranking)
@@ -213,7 +216,8 @@ def _search(tree: xr.DataTree) -> Iterator[str]:
         )
         strong = _highest(last.isel(candidate=last.significant.values).z)
         yield f"Candidates with significant scores: {strong}; {reason}."
-    for step in steps_taken(tree):
+    # A search by motions compares runs, not parts of a record.
+    for step in (step for step in steps_taken(tree) if "likeliest_in_parts" in step):
         symbol, others = step.symbol.item(), Counter(step.likeliest_in_parts.values.tolist())
         del others[symbol]
         likelier = ", ".join(

@@ -13,7 +13,7 @@ from rich.table import Table
 from sysid_trib.arrays import Array
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing import Block, layout
-from sysid_trib.records.roles import input_names
+from sysid_trib.records.roles import input_label, input_names
 from sysid_trib.results.backbone_rows import round_rows
 
 # Explanations for the table of a library, and the number of characters in its text columns (100 columns).
@@ -197,7 +197,8 @@ def _input_sentences(run: xr.Dataset) -> Iterator[str]:
     for name in input_names(run):
         unit = run[name].attrs.get("units", "")
         low, high = float(run[name].min()), float(run[name].max())
-        yield f"Driven: input {name} ranges from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
+        label = input_label(run, name)
+        yield f"Driven: input {label} ranges from {low:.4g} to {high:.4g}{f' {unit}' * bool(unit)}."
     own = "measured" if "measured" in run else "angle"
     low, high = float(run[own].min()), float(run[own].max())
     unit = run[own].attrs.get("units", "")

@@ -3,6 +3,7 @@
 import re
 from contextlib import suppress
 from dataclasses import replace
+from itertools import combinations
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -257,6 +258,8 @@ def _chosen(table: FileTable, signals: list[Column], times: list[Column], how: R
     swings = {signal: swing for signal, swing in made.items() if swing is not None}
     # If each of these columns contains a text, the error states where.
     chosen, why = _certain(swings, how.quantity, table.source) if swings else (signals[0], "")
+    if not lab.names_quantity(chosen.base):
+        _ask_of_closed_loop(chosen, [c for c in swings if c is not chosen])
     return ChosenColumns(own[chosen], chosen, why)
 
 
@@ -272,7 +275,9 @@ def _without_drives(
     def decays(columns: list[Column]) -> bool:
         return any(_swings(c, _time_of(table, c, times)) for c in columns[:40])
 
-    return (signals, []) if decays(acting) and not decays(others) else (others, acting)
+    # A wanted motion is not measured, whatever it looks like.
+    measured = [c for c in acting if not drives.is_wanted(c)]
+    return (signals, []) if decays(measured) and not decays(others) else (others, acting)
 
 
 def _chosen_of_driven(
@@ -371,6 +376,33 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
         f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
         f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
     )
+
+
+# Correlation from which two columns are one motion, wanted and measured; how much larger a drive is.
+ONE_MOTION, FAR_LARGER = 0.999, 5.0
+
+
+def _ask_of_closed_loop(chosen: Column, others: list[Column]) -> None:
+    """Raise an error that asks for the signal where two other columns are one motion, which this one is not.
+
+    A wanted and a measured motion are nearly equal; what is far larger and no copy of them drives the motion.
+    """
+    small = [c for c in others if c.unit_text == chosen.unit_text]
+    small = [c for c in small if 0.0 < FAR_LARGER * c.amplitude < chosen.amplitude]
+    for first, second in combinations(small, 2):
+        differ = not np.array_equal(first.values, second.values)
+        copies = differ and _in_phase(first.values, second.values, ONE_MOTION)
+        if not copies or _in_phase(chosen.values, second.values):
+            continue
+        # The measured motion is behind the wanted one.
+        lag = np.nansum((second.values - first.values) * np.gradient(first.values))
+        measured = second if lag < 0.0 else first
+        raise UsageError(
+            f"{chosen.source}: {first.name} and {second.name} are one motion, wanted and measured; "
+            f"{chosen.name} swings {chosen.amplitude / second.amplitude:.2g} times as far and is no copy of "
+            f'it, so that it may drive it. Name signal and drive, such as --angle "{measured.name}" '
+            f'--input "{chosen.name}".'
+        )
 
 
 def _no_decay_in(pool: list[Column], swings: Swings, source: str) -> RecordError:

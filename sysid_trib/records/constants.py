@@ -52,6 +52,11 @@ def _number(
 ) -> tuple[float, str | None]:
     """Return the value and unit of a constant of a file."""
     if isinstance(wanted, int | float):
+        if not np.isfinite(wanted):
+            raise UsageError(
+                f"{table.source}: the constant {name} is {wanted}, which is no finite number; give its value "
+                f"(--constant {name}=100; constants= in Python)."
+            )
         return float(wanted), None
     column = table.match(wanted)
     if column is None:

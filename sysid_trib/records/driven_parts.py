@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array, Index
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.records import cleaning, half_periods
 from sysid_trib.records.inputs import KnownInput, inputs_of, integral_of_rate, is_constant
-from sysid_trib.records.roles import ROLE
+from sysid_trib.records.roles import ROLE, input_label
 from sysid_trib.records.saturation import refuse_saturated
 from sysid_trib.records.signal import FEWEST_SAMPLES, LONGEST_FILLED, PARTED_STEP, usual_step
 
@@ -88,10 +88,11 @@ def driven_parts(
     period = periods[0] if periods else float(np.ptp(time))
     gaps = _gaps(time, period, np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float)))
     if across_gaps and gaps.size:
-        missing = [name for name, values in part.data_vars.items() if _is_at_samples(values)]
+        missing = [str(name) for name, values in part.data_vars.items() if _is_at_samples(values)]
         if missing:
             raise UsageError(
-                f"The input {missing[0]} is missing in a gap of the record ({_listed_gaps(time, gaps)}); "
+                f"The input {input_label(record, missing[0])} is missing in a gap of the record "
+                f"({_listed_gaps(time, gaps)}); "
                 "predict a part without it (--window; record.sel(time=slice(...)) in Python)."
             )
         gaps = gaps[:0]
@@ -302,14 +303,17 @@ def _filled(record: xr.Dataset, period: float) -> tuple[xr.Dataset, list[str]]:
 def _described(record: xr.Dataset, said: Sequence[str]) -> xr.Dataset:
     """Add to a part the sentence on its changes."""
     time, known = record.time.values, inputs_of(record)
-    between = sorted({given.between for given in known.values()})
-    units = []
+    units, kinds = list[str](), dict[str, list[str]]()
     for name, given in known.items():
-        constant = f", constant at {given.values[0]:g}" if is_constant(given.values) else ""
-        units.append(f"{name} ({record[name].attrs.get('units', 'unit not stated')}{constant})")
+        kinds.setdefault(given.between, []).append(name)
+        constant = [f"constant at {given.values[0]:g}"] if is_constant(given.values) else []
+        units.append(input_label(record, name, record[name].attrs.get("units", "unit not stated"), *constant))
     step = float(np.median(np.diff(time)))
+    between = " and ".join(kinds)
+    if len(kinds) > 1:
+        between = "; ".join(f"{', '.join(names)} {word}" for word, names in kinds.items())
     text = (
         f"Driven record: {time[0]:.6g} s to {time[-1]:.6g} s ({len(time)} samples, {step:.4g} s apart); "
-        f"inputs {', '.join(units)}, {' and '.join(between)} between samples"
+        f"inputs {', '.join(units)}{'; ' if len(kinds) > 1 else ', '}{between} between samples"
     )
     return record.assign_attrs(free_decay="; ".join([text, *said]) + ".")

@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 import xarray as xr
@@ -15,7 +16,7 @@ from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.force import Channel, ForceLibrary
 from sysid_trib.forces.library import load_library
 from sysid_trib.records import half_periods
-from sysid_trib.records.roles import INPUT, input_names
+from sysid_trib.records.roles import INPUT, input_label, input_names
 from sysid_trib.records.signal import checked_signal, unit_of_signal
 
 FORCING_CHANNEL = Channel(INPUT, 0, "acceleration")
@@ -175,7 +176,8 @@ def _input(record: xr.Dataset, name: str) -> KnownInput:
     if time[0] > start + rounding or time[-1] < float(record.time.values[-1]) - rounding:
         reach = f"{time[0]:g} to {time[-1]:g} s, the record from {start:g} to {record.time.values[-1]:g} s"
         raise DecayError(
-            f"The input {name} covers {reach}; cut the record (--window), or give all of the input."
+            f"The input {input_label(record, name)} covers {reach}; cut the record (--window), or give all "
+            "of the input."
         )
     values = given.values.astype(float)
     return KnownInput(time - start, values, str(given.attrs.get("between") or usual_between(values)))
@@ -204,6 +206,11 @@ def usual_between(values: Array) -> str:
     return "held" if np.mean(isolated) > 0.8 and (leaps or levels <= MOST_LEVELS) else "smooth"
 
 
+def is_switch(values: Array) -> bool:
+    """Return true if an input is held at one of two values."""
+    return np.unique(values).size == 2 and usual_between(values) == "held"
+
+
 def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInput]:
     """Return the inputs of a record for the forces of a library.
 
@@ -216,7 +223,7 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
         As in `inputs_of`.
     """
     inputs = inputs_of(record)
-    refuse_unused(inputs, library)
+    refuse_unused(inputs, library, {name: input_label(record, name) for name in inputs})
     for force in library:
         if missing := [name for name in force.inputs if name not in inputs]:
             wrong = f"Force '{force.symbol}' contains the input {missing[0]}, which this record lacks"
@@ -228,13 +235,18 @@ def inputs_for(record: xr.Dataset, library: ForceLibrary) -> dict[str, KnownInpu
         units = record[channel.input].attrs.get("units")
         wanted = unit_of_signal(record) + PER_KIND.get(channel.kind, "")
         if channel.kind and units not in (None, wanted):
-            wrong = f"The input {channel.input} is in {units}, and these forces take it as {channel.kind}"
+            label = input_label(record, channel.input)
+            wrong = f"The input {label} is in {units}, and these forces take it as {channel.kind}"
             raise UsageError(f"{wrong} in {wanted}; convert it, or offer forces that take another quantity.")
     return inputs
 
 
-def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
+def refuse_unused(
+    inputs: Iterable[str], library: ForceLibrary, labels: Mapping[str, str] = MappingProxyType({})
+) -> None:
     """Raise an error for an input that no force contains.
+
+    `labels` : names of inputs as their user knows them.
 
     Raises
     ------
@@ -244,7 +256,7 @@ def refuse_unused(inputs: Iterable[str], library: ForceLibrary) -> None:
     for name in inputs:
         if name != INPUT and name not in library.inputs:
             held = f"they contain {', '.join(library.inputs)}" if library.inputs else "they contain none"
-            wrong = f"No force contains the input {name} ({held})"
+            wrong = f"No force contains the input {labels.get(name, name)} ({held})"
             shipped = load_library(SHIPPED)
             taking = [force.symbol for force in shipped if force.inputs == (name,)]
             if taking:

@@ -24,9 +24,9 @@ from sysid_trib.records.clock import (
     seconds_between,
 )
 from sysid_trib.records.column import DAY, Column
-from sysid_trib.records.inputs import usual_between
+from sysid_trib.records.inputs import is_switch, usual_between
 from sysid_trib.records.reading import Reading, evaluated, is_expression
-from sysid_trib.records.roles import ROLE
+from sysid_trib.records.roles import ROLE, input_label
 from sysid_trib.records.tables import FileTable, read_table
 
 # Least fraction of steps of one in a counter.
@@ -271,9 +271,13 @@ def with_inputs(
         else:
             time, values, unit = _of_file(other, wanted, how, record, origin)
         if not np.all(np.isfinite(values)):
-            wrong = f"{table.source}: the input {name} is not a number at each time"
+            wrong = f"{table.source}: the input {input_label(record, name)} is not a number at each time"
             raise RecordError(f"{wrong}; fill it, or cut (--window).")
-        between = how.between or usual_between(values)
+        asked = how.between
+        if len(how.inputs) > 1 and is_switch(values):
+            # What is between the samples of the other inputs is not asked of a switch.
+            asked = None
+        between = asked or usual_between(values)
         attrs: dict[str, Any] = {"role": ROLE, "between": between, "long_name": f"input {name}"}
         if unit is not None:
             is_angle = unit.position == "rad"

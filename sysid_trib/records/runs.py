@@ -11,7 +11,7 @@ from sysid_trib.arrays import Array
 from sysid_trib.errors import UsageError
 from sysid_trib.records import inputs
 from sysid_trib.records.driven_parts import driven_parts
-from sysid_trib.records.roles import ROLE
+from sysid_trib.records.roles import ROLE, input_label
 from sysid_trib.records.signal import checked_signal
 
 Decays: TypeAlias = xr.Dataset | Sequence[xr.Dataset]
@@ -71,8 +71,8 @@ def _refuse_mixed_inputs(runs: Sequence[xr.Dataset]) -> None:
     for name, different in units.items():
         if len(different) > 1:
             raise UsageError(
-                f"The input {name} is in different units ({', '.join(sorted(different))}); runs of one "
-                "experiment have it in one: convert it."
+                f"The input {input_label(runs[0], name)} is in different units "
+                f"({', '.join(sorted(different))}); runs of one experiment have it in one: convert it."
             )
 
 

@@ -8,7 +8,7 @@ import xarray as xr
 
 from sysid_trib.forces.force import Force, ForceLibrary, Shape
 from sysid_trib.forces.library import load_library
-from sysid_trib.records.smoothing import smooth, swing_frequency
+from sysid_trib.records.smoothing import first_frequency, smooth
 
 CURVE_LIBRARY = "curves"
 # Places of the basis functions, as fractions of the largest speed or displacement: logarithmic up to the
@@ -33,7 +33,7 @@ def ranges(decays: Sequence[xr.Dataset], frequency: float | None = None) -> dict
     """
     largest = {"x": 0.0, "v": 0.0}
     for decay in decays:
-        w = frequency or swing_frequency(decay)
+        w = frequency or first_frequency([decay])
         time = decay.time.values.astype(float)
         x, v, *_ = smooth(w * (time - time[0]), decay.angle.values.astype(float))
         largest["x"] = max(largest["x"], float(np.max(np.abs(x))))

@@ -113,8 +113,9 @@ def laws(
     model = law_model(moving, Constraints(constraints or NO_CONSTRAINTS), offered)
     given = records.as_decays(decay, "laws")
     runs = as_runs(given, driven=True)
-    # If no force with an input is named, the first force that contains it is used.
-    model = replace(model, named=with_inputs_acting(model.named, list(inputs_of(runs[0]))))
+    # An input acts by the first force that holds it, where none is named.
+    acting = with_inputs_acting(model.named, list(inputs_of(runs[0])), offered or ())
+    model = replace(model, named=acting)
     model = replace(model, own=_checked_own(own, model, len(runs)))
     if not signal_scale.counts_angles(runs[0]):
         for force in model.named:

@@ -145,16 +145,16 @@ def _short(run: xr.Dataset) -> xr.Dataset:
     return part
 
 
-def between_of(run: xr.Dataset) -> str:
-    """Return the interpolation of inputs between their samples: `held` if one is constant in most steps."""
-    known = inputs.inputs_of(run)
-    return "held" if any(is_held(of.values) for of in known.values()) else "smooth"
+def common_between(run: xr.Dataset) -> str | None:
+    """Return the interpolation that the varying inputs of a run have in common; None if they differ.
 
-
-def with_between(run: xr.Dataset, between: str) -> xr.Dataset:
-    """Return a run with this interpolation of its inputs between their samples."""
-    changed = {name: run[name].assign_attrs(between=between) for name in inputs.inputs_of(run)}
-    return run.assign(changed)
+    A switch is held, whatever is between the samples of the other inputs.
+    """
+    known = inputs.inputs_of(run).values()
+    varying = [of for of in known if not inputs.is_constant(of.values)]
+    moving = [of for of in varying if not inputs.is_switch(of.values)]
+    words = {of.between for of in moving or varying}
+    return words.pop() if len(words) == 1 else None
 
 
 def is_held(values: np.ndarray) -> bool:

@@ -22,6 +22,7 @@ from sysid_trib.methods.trajectory import StartsOption, Trajectory, measured_sta
 from sysid_trib.records import inputs
 from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.driven_parts import driven_parts
+from sysid_trib.records.roles import input_label
 from sysid_trib.records.runs import Decays, RecordLike, as_runs, one_or_all
 from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
 from sysid_trib.records.smoothing import clock_of
@@ -179,7 +180,7 @@ def _refuse_constant_push(runs: Sequence[xr.Dataset], library: ForceLibrary, fre
         input_only = force.inputs and not {"x", "v", "t"} & force.formula.names
         values = [of_run[name].values for of_run in known for name in force.inputs if name in of_run]
         if input_only and values and all(inputs.is_constant(of) for of in values):
-            name, size = force.inputs[0], values[0][0]
+            name, size = input_label(runs[0], force.inputs[0]), values[0][0]
             raise DecayError(
                 f"The input {name} is {size:g} throughout and drives nothing: force '{force.symbol}' cannot "
                 "be separated from the sensor's zero. Name another column, or give forces that combine the "
@@ -379,7 +380,7 @@ def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
         if name in kinds:
             target = wanted + inputs.PER_KIND[kinds[name]] if kinds[name] else known.get(name)
             if own and target:
-                by, new = _factor(f"The input {name}", own, target), target
+                by, new = _factor(f"The input {input_label(record, name)}", own, target), target
         elif own.startswith(unit) and own.removeprefix(unit) in inputs.PER_KIND.values():
             by, new = factor, wanted + own.removeprefix(unit)
         if new and by != 1.0:
