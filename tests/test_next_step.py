@@ -26,6 +26,7 @@ from sysid_trib.commands.options import (
     SearchOptions,
 )
 from sysid_trib.printing.identification import identification_blocks
+from sysid_trib.printing.verdict import verdict_sentence
 from sysid_trib.results.judged import follows
 from sysid_trib.validation.identify import usual_methods
 
@@ -46,6 +47,16 @@ def explained():
 @cache
 def unexplained():
     return checked(RUN.decay(7), FORCES.select(["lambda", "zeta"]), random_force="off")
+
+
+def test_a_residual_as_small_as_the_noise_is_said_not_to_be_white():
+    small = unexplained()
+    judged = small["judged"].to_dataset()
+    small["judged"] = judged.assign(residual_over_noise=1.0 + 0.0 * judged.residual_over_noise)
+    assert "not white noise (p = " in verdict_sentence(small)
+    large = unexplained()
+    large["judged"] = judged.assign(residual_over_noise=2.0 + 0.0 * judged.residual_over_noise)
+    assert "not white noise" not in verdict_sentence(large)
 
 
 # The next step.
