@@ -19,7 +19,7 @@ from sysid_trib.results.variables import record_groups, signal_units, small_unit
 
 FRICTION_TITLE = "Friction against speed"
 RESTORING_TITLE = "Restoring force against displacement"
-SURENESS_TITLE = "Uncertainty"
+RANGE_TITLE, DETAILS_TITLE = "Agreement and range", "Fit and test of the residual"
 FORMULA_TITLE = "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Largest number of printed formulas of a law.
@@ -56,10 +56,10 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
         *_own_blocks(tree),
         *_restoring_blocks(tree),
-        Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
+        Block([*_remarks(tree), *_range_sentences(tree)], title=RANGE_TITLE),
         *_formula_blocks(tree),
         Block([*_interaction_sentences(tree)], title=BOTH_TITLE),
-        Block([*_details(tree)], details, SURENESS_TITLE),
+        Block([*_details(tree)], details, DETAILS_TITLE),
     ]
 
 
