@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+from command_line import run
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.printing.laws import laws_blocks, laws_csv
+from sysid_trib.reporting.provenance import python_text
 from sysid_trib.results.law_curves import OWN_LAWS
 
 W, NOISE = 9.0, 3e-4
@@ -66,3 +68,36 @@ def test_the_figure_shows_the_law_of_each_run(tree):
     assert panel.get_ylabel().startswith("friction / inertia ")
     first, second = (line.get_ydata() for line in panel.lines[:2])
     assert np.nanmedian(second / first) == pytest.approx(LOADS[1] / LOADS[0], rel=0.05)
+
+
+def test_own_coefficients_of_runs_that_no_common_motion_follows():
+    """The estimate from the first half of each run has each run's own coefficients as well."""
+    zeta = st.load_library().select(["zeta"])
+    runs = []
+    # The common frequency loses the phase in both runs.
+    for frequency in (W, 1.05 * W):
+        motion = st.simulate(
+            st.Model(zeta, {"zeta": 0.001}, frequency), np.arange(0.0, 40.0, 0.02), angle=0.2
+        )
+        motion["angle"] += NOISE * np.random.default_rng(0).standard_normal(motion.sizes["time"])
+        runs.append(st.free_decay(motion[["angle"]]))
+    found = st.methods.Direct(own=("zeta",)).identify(runs, zeta)
+    assert not found.refined
+    assert found.force.values.tolist() == ["zeta_1", "zeta_2"]
+
+
+def test_python_of_laws_repeats_all_that_was_asked(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    # Too few half periods for a curve, so that the fit is quick.
+    for seed in "12":
+        made = run("simulate", "-o", f"{seed}.csv", "--noise", "3e-4", "--seed", seed, "--duration", "2")
+        assert made.status == 0
+    decays = [st.free_decay(st.read_record(f"{seed}.csv")) for seed in "12"]
+    tree = st.laws(decays, constraints={"nu": 0.0}, own=["lambda"], passive=True)
+    names = {}
+    exec(python_text(tree), names)
+    again = names["tree"]
+    assert again["judged"].attrs["options"] == tree["judged"].attrs["options"]
+    np.testing.assert_array_equal(again["direct"].coefficient, tree["direct"].coefficient)
+    st.report(tree, "laws.html")
+    assert "passive=True" in (tmp_path / "laws.html").read_text(encoding="utf-8")

@@ -155,6 +155,7 @@ class Direct(Constrained):
             A constraint is not linear in the coefficients, or does not fit the library.
         """
         runs_given = as_runs(decay, driven=self.form == "weak")
+        library_given = library
         library = library.with_own(self.own, len(runs_given))
         offered = forces_to_identify(library, self.reference_frequency, sensors=self.form == "weak")
         asked = Constraints(self.constraints).of_each_run(self.own, len(runs_given))
@@ -176,7 +177,8 @@ class Direct(Constrained):
             refine=self.refine,
             random_force=self.random_force if self._fits_random_force else None,
         )
-        nearer = partial(_of_first_half, self, decay, library)
+        # The method itself replaces the forces that each run has separately.
+        nearer = partial(_of_first_half, self, decay, library_given)
         solution, active, refined = regress(runs, constraints, options, nearer)
         return self._identified(decay, library, offered, asked, shapes, solution, active, refined=refined)
 

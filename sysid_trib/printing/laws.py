@@ -133,7 +133,9 @@ def _no_curve(tree: xr.DataTree) -> Iterator[str]:
         fitted = [force for force in forces if force.standard_error.item() > 0.0]
         if fitted:
             values = ", ".join(f"{force.force.item()} = {layout.coefficient_text(force)}" for force in fitted)
-            yield f"Named forces by {judged.preferred_of(tree)}: {values}."
+            # Only the curves have errors of the model.
+            errors = "" if judged.is_explained(tree) else ", with errors from noise alone"
+            yield f"Named forces by {judged.preferred_of(tree)}{errors}: {values}."
 
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:

@@ -125,7 +125,8 @@ def _asked(options: Mapping[str, Any]) -> str:
     }
     usual = {"system": "", "constraints": {}, "random_force": "off"}
     given = dict(options) | {"constraints": table}
-    changed = {name: value for name, value in given.items() if value != usual[name]}
+    # Other options are stored only if they are given.
+    changed = {name: value for name, value in given.items() if name not in usual or value != usual[name]}
     # An infinite bound.
     return "".join(f", {name}={value!r}" for name, value in changed.items()).replace("inf", 'float("inf")')
 
