@@ -120,8 +120,23 @@ def verdict_sentence(tree: xr.DataTree) -> str:
             ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
+    if law_curves.EXPLAINING_OWN in checked.attrs:
+        return f"{name} {how}: {near}. {_differing_runs(checked.attrs[law_curves.EXPLAINING_OWN])}"
     # For curves, or if they do not follow the record better.
     return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
+
+
+def _differing_runs(separate: str) -> str:
+    """State that the runs differ, and the option that gives each run its own laws."""
+    differ = "Laws explain each run alone, so the runs differ"
+    if not separate:
+        return (
+            f"{differ}. Separate friction and restoring force do not explain them; identify each run alone."
+        )
+    names = separate.split(", ")
+    words = " and ".join(law_curves.LAW_WORDS[name] for name in names)
+    option = f"--own {','.join(names)}"
+    return f"{differ}: with separate {words} for each run ({option}), the residual is noise."
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
