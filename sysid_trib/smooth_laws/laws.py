@@ -27,6 +27,7 @@ from sysid_trib.results.law_curves import (
     NAME_IN_FORMULAS,
     OWN_LAWS,
     PASSIVE,
+    PASSIVE_DEFICIT,
     VARIABLE_OF_LAW,
     odd_part,
 )
@@ -383,7 +384,7 @@ def _tree(
         "averaging_failed": failed,
     }
     if PASSIVE in results[preferred].attrs:
-        table.attrs[PASSIVE] = results[preferred].attrs[PASSIVE]
+        table.attrs |= {name: results[preferred].attrs[name] for name in (PASSIVE, PASSIVE_DEFICIT)}
     groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= results | {"judged": table}
     if len(names) == 2:
