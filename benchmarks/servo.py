@@ -259,7 +259,7 @@ def named() -> None:
         tree, seconds = found_by(runs_of([gain for gain in gains() if gain != kept_back]))
         which = "all runs" if kept_back is None else f"without the gain {kept_back}"
         effects = ", ".join(added_effects(tree)) or "nothing"
-        print(f"{which}: {effects} ({tree.attrs['verdict']}), {seconds:.0f} s", flush=True)
+        print(f"{which}: {effects} ({tree.attrs['search_outcome']}), {seconds:.0f} s", flush=True)
         for step in steps_taken(tree):
             likely = ", ".join(f"{symbol} {part:.2f}" for symbol, part in credible_set(step).items())
             size = f"{step.coefficient.item():.3f} ± {step.standard_error.item():.3f}"

@@ -119,7 +119,7 @@ def test_a_full_disk_ends_a_campaign_with_a_sentence_and_it_can_be_continued(tmp
     of_records = sum(p.stat().st_size for p in (tmp_path / "whole.zarr").rglob("[0-9]*"))
     with monkeypatch.context() as patch:
         disk_with_room(patch, 2000)
-        with pytest.raises(RecordError, match="cannot be made"):
+        with pytest.raises(RecordError, match="cannot be created"):
             store_of("none.zarr")
     assert sorted(p.name for p in tmp_path.glob("*.zarr*")) == ["whole.zarr"]
     assert not list(tmp_path.glob(".*"))

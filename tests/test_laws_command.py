@@ -10,6 +10,7 @@ from command_line import run, write_csv
 
 import sysid_trib as st
 from sysid_trib.printing.laws import laws_blocks, laws_csv, laws_json, laws_latex
+from sysid_trib.reporting.contents import contents_of
 from sysid_trib.reporting.page import page
 from sysid_trib.results import law_curves
 from sysid_trib.results.kinds import kind_of
@@ -205,6 +206,21 @@ def test_few_half_periods_give_the_laws_of_the_named_forces(tmp_path):
     )
     assert re.search(r"Named forces by \w+: lambda = .* ± ", ending.out)
     assert "Next: sysid-trib identify " in ending.out
+
+
+def test_the_sections_of_the_page_have_titles_of_their_own(tree):
+    titles = [section["title"] for section in contents_of(tree)[2]]
+    assert len(titles) > 4
+    assert sorted(set(titles)) == sorted(titles)
+
+
+@pytest.mark.parametrize("width", [88.0, 180.0])
+def test_the_label_of_the_restoring_force_takes_one_line(tree, width):
+    figure = st.plots.laws(tree, width=width / 25.4)
+    figure.draw_without_rendering()
+    label = figure.axes[1].get_ylabel()
+    assert "w^2" in label
+    assert "\n" not in label
 
 
 def test_figures_fit_a_column_and_a_page(tree):

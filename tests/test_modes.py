@@ -333,6 +333,16 @@ def test_the_commands_take_one_mode(tmp_path, record):
     assert "No motion of this drive is within the range of the decay" in beyond.out
 
 
+def test_the_figure_of_a_mode_has_the_frequency_of_its_table(separate):
+    curves = st.backbone(st.free_decay(separate))
+    frequency = st.plots.backbone(curves).axes[0]
+    assert frequency.get_ylabel() == "frequency (Hz)"
+    low, high = frequency.get_ylim()
+    assert low < separate.attrs["mode_frequency"] < high
+    del curves.attrs["mode_frequency"]
+    assert st.plots.backbone(curves).axes[0].get_ylabel() == "frequency (rad/s)"
+
+
 def test_a_record_of_modes_names_the_option(tmp_path, record):
     path = written(tmp_path, record)
     asked = run("response", path, "--drive", 0.2)

@@ -26,6 +26,7 @@ from sysid_trib.commands.options import (
     SearchOptions,
 )
 from sysid_trib.printing.identification import identification_blocks
+from sysid_trib.printing.verdict import verdict_sentence
 from sysid_trib.results.judged import follows
 from sysid_trib.validation.identify import usual_methods
 
@@ -46,6 +47,16 @@ def explained():
 @cache
 def unexplained():
     return checked(RUN.decay(7), FORCES.select(["lambda", "zeta"]), random_force="off")
+
+
+def test_a_residual_as_small_as_the_noise_is_said_not_to_be_white():
+    small = unexplained()
+    judged = small["judged"].to_dataset()
+    small["judged"] = judged.assign(residual_over_noise=1.0 + 0.0 * judged.residual_over_noise)
+    assert "not white noise (p = " in verdict_sentence(small)
+    large = unexplained()
+    large["judged"] = judged.assign(residual_over_noise=2.0 + 0.0 * judged.residual_over_noise)
+    assert "not white noise" not in verdict_sentence(large)
 
 
 # The next step.
@@ -69,7 +80,7 @@ def test_the_motion_of_a_pendulum_that_is_not_explained_leads_to_its_forces():
     swing["angle"] += 1e-3 * np.random.default_rng(1).standard_normal(swing.sizes["time"])
     tree = checked(st.free_decay(swing), FORCES.select(["lambda", "zeta"]), random_force="off")
     keep_next(tree, DiscoverOptions())
-    assert "discover --system pendulum #" in tree.attrs["next"]
+    assert "identify --system pendulum #" in tree.attrs["next"]
     # The user states the kind of oscillator.
     keep_next(tree, DiscoverOptions(system="ship"))
     assert "laws --system ship" in tree.attrs["next"]

@@ -49,6 +49,12 @@ def test_every_panel_has_axes_with_units(tree):
         assert any(unit in text for text in texts(figure))
 
 
+def test_the_missing_force_has_the_same_symbols_in_all_figures(tree):
+    figure = st.plots.overview(tree, width=7.2)
+    assert r"$\dot{\theta}/\omega$ (rad)" in texts(figure)
+    assert r"angle $\theta$ (rad)" in texts(figure)
+
+
 @pytest.mark.parametrize(
     ("formula", "axis", "expected"),
     [("x**3", "x", lambda x: 0.4 * x**3), ("v*abs(v)", "v", lambda v: 0.06 * v * np.abs(v))],

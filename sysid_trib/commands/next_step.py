@@ -53,7 +53,7 @@ NEXT_COMMANDS: dict[str, tuple[str, str]] = {
     "approximate": ("laws", "friction and restoring force as curves, without choosing a form"),
     "not explained": ("laws", "friction and restoring force as curves, without choosing a form"),
     "not explained, swings as a pendulum": (
-        "discover",
+        "identify",
         "amplitude and frequency are those of a pendulum under gravity",
     ),
     # With effects that are in no usual library, because an earlier search named them.

@@ -34,12 +34,8 @@ from sysid_trib.simulation.model import FREQUENCY, Model
 KEPT_SAMPLES = 1500
 # Relative step at which a fit of a search ends, and its largest number of evaluations.
 SEARCH_TOLERANCE, SEARCH_EVALUATIONS = 1e-4, 15
-# Samples of motions that a search computes at most: about 3 min of processor time.
-MOST_COMPUTED = 25_000_000
-# A fit of a model is better if it reduces the residual to this fraction.
-BETTER_FIT = 0.999
-# Time of a motion with its derivatives over that of the motion alone.
-COST_OF_DERIVATIVES = 3
+# Samples of motions, or of their derivatives, that a search computes at most: about 3 min of processor time.
+MOST_COMPUTED = 14_000_000
 
 
 class OutOfTimeError(SysidTribError):
@@ -108,7 +104,7 @@ class LimitedProblem(FitProblem):
 
     def white_sensitivity(self, values: Array, residuals: Sequence[Array]) -> Array:
         """Return the derivatives of the whitened residuals; see `FitProblem`."""
-        self.budget.spend(COST_OF_DERIVATIVES * self._samples)
+        self.budget.spend(self._samples)
         return super().white_sensitivity(values, residuals)
 
 
@@ -465,7 +461,7 @@ class MotionFits:
         except (SysidTribError, np.linalg.LinAlgError):
             return model
         better = self._model(model.effects, replace(fit, problem=model.fit.problem))
-        if better.rms > BETTER_FIT * model.rms:
+        if better.rms > (1.0 - SEARCH_TOLERANCE) * model.rms:
             return model
         self.kept[frozenset(model.effects)] = better
         return better

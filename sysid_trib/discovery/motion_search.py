@@ -8,8 +8,8 @@ import numpy as np
 from sysid_trib.discovery.motion_fits import Gain, MotionFits, MotionModel
 from sysid_trib.errors import Tell
 
-# Candidates that are fitted in addition to a model, and in place of an effect.
-FITTED_IN_ADDITION, FITTED_IN_PLACE = 4, 2
+# Candidates that are fitted in addition to a model; half as many in place of an effect.
+FITTED_CANDIDATES = 4
 # An exchange must reduce the squares of what is left out by this part.
 EXCHANGE_GAIN = 0.02
 
@@ -105,7 +105,7 @@ def _additions(fits: MotionFits, model: MotionModel, most: int) -> list[MotionMo
     if model.is_complete or len(model.effects) >= most:
         return []
     gains, moves = fits.gains(model), list[MotionModel]()
-    for symbol in _largest(gains)[:FITTED_IN_ADDITION]:
+    for symbol in _largest(gains)[:FITTED_CANDIDATES]:
         move = fits.of((*model.effects, symbol), model, gains[symbol].step)
         better = move is not None and move.left_out_rms < model.left_out_rms
         if move is not None and better and move.p_value(symbol) < fits.settings.level:
@@ -137,7 +137,7 @@ def _in_place(fits: MotionFits, model: MotionModel, symbol: str) -> dict[str, Mo
     places = [other for other in _largest(gains) if other not in model.effects]
     # Those that are fitted already are compared too.
     fitted_before = [other for other in places if fits.kept.get(frozenset((*rest.effects, other)))]
-    chosen = dict.fromkeys([*places[:FITTED_IN_PLACE], *fitted_before])
+    chosen = dict.fromkeys([*places[: FITTED_CANDIDATES // 2], *fitted_before])
     moves = {other: fits.of((*rest.effects, other), rest, gains[other].step) for other in chosen}
     return {other: move for other, move in moves.items() if move is not None}
 

@@ -21,7 +21,14 @@ from sysid_trib.printing.layout import value_with_error
 from sysid_trib.records.half_sines import envelope
 from sysid_trib.results.judged import follows, kept_results, last_of, preferred_of
 from sysid_trib.results.kinds import is_of_driven, kind_of
-from sysid_trib.results.variables import HALF_INTERVAL, record_groups, signal_label, signal_units, small_units
+from sysid_trib.results.variables import (
+    HALF_INTERVAL,
+    record_groups,
+    signal_label,
+    signal_symbol,
+    signal_units,
+    small_units,
+)
 from sysid_trib.validation.missing_force import residual_force
 
 # Height of a row of panels and of a row of residuals, each for a full page and for a column, inch.
@@ -54,8 +61,9 @@ EFFECTIVE_TITLE = "The model does not explain the record."
 def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
     """A result at a glance: the record and its models, their residuals, and the forces.
 
-    Frequency and damping ratio against amplitude, if there is a backbone: of the record without any model,
-    with 95 % bands (dots are single periods), and of the models. The record and the motion of each model,
+    Frequency and damping ratio against amplitude, if there is a backbone. Circles are single periods of the
+    record; the black line is their curve without any model, the grey band its 95 % band; coloured lines are
+    the models. The record and the motion of each model,
     with fitted start and sensor's zero, and below them the residual of each model; the band is plus and minus
     twice the noise. Share of each force in the decay and in the frequency shift against amplitude (to first
     order). Each coefficient divided by its value, with its 95 % interval: if the interval contains zero, the
@@ -222,4 +230,6 @@ def _surface(ax: Axes, result: xr.Dataset, record: xr.Dataset, run: int, bar_at:
     mesh = draw_cells(ax, force, error, float(max(largest, DOT_BEYOND * noise)) or 1.0)
     bar = ax.figure.colorbar(mesh, ax=ax, extend="both", pad=0.02, location=bar_at)
     bar.set_label(f"force over $I\\omega^2$ ({unit})")
-    ax.set(xlabel=signal_label(units), ylabel=f"rate over $\\omega$ ({units})")
+    symbol = signal_symbol(units)
+    ax.set(xlabel=f"{signal_label(units).split()[0]} ${symbol}$ ({units})")
+    ax.set(ylabel=rf"$\dot{{{symbol}}}/\omega$ ({units})")

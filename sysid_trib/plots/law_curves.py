@@ -68,8 +68,8 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
     panels[0].set(ylabel=f"friction / {inertia} ({unit}/s²)")
     if len(panels) > 1:
         panels[1].set(xlabel=f"displacement ({unit})")
-        known = " and ".join([f"$w^2{symbol}$", *held])
-        panels[1].set(ylabel=f"restoring force minus {known} ({unit}/s²)")
+        known = " \N{MINUS SIGN} ".join([f"$w^2{symbol}$", *held])
+        panels[1].set(ylabel=f"force \N{MINUS SIGN} {known} ({unit}/s²)")
     panels[0].legend(**LEGEND, ncols=2)
     if len(panels) > 1:
         style.letter(panels)

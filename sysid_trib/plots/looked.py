@@ -16,9 +16,15 @@ from sysid_trib.plots.over_time import RECORD_POINTS, curve
 from sysid_trib.plots.style import BLUE, GREY, INK, MODEL_LINES, ORANGE
 from sysid_trib.records.inputs import inputs_of
 from sysid_trib.results.judged import kept_results, preferred_of
-from sysid_trib.results.variables import group_names, record_groups, signal_label, signal_units
+from sysid_trib.results.variables import (
+    frequency_unit_of,
+    group_names,
+    record_groups,
+    signal_label,
+    signal_units,
+)
 
-CURVE_LABELS = {"frequency": "frequency (rad/s)", "damping_ratio": "damping ratio"}
+CURVE_LABELS = {"frequency": "frequency", "damping_ratio": "damping ratio"}
 # Margin around the bands, as a fraction of their range: single periods may scatter far outside.
 MARGIN = 0.15
 DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "linestyle": "", "zorder": 1}
@@ -26,7 +32,7 @@ DOTS: dict[str, Any] = style.OPEN_MARKS | {"marker": "o", "markersize": 2, "line
 
 @shows("backbone", groups=("backbone",), of_record=backbone_of)
 def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figure:
-    """Frequency and damping ratio against amplitude, with 95 % bands; dots are single periods.
+    """Frequency and damping ratio against amplitude, with 95 % bands; circles are single periods.
 
     Parameters
     ----------
@@ -73,6 +79,8 @@ def draw_curve(
 ) -> None:
     """Draw one curve of a backbone with its band, its single periods, and the models' curves.
 
+    The frequency of a mode is in Hz, as in the table.
+
     Parameters
     ----------
     ax : Axes
@@ -85,22 +93,24 @@ def draw_curve(
         Colour and label of the band and its curve.
     """
     amplitude = data.amplitude.values
-    low, high = (data[f"{name}_{end}"].values for end in ("low", "high"))
+    unit, divisor = frequency_unit_of(data.attrs) if name == "frequency" else ("", 1.0)
+    middle, low, high = (data[f"{name}{end}"].values / divisor for end in ("", "_low", "_high"))
     dots = {"color": GREY} if colour == INK else {"color": colour, "alpha": 0.4}
-    ax.plot(data.period_amplitude, data[f"period_{name}"], **DOTS, **dots)
+    ax.plot(data.period_amplitude, data[f"period_{name}"] / divisor, **DOTS, **dots)
     ax.fill_between(amplitude, low, high, color=colour, alpha=0.2, linewidth=0, zorder=2, label=label)
-    ax.plot(amplitude, data[name], color=colour, linewidth=0.8, zorder=2)
+    ax.plot(amplitude, middle, color=colour, linewidth=0.8, zorder=2)
     labels = models.model.values.tolist() if models is not None else []
     for model, series in zip(labels, cycle(MODEL_LINES)):
         lines = models[name].sel(model=model)  # type: ignore[index]
-        ax.plot(lines.amplitude, lines, **style.line(series), zorder=series["zorder"], label=model)
+        ax.plot(lines.amplitude, lines / divisor, **style.line(series), zorder=series["zorder"], label=model)
     # The whole curve, but only the narrow part of the band: a band at an end of few periods would hide the
     # rest.
     narrow = high - low <= 4.0 * np.median(high - low)
-    bottom = min(float(low[narrow].min()), float(data[name].min()))
-    top = max(float(high[narrow].max()), float(data[name].max()))
+    bottom = min(float(low[narrow].min()), float(middle.min()))
+    top = max(float(high[narrow].max()), float(middle.max()))
     ax.set(ylim=(bottom - MARGIN * (top - bottom), top + MARGIN * (top - bottom)), xscale="log")
-    ax.set(xlabel=f"amplitude ({data.amplitude.attrs['units']})", ylabel=CURVE_LABELS[name])
+    ax.set(xlabel=f"amplitude ({data.amplitude.attrs['units']})")
+    ax.set(ylabel=f"{CURVE_LABELS[name]} ({unit})" if unit else CURVE_LABELS[name])
     style.logarithmic_ticks(ax.xaxis, float(amplitude[0]), float(amplitude[-1]))
 
 

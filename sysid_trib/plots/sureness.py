@@ -113,7 +113,7 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
 def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
     """Damping and frequency of both samples against amplitude, and the difference of each coefficient.
 
-    The curves are those of the records without a model, with 95 % bands (dots are single periods). Below,
+    The curves are those of the records without a model, with 95 % bands (circles are single periods). Below,
     each difference is in units of its standard error, with an interval whose level is corrected for the
     number of forces: if it contains zero, the difference is not significant. Dark: coefficients that differ.
 

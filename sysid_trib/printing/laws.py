@@ -27,7 +27,7 @@ from sysid_trib.results.variables import record_groups, signal_units, small_unit
 
 FRICTION_TITLE = "Friction against speed"
 RESTORING_TITLE = "Restoring force against displacement"
-SURENESS_TITLE = "Uncertainty"
+RANGE_TITLE, DETAILS_TITLE = "Agreement and range", "Fit and test of the residual"
 FORMULA_TITLE = "Formulas within the bands"
 BOTH_TITLE = "Position and speed together"
 # Largest number of printed formulas of a law.
@@ -64,10 +64,10 @@ def laws_blocks(tree: xr.DataTree, sources: Sequence[str] = ()) -> list[Block]:
         Block([*_energy_sentences(tree)], ALWAYS, FRICTION_TITLE),
         *_own_blocks(tree),
         *_restoring_blocks(tree),
-        Block([*_remarks(tree), *_range_sentences(tree)], title=SURENESS_TITLE),
+        Block([*_remarks(tree), *_range_sentences(tree)], title=RANGE_TITLE),
         *_formula_blocks(tree),
         Block([*_interaction_sentences(tree)], title=BOTH_TITLE),
-        Block([*_details(tree)], details, SURENESS_TITLE),
+        Block([*_details(tree)], details, DETAILS_TITLE),
     ]
 
 
@@ -156,7 +156,9 @@ def _no_curve(tree: xr.DataTree) -> Iterator[str]:
         fitted = [force for force in forces if force.standard_error.item() > 0.0]
         if fitted:
             values = ", ".join(f"{force.force.item()} = {layout.coefficient_text(force)}" for force in fitted)
-            yield f"Named forces by {judged.preferred_of(tree)}: {values}."
+            # Only the curves have errors of the model.
+            errors = "" if judged.is_explained(tree) else ", with errors from noise alone"
+            yield f"Named forces by {judged.preferred_of(tree)}{errors}: {values}."
 
 
 def _method_sentences(tree: xr.DataTree) -> Iterator[str]:

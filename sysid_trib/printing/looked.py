@@ -15,6 +15,7 @@ from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.printing import Block, layout
 from sysid_trib.records.roles import input_label, input_names
 from sysid_trib.results.backbone_rows import round_rows
+from sysid_trib.results.variables import frequency_unit_of
 
 # Explanations for the table of a library, and the number of characters in its text columns (100 columns).
 NORMALISED = (
@@ -227,7 +228,7 @@ def _sentences(decay: xr.Dataset) -> list[str]:
     value = {name: decay[name].item() for name in FACTS}
     unit = decay.first_amplitude.attrs["units"]
     step = f"smallest step between values {value['sensor_step']:.3g} {decay.sensor_step.attrs['units']}"
-    step = step if np.isfinite(value["sensor_step"]) else "no smallest step between values"
+    step = step if np.isfinite(value["sensor_step"]) else "values without a visible step"
     first, last = value["first_damping_ratio"], value["last_damping_ratio"]
     fall = value["first_amplitude"] / value["last_amplitude"]
     limits = {
@@ -340,15 +341,15 @@ def _table(data: xr.Dataset) -> Table:
     The frequency of a mode is in Hz, as in the list of modes.
     """
     unit = data.amplitude.attrs["units"]
-    in_hertz = "mode_frequency" in data.attrs
-    head, turn = ("frequency (Hz)", 2.0 * np.pi) if in_hertz else ("frequency (rad/s)", 1.0)
+    frequency_unit, in_radians = frequency_unit_of(data.attrs)
+    head = f"frequency ({frequency_unit})"
     rows = []
     for row in round_rows(data):
         cells = {f"amplitude ({unit})": f"{row.amplitude:.3g}"}
         if row.measured_amplitude is not None:
             measured = f"{data.attrs['signal']} ({data.measured_amplitude.attrs['units']})"
             cells[measured] = f"{row.measured_amplitude:.3g}"
-        cells[head] = layout.value_with_error(row.frequency / turn, row.frequency_band / turn)
+        cells[head] = layout.value_with_error(row.frequency / in_radians, row.frequency_band / in_radians)
         cells["damping ratio"] = layout.value_with_error(row.damping_ratio, row.damping_ratio_band)
         rows.append(cells)
     return layout.text_table(rows)

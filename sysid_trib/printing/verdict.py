@@ -124,11 +124,26 @@ def verdict_sentence(tree: xr.DataTree) -> str:
         how_far = (
             f"over {periods:.0f} periods its simulated motion differs from the record by "
             f"{100.0 * part:.2g} % (RMS), {judged.residual_over_noise(tree, preferred):.3g} times the noise"
+            f"{_small_but_not_white(tree, preferred)}"
         )
     wrong = _departures_sentence(tree, preferred)
     rate = tree[record_groups(tree)[0]].attrs.get("signal") == "rate"
     said = UNEXPLAINED_SENTENCES[verdict].format(f"{how_far}; {wrong}" if wrong else how_far)
     return said + OF_A_RATE * rate
+
+
+# A residual below this multiple of the noise is not too large. A p-value below this level shows all the same
+# that the model is incomplete.
+NEAR_NOISE = 1.2
+CLEARLY_NOT_WHITE = 0.01
+
+
+def _small_but_not_white(tree: xr.DataTree, model: str) -> str:
+    """Say that a residual as small as the noise is not white; empty if its size shows the misfit."""
+    p_value = float(tree["judged"].p_value.sel(model=model))
+    if judged.residual_over_noise(tree, model) > NEAR_NOISE or not p_value < CLEARLY_NOT_WHITE:
+        return ""
+    return f", but this residual is not white noise (p = {p_value:.2g})"
 
 
 CURVE_WORDS = {"frequency": "frequency", "damping_ratio": "damping"}

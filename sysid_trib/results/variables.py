@@ -156,6 +156,11 @@ def signal_units(data: Any) -> str:
     return str(next((units for units in stated if units), "rad"))
 
 
+def frequency_unit_of(attrs: Mapping[Any, Any]) -> tuple[str, float]:
+    """Return the unit in which a backbone shows its frequency, and this unit in rad/s: Hz for a mode."""
+    return ("Hz", 2.0 * np.pi) if "mode_frequency" in attrs else ("rad/s", 1.0)
+
+
 def small_units(units: str) -> tuple[float, str]:
     """Return factor and unit for small values of the signal: mrad for angles, otherwise unchanged."""
     return (1e3, "mrad") if units == "rad" else (1.0, units)
