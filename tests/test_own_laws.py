@@ -6,10 +6,14 @@ from command_line import run
 
 import sysid_trib as st
 from sysid_trib.errors import UsageError
+from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.library import parse_library
+from sysid_trib.forces.systems import load_system
 from sysid_trib.printing.laws import laws_blocks, laws_csv
 from sysid_trib.reporting.provenance import python_text
 from sysid_trib.results.law_curves import OWN_LAWS
+from sysid_trib.smooth_laws.fits import explaining_own_laws
+from sysid_trib.smooth_laws.model import law_model
 
 W, NOISE = 9.0, 3e-4
 LAW = parse_library(
@@ -41,6 +45,27 @@ def test_each_run_has_its_friction_law(tree):
         assert np.median(np.abs(part.friction / truth - 1.0)) < 0.02
     mean = tree["direct"].friction.values
     np.testing.assert_allclose(own.friction.mean("run"), mean, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("foreign", "explaining"), [(0.0, ("friction",)), (0.02, None)], ids=["laws", "also a foreign motion"]
+)
+def test_separate_laws_that_explain_runs_are_found(foreign, explaining):
+    runs = [run_of(load, seed) for seed, load in enumerate(LOADS)]
+    # No law of the second run explains a foreign motion.
+    runs[1]["angle"] += foreign * np.sin(3.1 * W * runs[1].time)
+    model = law_model(load_system(None), Constraints({}), None)
+    assert explaining_own_laws(runs, st.methods.Direct(random_force="off"), model) == explaining
+
+
+@pytest.mark.slow
+def test_runs_that_differ_in_friction_are_told_to_have_own_friction():
+    common = st.laws([run_of(load, seed) for seed, load in enumerate(LOADS)])
+    (verdict,) = laws_blocks(common)[0].sentences
+    assert "the runs differ: with separate friction for each run (--own friction)" in verdict
+    assert "memory" not in verdict
+    # An additional force of position and speed is not stated where the runs only differ.
+    assert "interaction" not in common.children
 
 
 def test_own_laws_are_printed_written_and_kept(tree, tmp_path):

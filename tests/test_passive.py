@@ -85,8 +85,34 @@ def test_laws_say_where_passivity_acts():
     assert tree["judged"].attrs[PASSIVE] == result.attrs[PASSIVE]
     tree["judged"].attrs[PASSIVE] = json.dumps([1e-6, 0.025, 0.05, 0.4])
     speed = result.speed.values
-    said = " ".join(text for block in laws_blocks(tree) for text in block.sentences)
     assert (
-        f"The passivity constraint is active at {speed[0]:.3g} to {speed[1]:.3g} and {speed[15]:.3g} rad/s"
-        in said
-    )
+        "The passivity constraint is active next to zero speed and at "
+        f"{speed[0]:.3g} to {speed[1]:.3g} and {speed[15]:.3g} rad/s"
+    ) in said_of(tree)
+
+
+def said_of(tree):
+    return " ".join(text for block in laws_blocks(tree) for text in block.sentences)
+
+
+@pytest.mark.parametrize(
+    ("noise", "cause"),
+    [(3e-4, "does not determine whether friction feeds"), (1e-5, "is an error of the sensor within")],
+)
+def test_a_jump_made_passive_is_stated_at_zero_speed_with_its_size(noise, cause):
+    # Too few half periods for a curve, so that the laws are those of the named forces.
+    truth = st.Model(FRICTION, {"lambda": -2.5e-4, "zeta": 0.04, "delta": 0.04}, W)
+    motion = st.simulate(truth, np.arange(0.0, 2.0, 0.01), angle=0.3)[["angle"]]
+    motion["angle"] += noise * np.random.default_rng(0).standard_normal(motion.sizes["time"])
+    decay = st.free_decay(motion)
+    held = {"nu": 0.0, "epsilon": 0.0}
+    free, passive = (st.laws(decay, constraints=held, passive=asked) for asked in (False, True))
+    assert json.loads(passive["judged"].attrs[PASSIVE]) == pytest.approx([1e-6])
+    # Without the constraint, friction is positive at all speeds shown, and negative only in its jump.
+    before = st.best(free).sel(force="lambda")
+    assert np.all(st.best(free).friction.values > 0.0)
+    errors = -before.coefficient.item() / before.standard_error.item()
+    said = said_of(passive)
+    assert "active next to zero speed: without it" in said
+    assert f"negative, by up to {errors:.2g} standard errors" in said
+    assert cause in said

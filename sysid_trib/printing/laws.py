@@ -13,7 +13,15 @@ from rich.table import Table
 from sysid_trib.printing import ALWAYS, Block, Layer, driven, exported, layout
 from sysid_trib.results import judged, law_curves
 from sysid_trib.results.kinds import MU, is_of_driven
-from sysid_trib.results.law_curves import LARGE_DIFFERENCE, LAWS_SI, NO_BETTER, OWN_LAWS, PASSIVE, Curve
+from sysid_trib.results.law_curves import (
+    LARGE_DIFFERENCE,
+    LAWS_SI,
+    NO_BETTER,
+    OWN_LAWS,
+    PASSIVE,
+    PASSIVE_DEFICIT,
+    Curve,
+)
 from sysid_trib.results.models import library_of
 from sysid_trib.results.variables import record_groups, signal_units, small_units
 
@@ -120,8 +128,23 @@ def verdict_sentence(tree: xr.DataTree) -> str:
             ratio = judged.residual_over_noise(tree, answer)
             near = f"over {periods:.0f} periods {near}, {ratio:.3g} times the noise"
     how = "follow the record approximately" if decided == "approximate" else "do not follow the record"
+    if law_curves.EXPLAINING_OWN in checked.attrs:
+        return f"{name} {how}: {near}. {_differing_runs(checked.attrs[law_curves.EXPLAINING_OWN])}"
     # For curves, or if they do not follow the record better.
     return f"{name} {how}: {near}." + f" {REMAINING}" * (curves or checked.attrs["reason"] == NO_BETTER)
+
+
+def _differing_runs(separate: str) -> str:
+    """State that the runs differ, and the option that gives each run its own laws."""
+    differ = "Laws explain each run alone, so the runs differ"
+    if not separate:
+        return (
+            f"{differ}. Separate friction and restoring force do not explain them; identify each run alone."
+        )
+    names = separate.split(", ")
+    words = " and ".join(law_curves.LAW_WORDS[name] for name in names)
+    option = f"--own {','.join(names)}"
+    return f"{differ}: with separate {words} for each run ({option}), the residual is noise."
 
 
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
@@ -324,14 +347,23 @@ def _passivity(tree: xr.DataTree) -> str:
         return "The passivity constraint is not active: friction dissipates energy at every speed shown."
     places = result.speed.values
     largest = float(np.max(places[result.speed_visited.values]))
-    # The constraint is also active just above and below zero speed.
-    speeds = largest * np.array(acting)
-    near = np.argmin(np.abs(places[:, None] - speeds), axis=0)
-    spans = law_curves.stretches(places, np.isin(np.arange(len(places)), near))
+    speeds = np.array(acting)
+    # At zero speed friction jumps; its limit there is not among the speeds shown.
+    at_jump = np.abs(speeds) <= 2.0 * law_curves.NEXT_TO_ZERO
+    where = ["next to zero speed"] if np.any(at_jump) else []
+    if not np.all(at_jump):
+        near = np.argmin(np.abs(places[:, None] - largest * speeds[~at_jump]), axis=0)
+        spans = law_curves.stretches(places, np.isin(np.arange(len(places)), near))
+        where.append(f"at {_spans(spans, _words(tree, 'friction')[1])}")
+    deficit = tree["judged"].attrs[PASSIVE_DEFICIT]
+    cause = (
+        "The probable cause is an error of the sensor within the cycle, or another force."
+        if deficit > LARGE_DIFFERENCE
+        else "The record does not determine whether friction feeds energy in."
+    )
     return (
-        f"The passivity constraint is active at {_spans(spans, _words(tree, 'friction')[1])}: without it, "
-        "friction would feed energy in there. The probable cause is an error of the sensor within the cycle, "
-        "or another force."
+        f"The passivity constraint is active {' and '.join(where)}: without it, friction would be negative, "
+        f"by up to {deficit:.2g} standard errors. {cause}"
     )
 
 

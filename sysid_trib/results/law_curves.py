@@ -16,6 +16,13 @@ LAW_DIFFERENCE = "law_difference"
 # Attribute of an identification with a passive law: speeds at which the constraint is active, relative to the
 # largest visited speed, as JSON.
 PASSIVE = "passive_at"
+# Attribute with it: largest number of standard errors by which friction is negative without the constraint.
+PASSIVE_DEFICIT = "passive_deficit"
+# Just above zero speed, as a fraction of the largest: there friction jumps.
+NEXT_TO_ZERO = 1e-6
+# Attribute of `judged` if laws explain each run alone, but not all together: the laws that explain them
+# if they are separate for each run, or an empty text.
+EXPLAINING_OWN = "explaining_own"
 # Laws, the motion variable of each, its name in formulas, and their names in words.
 VARIABLE_OF_LAW = {"friction": "speed", "restoring": "displacement"}
 NAME_IN_FORMULAS = {"speed": "v", "displacement": "x"}

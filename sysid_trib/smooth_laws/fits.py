@@ -19,7 +19,7 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import one_or_all
 from sysid_trib.records.signal import ANGLE_UNIT
 from sysid_trib.results import schema, signal_scale
-from sysid_trib.results.law_curves import NO_BETTER
+from sysid_trib.results.law_curves import NO_BETTER, VARIABLE_OF_LAW
 from sysid_trib.results.models import library_of, shape_values_of
 from sysid_trib.simulation.model import Model
 from sysid_trib.smooth_laws.model import LawModel
@@ -145,6 +145,26 @@ def fitted(
     except (SysidTribError, np.linalg.LinAlgError):
         return named
     return min((named, other), key=lambda of: of.residual_rms)
+
+
+def explaining_own_laws(
+    runs: Sequence[xr.Dataset], method: Direct, model: LawModel
+) -> tuple[str, ...] | None:
+    """Return the laws that explain the runs if they are separate for each run, with the fewest laws.
+
+    Empty if no separate laws do; None if common laws do not even explain each run alone.
+    """
+
+    def explain(given: Sequence[xr.Dataset], own: tuple[str, ...]) -> bool:
+        try:
+            return fitted(given, method, replace(model, own=own)).is_white
+        except (SysidTribError, np.linalg.LinAlgError):
+            return False
+
+    if not all(explain([run], ()) for run in runs):
+        return None
+    choices = [*((law,) for law in VARIABLE_OF_LAW), tuple(VARIABLE_OF_LAW)]
+    return next((own for own in choices if explain(runs, own)), ())
 
 
 def fitted_to_driven(runs: Sequence[xr.Dataset], method: Direct, model: LawModel) -> LawFit:

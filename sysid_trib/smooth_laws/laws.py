@@ -22,10 +22,26 @@ from sysid_trib.records.inputs import inputs_of
 from sysid_trib.records.runs import Decays, RecordsLike, as_runs
 from sysid_trib.records.smoothing import clock_of, swing_frequency
 from sysid_trib.results import signal_scale
-from sysid_trib.results.law_curves import NAME_IN_FORMULAS, OWN_LAWS, PASSIVE, VARIABLE_OF_LAW, odd_part
+from sysid_trib.results.law_curves import (
+    EXPLAINING_OWN,
+    NAME_IN_FORMULAS,
+    OWN_LAWS,
+    PASSIVE,
+    PASSIVE_DEFICIT,
+    VARIABLE_OF_LAW,
+    odd_part,
+)
 from sysid_trib.results.variables import PARTS_OF_RECORD, Variables, described, group_names
 from sysid_trib.smooth_laws import bands, curves
-from sysid_trib.smooth_laws.fits import SENSOR_TERMS, LawFit, extended, fitted, fitted_to_driven, refitted
+from sysid_trib.smooth_laws.fits import (
+    SENSOR_TERMS,
+    LawFit,
+    explaining_own_laws,
+    extended,
+    fitted,
+    fitted_to_driven,
+    refitted,
+)
 from sysid_trib.smooth_laws.formulas import law_formulas
 from sysid_trib.smooth_laws.interaction import interaction, readings
 from sysid_trib.smooth_laws.model import LawModel, law_model, smallest_part, why_no_curve
@@ -170,10 +186,15 @@ def _identified(
     if reason := why_no_curve(amplitudes):
         model = replace(model.without_curves, reason=reason)
     tell("direct")
-    direct = fitted(runs, Direct(random_force=random_force, constraints=model.constraints), model)
+    within_cycles = Direct(random_force=random_force, constraints=model.constraints)
+    direct = fitted(runs, within_cycles, model)
     if not reason and not direct.is_white:
         tell("errors of the sensor, and even parts")
         direct = extended(direct)
+    separate = None
+    if len(runs) > 1 and not model.own and not direct.is_white:
+        tell("whether the runs differ")
+        separate = explaining_own_laws(runs, within_cycles, model)
     tell("averaging")
     # Averages contain no information on even forces, nor on a law far below the smallest amplitude.
     lowest = smallest_part(amplitudes)
@@ -202,12 +223,14 @@ def _identified(
             # netCDF does not store an empty dimension.
             if formulas.sizes["alternative"]:
                 tree[f"{law}_formulas"] = xr.DataTree(formulas)
-    if direct.model.odd and not direct.is_white:
+    if separate is not None:
+        tree["judged"].attrs[EXPLAINING_OWN] = ", ".join(separate)
+    if direct.model.odd and not direct.is_white and separate is None:
         tell("whether both laws add up")
         products = interaction(direct, largest)
         if products is not None:
             tree["interaction"] = xr.DataTree(products)
-    if direct.model.odd and "interaction" not in tree.children:
+    if direct.model.odd and "interaction" not in tree.children and separate is None:
         tell("which readings the record separates")
         both = readings(direct, float(np.sqrt(amplitudes.min() * amplitudes.max())))
         if both is not None:
@@ -361,7 +384,7 @@ def _tree(
         "averaging_failed": failed,
     }
     if PASSIVE in results[preferred].attrs:
-        table.attrs[PASSIVE] = results[preferred].attrs[PASSIVE]
+        table.attrs |= {name: results[preferred].attrs[name] for name in (PASSIVE, PASSIVE_DEFICIT)}
     groups: dict[str, Any] = dict(zip(group_names("record", len(runs)), records, strict=True))
     groups |= results | {"judged": table}
     if len(names) == 2:

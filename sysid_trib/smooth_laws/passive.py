@@ -15,11 +15,9 @@ from sysid_trib.methods.scope import Method
 from sysid_trib.records.runs import Decays
 from sysid_trib.results import models
 from sysid_trib.results.frequencies import asymptotic_frequency, covariance_with_frequency
-from sysid_trib.results.law_curves import PASSIVE
+from sysid_trib.results.law_curves import NEXT_TO_ZERO, PASSIVE, PASSIVE_DEFICIT
 from sysid_trib.smooth_laws import bands
 
-# Just above zero speed, as a fraction of the largest: there friction jumps.
-SMALLEST_SPEED = 1e-6
 # Below this fraction of its largest value, a force counts as zero at rest.
 NOTHING_AT_REST = 1e-5
 # Below this fraction of the largest multiplier, a constraint is inactive.
@@ -60,8 +58,8 @@ def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset
     Returns
     -------
     Dataset
-        Coefficients and frequency differ where the constraint is active; attribute `passive_at`. Errors are
-        those without the constraint.
+        Coefficients and frequency differ where the constraint is active; attributes `passive_at` and
+        `passive_deficit`. Errors are those without the constraint.
 
     Raises
     ------
@@ -75,13 +73,25 @@ def made_passive(result: xr.Dataset, largest: Mapping[str, float]) -> xr.Dataset
     Hanson, Solving Least Squares Problems, 1974, Ch. 23).
     """
     acting: set[float] = set()
+    deficit = _deficit(result, largest)
     # The constraint is also linear in the frequency, so the second step is tiny.
     for _ in range(PASSIVE_STEPS):
         result, at_speeds = _stepped(result, largest)
         if not at_speeds:
             break
         acting |= at_speeds
-    return result.assign_attrs({PASSIVE: json.dumps([speed / largest["v"] for speed in sorted(acting)])})
+    at = json.dumps([speed / largest["v"] for speed in sorted(acting)])
+    return result.assign_attrs({PASSIVE: at, PASSIVE_DEFICIT: deficit})
+
+
+def _deficit(result: xr.Dataset, largest: Mapping[str, float]) -> float:
+    """Return the largest number of standard errors by which friction is negative; 0 if it never is."""
+    rows = _power_over_speed(result, largest)[1]
+    coefficients = np.where(result.active.values, result.coefficient.values, 0.0)
+    power, variance = rows[:, :-1] @ coefficients, rows @ covariance_with_frequency(result)
+    error = np.sqrt(np.maximum(np.sum(variance * rows, axis=1), 0.0))
+    short = np.divide(-power, error, out=np.zeros_like(power), where=error > 0.0)
+    return float(np.max(short, initial=0.0))
 
 
 def _stepped(result: xr.Dataset, largest: Mapping[str, float]) -> tuple[xr.Dataset, set[float]]:
@@ -114,7 +124,7 @@ def _power_over_speed(result: xr.Dataset, largest: Mapping[str, float]) -> tuple
     runs: Sequence[int | None] = sorted({force.run for force in library if force.run}) or [None]
     forces = [force for force in library if force.depends_only_on("v")]
     even = any(force.parity != "odd" for force in forces)
-    at_rest = SMALLEST_SPEED * largest["v"] * np.array([-1.0, 1.0] if even else [1.0])
+    at_rest = NEXT_TO_ZERO * largest["v"] * np.array([-1.0, 1.0] if even else [1.0])
     places = np.concatenate([at_rest, bands.grid(largest["v"], both_sides=even)[0]])
     jacobians = [bands.law_and_jacobian(result, library, forces, "v", places, run)[1] for run in runs]
     rows = np.vstack([np.where(places < 0.0, -1.0, 1.0)[:, None] * jacobian for jacobian in jacobians])
