@@ -139,7 +139,7 @@ CLEARLY_NOT_WHITE = 0.01
 
 
 def _small_but_not_white(tree: xr.DataTree, model: str) -> str:
-    """Say that a residual as small as the noise is not white; empty if its size shows the misfit."""
+    """Say that a residual as small as the noise is not white; empty if its size already shows that."""
     p_value = float(tree["judged"].p_value.sel(model=model))
     if judged.residual_over_noise(tree, model) > NEAR_NOISE or not p_value < CLEARLY_NOT_WHITE:
         return ""
