@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -218,12 +218,8 @@ def _discovery(
     deadline = time.monotonic() + how.time_limit
     whole = as_runs(decay, driven=True)
     model, free, held = start_forces(model_forces, reference_frequency, Constraints(constraints))
-    offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
-    if not len(offered):
-        raise UsageError(
-            "The library has no candidate except the forces of the model; offer another library."
-        )
-    unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
+    offered, left_out = _offered(model_forces, candidates, whole)
+    unseen = _held_out_runs(holdout)
     taken = replace(model, forces=(*model, *offered))
     if any(inputs_for(run, taken) for run in (*whole, *unseen)):
         # A driven record may have few samples a period, and forces then need fewer points between samples.
@@ -252,7 +248,7 @@ def _discovery(
     plain = nearer(done.models[0], seen) if fits.plain is not None and seen is runs else fits.plain
     of_seen = range(len(whole)) if seen is runs else [part.run for part in learnt]
     groups = to_xarray.groups_of(seen, [whole[at] for at in of_seen], done, offered, plain)
-    groups["/"] = _search_group(done, holdout_given=bool(unseen), refitted=how.refit and not unseen)
+    groups["/"] = _search_group(done.converged, holdout_given=bool(unseen), refitted=how.refit and not unseen)
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, [whole[at] for at in of_seen]))
     third = f"the last third{' of each run' * (len(whole) > 1)}"
     tree.attrs = {
@@ -293,12 +289,8 @@ def _discovery_by_motions(
     whole = as_runs(decay, driven=True)
     budget = Budget(time.monotonic() + how.time_limit, MOST_COMPUTED)
     model, _, _ = start_forces(model_forces, how.reference_frequency, Constraints(constraints))
-    offered, left_out = offered_forces(model_forces, candidates, inputs_of(whole[0]))
-    if not len(offered):
-        raise UsageError(
-            "The library has no candidate except the forces of the model; offer another library."
-        )
-    unseen = as_runs(holdout, driven=True) if isinstance(holdout, xr.Dataset) or len(holdout) else []
+    offered, left_out = _offered(model_forces, candidates, whole)
+    unseen = _held_out_runs(holdout)
     frequency = how.reference_frequency or swing_frequency_of(whole)
     seen = [decimated_run(run, frequency, how.settings.samples_per_period) for run in whole]
     fixed = Constraints(constraints).fixed
@@ -307,8 +299,7 @@ def _discovery_by_motions(
     how.tell("difference of model and record")
     groups = groups_of_motions(done, offered, whole, unseen)
     # The models are fitted to all of the runs from the start.
-    values = {"converged": done.converged, "holdout_given": bool(unseen), "refitted": not unseen}
-    groups["/"] = xr.Dataset(variables.described("search", values))
+    groups["/"] = _search_group(done.converged, holdout_given=bool(unseen), refitted=not unseen)
     tree = xr.DataTree.from_dict(_with_kept_windows(groups, whole))
     complete = "explained" if done.effects else "nothing missing"
     tree.attrs = {
@@ -336,9 +327,38 @@ def _discovery_by_motions(
     return tree
 
 
-def _search_group(done: Search, *, holdout_given: bool, refitted: bool) -> xr.Dataset:
+class Offered(NamedTuple):
+    """Candidates of a search, and the names of those that are left out."""
+
+    library: ForceLibrary
+    left_out: list[str]
+
+
+def _offered(model_forces: ForceLibrary, candidates: ForceLibrary, runs: Sequence[xr.Dataset]) -> Offered:
+    """Return the candidates that the inputs of the runs permit.
+
+    Raises
+    ------
+    UsageError
+        There is no candidate.
+    """
+    offered = Offered(*offered_forces(model_forces, candidates, inputs_of(runs[0])))
+    if not len(offered.library):
+        raise UsageError(
+            "The library has no candidate except the forces of the model; offer another library."
+        )
+    return offered
+
+
+def _held_out_runs(holdout: Decays) -> Sequence[xr.Dataset]:
+    """Return the runs that take no part in the search; none if none are given."""
+    given = isinstance(holdout, xr.Dataset) or len(holdout)
+    return as_runs(holdout, driven=True) if given else []
+
+
+def _search_group(converged: bool, *, holdout_given: bool, refitted: bool) -> xr.Dataset:
     """Return the true-or-false variables of a search."""
-    values = {"converged": done.converged, "holdout_given": holdout_given, "refitted": refitted}
+    values = {"converged": converged, "holdout_given": holdout_given, "refitted": refitted}
     return xr.Dataset(variables.described("search", values))
 
 
