@@ -119,7 +119,7 @@ def _leave_standard_output() -> None:
 
 
 def _memory_is_short() -> bool:
-    """Return true if almost no memory is left: the import of libraries then fails with various errors."""
+    """Return true if memory is almost used up. Imports of libraries then fail with various errors."""
     try:
         bytearray(LIBRARY_SIZE)
     except MemoryError:

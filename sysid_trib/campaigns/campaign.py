@@ -169,7 +169,7 @@ def _through(
         sent[future.key] = block
         return future
 
-    # On this machine, not all workers may have started yet.
+    # Some workers on this machine may not have started yet.
     count = workers if isinstance(workers, int) else len(client.nthreads())
     # Blocks that wait at each worker: enough to keep it busy, few enough for the memory.
     running = as_completed([submit(block) for block in islice(waiting, 3 * max(1, count))])

@@ -294,7 +294,8 @@ def checksum_of(record: Any) -> str:
 
 def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     """Return the numbers of a result as a row of the store."""
-    row, labels = empty_row(task), task.labels_in(tree)
+    row = empty_row(task)
+    labels = task.labels_in(tree)
     numbers = [
         name
         for name, empty in row.items()
@@ -307,7 +308,8 @@ def _numbers(task: Task, tree: xr.DataTree) -> stored.Row:
     for group, label in labels.items():
         if group not in tree.children or "covariance" not in tree[group] or group in withheld:
             continue
-        result, at = tree[group].to_dataset(), task.labels.index(label)
+        result = tree[group].to_dataset()
+        at = task.labels.index(label)
         for name in (name for name in numbers if name in result):
             # Forces and shape parameters that are not in the result stay nan.
             of_store = {dim: axes[dim] for dim in stored.VARIABLES[name][0][1:]}

@@ -82,7 +82,7 @@ def _task(given: CampaignOptions) -> task.Task:
     name = given.task
     if name not in task.TASKS:
         raise UsageError(f"--task '{name}' is unknown: give {', '.join(task.TASKS)}.")
-    # How a file is read depends neither on the other files nor on the position of its row.
+    # The other files and the position of the row have no influence on how a file is read.
     of_reading = {option.name: getattr(given, option.name) for option in fields(ModelOptions)}
     read = partial(decays_of, ModelOptions(**of_reading | {"records": []}))
     # Options that the task would silently ignore.

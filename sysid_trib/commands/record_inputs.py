@@ -109,7 +109,7 @@ OMEGA0, REFERENCE = "--omega0", "--reference-frequency"
 # Largest ratio of frequencies. Hz and rad/s differ by more; w_inf and omega0 differ by less, even if the
 # contact is 24 times as stiff as the oscillator.
 MOST_RATIO = 5.0
-# What to do if the frequency of an option is far from that of the record.
+# Advice if the frequency given by an option differs much from that of the record.
 INSTEAD = {
     OMEGA0: "correct it, or leave it out and compute alpha = (w_inf / omega0)^2 - 1 from w_inf of the result",
     REFERENCE: "correct it, or leave it out: w is then fitted",

@@ -1,4 +1,4 @@
-"""Fits of forces to motions of driven runs, their errors, and the prediction of what is left out."""
+"""Fits of forces to the motions of driven runs, with errors and predictions of left-out parts."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,7 +33,8 @@ from sysid_trib.simulation.model import FREQUENCY, Model
 # Samples that a search keeps of a run, if a period still has those of the settings.
 KEPT_SAMPLES = 1500
 # Relative step at which a fit of a search ends, and its largest number of evaluations.
-SEARCH_TOLERANCE, SEARCH_EVALUATIONS = 1e-4, 15
+SEARCH_TOLERANCE = 1e-4
+SEARCH_EVALUATIONS = 15
 # Samples of motions, or of their derivatives, that a search computes at most: about 3 min of processor time.
 MOST_COMPUTED = 14_000_000
 
@@ -117,11 +118,11 @@ class Gain(NamedTuple):
     p_value : float
         Corrected for the number of candidates.
     fall : float
-        Part of the sum of squares that it explains.
+        Fraction of the sum of squares that the candidate explains.
     outside : float
-        Part of its column outside of the columns of the model.
+        Norm of the part of the candidate's column that is orthogonal to the columns of the model.
     direction : (sample,) array of float
-        This part, of length 1.
+        That orthogonal part, divided by its norm.
     step : mapping of str to float
         Values of all common parameters after the step.
     """
@@ -239,11 +240,13 @@ class MotionModel:
 
         The prediction is to first order, and the start of each run is fitted (PRESS; Allen 1974).
         """
-        fit, parameters = self.fit, self.fit.parameters
+        fit = self.fit
+        parameters = fit.parameters
         names = [parameters.names[at] for at in parameters.free]
         common = [at for at, name in enumerate(names) if name in parameters.common]
         parts = self.clusters // len(fit.problem.records)
-        table, ends = fit.sensitivity / _size(fit.sensitivity), _ends(fit, 1)
+        table = fit.sensitivity / _size(fit.sensitivity)
+        ends = _ends(fit, 1)
         clusters = list[tuple[Array, Array]]()
         pairs = zip(np.split(table, ends), np.split(fit.residual, ends), strict=True)
         for run, (rows, residual) in enumerate(pairs):

@@ -212,7 +212,7 @@ def _steps(search: MotionSearch, offered: ForceLibrary, after: xr.Dataset) -> xr
 
 
 def _improvement(before: MotionModel, after: MotionModel) -> float:
-    """Return the improvement of the prediction of what is left out, in standard errors."""
+    """Return the improvement of the prediction of left-out parts, in standard errors."""
     falls = before.left_out_squares - after.left_out_squares
     error = float(np.std(falls, ddof=1)) / np.sqrt(len(falls))
     return float(np.mean(falls)) / error if error > 0.0 else 0.0

@@ -10,7 +10,7 @@ from sysid_trib.errors import Tell
 
 # Candidates that are fitted in addition to a model; half as many in place of an effect.
 FITTED_CANDIDATES = 4
-# An exchange must reduce the squares of what is left out by this part.
+# Least relative reduction by an exchange of the squared residuals of the left-out parts.
 EXCHANGE_GAIN = 0.02
 
 
@@ -26,7 +26,8 @@ class MotionSearch:
     gains : list of dict of str to Gain
         The candidates with each of the models.
     rivals : dict of str to dict of str to float
-        Of each effect: minus twice the logarithm of the odds of a candidate in its place; "" is no force.
+        For each effect and candidate: minus twice the log odds of the candidate in place of the effect. The
+        key "" means no force.
     converged : bool
         Whether no move was left.
     """
@@ -169,7 +170,7 @@ def _nested(fits: MotionFits, model: MotionModel) -> list[MotionModel]:
     while models[0].effects:
         fewer = fits.of(models[0].effects[:-1], models[0])
         if fewer is None:
-            # It has no motion, or no time is left: the start model stands for it.
+            # The smaller model has no motion, or the time is used up: take the start model instead.
             fewer = fits.kept[frozenset()]
             assert fewer is not None
             fewer = MotionModel(models[0].effects[:-1], fewer.fit, fewer.tests, fewer.level)

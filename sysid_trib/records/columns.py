@@ -224,7 +224,7 @@ def _time_of(table: FileTable, signal: Column, times: list[Column]) -> Column | 
 def _runs(table: FileTable, signals: list[Column], times: list[Column]) -> list[tuple[Column, list[Column]]]:
     """Return times and signals of runs side by side: MATLAB's cells, or `t1 x1 v1 t2 x2 v2`; else nothing.
 
-    Each has as many columns as the others, of the same names but for their numbers or letters.
+    All runs have the same number of columns. The names differ between runs only by a number or a letter.
     """
     runs = [(time, [c for c in signals if _time_of(table, c, times) is time]) for time in times]
     # Common name of the columns of all runs: `x` for `x1 (mm)`, `angle` for `Angle B [rad]`.
@@ -430,7 +430,7 @@ def _loses_amplitude(column: Column) -> bool:
 
 
 def _ask_of_larger(swinging: Column, moving: list[Column], swings: Swings) -> None:
-    """Raise an error that asks for the signal if a column that is no clean decay is far larger."""
+    """Raise an error that asks for the signal if a column that is not a clean decay is far larger."""
     for other in moving:
         tried = swings[other]
         alike = other.unit_text == swinging.unit_text != "" or _are_axes(other.base, swinging.base)

@@ -132,7 +132,8 @@ class RunRows:
         path, table = self.path, np.column_stack([self.target, columns])
         band, level_rows = self.band, path.settings.level_rows
         if colour is not None:
-            band, level_rows = self._sensor_band(coloured(self.operator, colour, has_past=True)), 0.0
+            band = self._sensor_band(coloured(self.operator, colour, has_past=True))
+            level_rows = 0.0
         ratios = tried_ratios(path.form.tau, path.settings.ratio_step, near)
         products, determinants = products_of(band, path.form.gram, table, ratios)
         white = (
