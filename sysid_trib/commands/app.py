@@ -212,8 +212,8 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     def run(**values: Any) -> None:
         from sysid_trib.commands import terminal
 
-        given = options_class(**values)
         with terminal.working(values.get(RECORDS, ())) as tell:
+            given = terminal.with_stored_inputs(options_class(**values))
             terminal.check_values(given, rows)
             say = getattr(_imported(f"sysid_trib.commands.{home}"), name)(tell, given)
         say()
