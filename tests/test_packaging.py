@@ -43,7 +43,7 @@ def script(name, *words):
 
 
 def test_versions_agree():
-    assert PROJECT["dynamic"] == ["version"]
+    assert "version" in PROJECT["dynamic"]
     citation, recipe = yaml_of("CITATION.cff"), yaml_of("recipe/recipe.yaml")
     assert citation["version"] == recipe["context"]["version"] == st.__version__
 
@@ -200,6 +200,22 @@ def test_an_issue_form_is_whole(path):
     assert len({part["id"] for part in fields}) == len(fields)
     for command in re.findall(r"^\s*sysid-trib (\w+)", path.read_text(encoding="utf-8"), re.MULTILINE):
         assert command in ("identify", "report")
+
+
+def test_links_of_the_readme_lead_to_the_release():
+    """The front page of a release has no relative link; the files that the links name exist."""
+    hooks = tomllib.loads(text_of("pyproject.toml"))["tool"]["hatch"]["metadata"]["hooks"]
+    readme = text_of("README.md")
+    relative = set(re.findall(r"\]\((?!https?://|#)([^)#]+)", readme))
+    assert len(relative) > 5
+    assert {name for name in relative if not (ROOT / name).exists()} == set()
+    for change in hooks["fancy-pypi-readme"]["substitutions"]:
+        readme = re.sub(change["pattern"], change["replacement"], readme)
+    addresses = set(re.findall(r"\]\(([^)]+)\)", readme))
+    assert all(re.match(rf"https://|#|{URLS['Repository']}/(raw|blob)/v", address) for address in addresses)
+    pictures = re.findall(r"!\[[^]]*\]\(([^)]+\.png)\)", readme)
+    assert pictures
+    assert all(picture.startswith(f"{URLS['Repository']}/raw/v$HFPR_VERSION/") for picture in pictures)
 
 
 def test_classifiers_name_the_versions_that_are_tested():
