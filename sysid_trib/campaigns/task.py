@@ -111,6 +111,14 @@ class Task:
     ------
     UsageError
         An unknown task, not a library, not two methods to cross-check, or laws without speeds.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> methods = {"energy": st.methods.EnergyDecay(), "direct": st.methods.Direct()}
+    >>> task = st.campaigns.Task("compare", "lambda,zeta", methods=methods)
+    >>> task.labels, task.forces.symbols
+    (['energy', 'direct'], ('lambda', 'zeta'))
     """
 
     name: Name
@@ -191,7 +199,15 @@ class Task:
         return names | {"shape_parameter": shapes}
 
     def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
-        """Return the result of the task's function for a record."""
+        """Return the result of the task's function for a record.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> task = st.campaigns.Task("identify", methods={"direct": st.methods.Direct()})
+        >>> list(task.result([st.free_decay(st.records.paper_twin())]).children)
+        ['direct', 'judged']
+        """
         if self.name == "discover":
             assert self.candidates is not None
             return discover(decays, self.library, self.candidates, **self.options)

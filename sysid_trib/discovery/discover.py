@@ -127,6 +127,18 @@ def discover(
         held force that is not in the model; a body without a restoring force.
     DecayError
         The decay cannot support the start model.
+
+    Examples
+    --------
+    The record has five forces; the search is given three of them and offered three others.
+
+    >>> import sysid_trib as st
+    >>> record = st.records.paper_twin()
+    >>> found = st.discover(record, "lambda,zeta,nu", "delta,epsilon,dahl")
+    >>> found["steps"].symbol.values.tolist()
+    ['epsilon', 'delta']
+    >>> found.attrs["search_outcome"]
+    'explained'
     """
     if not time_limit > 0.0:
         raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")

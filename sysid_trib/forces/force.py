@@ -58,6 +58,17 @@ class Force:
     curve : str
         Name of the smooth curve to which the force belongs. The coefficients of a curve are penalised: they
         are random effects with one variance, which is estimated from the data. Empty for a separate force.
+
+    Examples
+    --------
+    Forces come from a library; their properties follow from the formula.
+
+    >>> import sysid_trib as st
+    >>> force = st.load_library("contact_forces")["delta"]
+    >>> force.name, force.formula.text, force.parity, force.character
+    ('quadratic friction', 'v*abs(v)', 'odd', 'dissipative')
+    >>> force.value(x=0.0, v=[-2.0, 1.0]).tolist()
+    [-4.0, 1.0]
     """
 
     symbol: str
@@ -94,7 +105,14 @@ class Force:
         return replace(other, **words) == self
 
     def renamed(self, symbol: str) -> "Force":
-        """Return the force with another symbol."""
+        """Return the force with another symbol.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("contact_forces")["lambda"].renamed("dry").symbol
+        'dry'
+        """
         return replace(self, symbol=symbol, name=symbol if self.name == self.symbol else self.name)
 
     # Properties that follow from the formulas alone.
@@ -134,7 +152,15 @@ class Force:
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
-        """Return the value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default."""
+        """Return the value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> dahl = st.load_library("candidate_effects")["dahl"]
+        >>> dahl.shape_values({"dahl.s": 0.02}), dahl.shape["s"].meaning
+        ({'s': 0.02}, 'presliding length (rad)')
+        """
         given = shapes or {}
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
@@ -205,6 +231,12 @@ class Force:
         Returns
         -------
         array of float, rad
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("contact_forces")["epsilon"].value(x=[0.1, 0.2], v=0.0).round(4).tolist()
+        [0.001, 0.008]
         """
         absent = (*self.state, *self.memory, *(channel.name for channel in self.channels), *self.uses)
         given = {"x": x, "v": v, "t": t, **dict.fromkeys(absent, 0.0), **(hidden or {})}
@@ -241,6 +273,15 @@ class ForceLibrary:
         Forces in order, each with a different symbol.
     source : str
         File from which the library was read.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> library = st.load_library("contact_forces")
+    >>> library["nu"].formula.text, len(library), "zeta" in library
+    ('x*abs(x)', 6, True)
+    >>> (library[["zeta", "nu"]] + st.library(quintic="x**5")).symbols
+    ('zeta', 'nu', 'quintic')
     """
 
     title: str
@@ -330,7 +371,14 @@ class ForceLibrary:
         return tuple(dict.fromkeys(symbol for force in self for symbol in force.uses))
 
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
-        """Return a library of only these forces, in this order; raise a UsageError for an unknown one."""
+        """Return a library of only these forces, in this order; raise a UsageError for an unknown one.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("contact_forces").select(["zeta", "nu"]).symbols
+        ('zeta', 'nu')
+        """
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
 
     @property
@@ -353,7 +401,14 @@ class ForceLibrary:
         return replace(self, forces=tuple(force for force in self if force.run in (None, run)))
 
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
-        """Return the library with one force per run in place of each of these: `lambda_1`, ..."""
+        """Return the library with one force per run in place of each of these: `lambda_1`, ...
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.library("lambda,zeta").with_own(["lambda"], runs=2).symbols
+        ('lambda_1', 'lambda_2', 'zeta')
+        """
         own = {self[symbol].symbol for symbol in symbols}
         if both := own & {*self.used}:
             symbol = min(both)
@@ -370,7 +425,14 @@ class ForceLibrary:
         return replace(self, forces=tuple(itertools.chain.from_iterable(copies)))
 
     def role(self, formula: str) -> Force | None:
-        """Return the force of this formula if the library has one."""
+        """Return the force of this formula if the library has one.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.library(drag="v*abs(v)", spring="x**3").role("v*abs(v)").symbol
+        'drag'
+        """
         return next((force for force in self.forces if force.matches(formula)), None)
 
     @property
@@ -385,7 +447,19 @@ class ForceLibrary:
         return {force.symbol: factors[f] for f in factors if (force := self.role(f)) is not None}
 
     def to_toml(self) -> str:
-        """Return the library as text in the format of library files."""
+        """Return the library as text in the format of library files.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> print(st.library(quintic="x**5").to_toml())
+        title = "quintic"
+        <BLANKLINE>
+        [[force]]
+        symbol = "quintic"
+        name = "quintic"
+        formula = "x**5"
+        """
         blocks = "".join(f"\n[[force]]\n{notation.toml(force)}" for force in self.forces)
         kinds = {channel.input: channel.kind for channel in self.channels}
         inputs = f"inputs = {notation.toml_value(kinds)}\n" if kinds else ""

@@ -38,16 +38,18 @@ class ForceFeatures(BaseFeatureLibrary):
 
     Examples
     --------
-    The forces of Eq. 1 from angle, rate and acceleration (theta, rate, acceleration in SI units)::
-
-        states = np.column_stack((theta, rate / w))
-        target = (acceleration / w**2 + theta)[:, None]
-        model = pysindy.SINDy(feature_library=ForceFeatures(load_library()),
-                              optimizer=pysindy.STLSQ(threshold=0, alpha=0))
-        model.fit(states, t=sampling_time, x_dot=target)
-        model.print(lhs=["theta'' + theta"])
-
-    The coefficients of `theta'' + theta = -f` are those of the forces with the sign changed.
+    >>> import numpy as np
+    >>> import pysindy
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.0097, "epsilon": 0.3}, reference_frequency=10.0)
+    >>> motion = st.simulate(model, np.arange(0.0, 10.0, 0.001), angle=0.3)
+    >>> states = np.column_stack([motion.angle, motion.rate / 10.0])
+    >>> target = -np.gradient(states[:, 1], 0.01) - states[:, 0]
+    >>> features = st.ForceFeatures("zeta,epsilon")
+    >>> sindy = pysindy.SINDy(pysindy.STLSQ(threshold=0.0, alpha=0.0), features)
+    >>> _ = sindy.fit(states, t=0.01, x_dot=target[:, None])
+    >>> dict(zip(features.get_feature_names(), sindy.coefficients()[0].round(4).tolist()))
+    {"2 theta'": 0.0097, 'theta^3': 0.2997}
     """
 
     def __init__(
@@ -96,7 +98,14 @@ class ForceFeatures(BaseFeatureLibrary):
         return [self._columns(x) for x in x_full]
 
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
-        """Return formulas in readable form, in theta and theta' unless the inputs have other names."""
+        """Return formulas in readable form, in theta and theta' unless the inputs have other names.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.ForceFeatures("zeta,nu").get_feature_names()
+        ["2 theta'", 'theta |theta|']
+        """
         given = UNNAMED if input_features is None else list(input_features)[:2]
         angle, rate = ("theta", "theta'") if given == UNNAMED else given
         return [readable(force, angle, rate, self.shapes) for force in self._forces]
@@ -133,6 +142,14 @@ class ForceFeatures(BaseFeatureLibrary):
         Returns
         -------
         (sample, force) array of float, rad
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import sysid_trib as st
+        >>> time, angle, rate = np.array([[0.0, 0.1], [0.3, 0.2], [0.0, -0.1]])
+        >>> st.ForceFeatures("zeta,epsilon").evaluate(time, angle, rate).round(3).tolist()
+        [[0.0, 0.027], [-0.2, 0.008]]
         """
         frequency = float(self.reference_frequency or 1.0)
 
@@ -223,6 +240,16 @@ class WhitenedLeastSquares(BaseOptimizer):
         RMS residual of the whitened rows.
     lags_ : (target,) array of int
         Number of lags over which the errors allow for correlation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time = np.linspace(0.0, 1.0, 200)
+    >>> rows = 1.0 + 2.0 * time + np.random.default_rng(0).normal(0.0, 0.1, 200)
+    >>> fit = st.forces.WhitenedLeastSquares().fit(np.stack([np.ones(200), time], axis=1), rows)
+    >>> fit.coef_[0].round(1).tolist(), fit.noise_[0].round(1).item()
+    ([1.0, 2.0], 0.1)
     """
 
     def __init__(

@@ -68,6 +68,18 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
     ------
     DecayError
         The sensors show no free ringing.
+
+    Examples
+    --------
+    Two modes that ring at 2 Hz and 5 Hz.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time = np.arange(0.0, 40.0, 0.01)
+    >>> slow, fast = (np.exp(-0.2 * time) * np.cos(2.0 * np.pi * hertz * time) for hertz in (2.0, 5.0))
+    >>> noise = np.random.default_rng(0).normal(0.0, 1e-3, time.size)
+    >>> st.modes((time, slow + 0.5 * fast + noise)).frequency.round(2).values.tolist()
+    [2.0, 5.0]
     """
     sensors = as_sensors(sensors)
     ringing = find_ringing(sensors.signal.values, float(np.mean(np.diff(sensors.time.values))))

@@ -99,6 +99,19 @@ def read_record(
         be the signal; several runs side by side (`read_records` gives all).
     RecordError
         A file without such a record: malformed, not finite, times out of order.
+
+    Examples
+    --------
+    The header states the units of the columns.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> swing = st.records.paper_twin()
+    >>> table = np.column_stack([1000.0 * swing.time, np.degrees(swing.angle)])
+    >>> np.savetxt("swing.csv", table, delimiter=",", header="time (ms),angle (deg)", comments="")
+    >>> record = st.read_record("swing.csv")
+    >>> record.angle[0].round(3).item(), record.time[-1].round(2).item()
+    (0.3, 24.99)
     """
     if not isinstance(path, str | os.PathLike):
         raise UsageError(
@@ -135,6 +148,18 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     ------
     UsageError, RecordError
         As in `read_record`.
+
+    Examples
+    --------
+    Two runs side by side, each with its own times.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> swing = st.records.paper_twin()
+    >>> table = np.column_stack([swing.time, swing.angle, swing.time, 0.9 * swing.angle])
+    >>> np.savetxt("runs.csv", table, delimiter=",", header="t (s),a (rad),t (s),b (rad)", comments="")
+    >>> [record.angle[0].round(2).item() for record in st.records.read_records("runs.csv")]
+    [0.3]
     """
     named_as = named_file(path)
     path = named_as.path
@@ -279,6 +304,16 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     ------
     UsageError
         The record is not a position in a unit of length, or a value is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> table = {"time": np.arange(0.0, 5.0, 0.01), "x (mm)": np.ones(500)}
+    >>> record = st.records.one_record(table, "my_function")
+    >>> scaled = st.records.scale_translation(record, mass=0.5, natural_frequency=10.0, load=2.0)
+    >>> scaled.angle[0].round(6).item(), scaled.angle.attrs["units"]
+    (0.025, 'rad')
     """
     source = record.attrs.get("source", "record")
     unit = str(record["angle"].attrs.get("units"))

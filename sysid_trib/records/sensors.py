@@ -81,6 +81,17 @@ def read_sensors(
         There are no sensors, or almost no samples.
     ClippedError
         All sensors are clipped.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> swing = st.records.paper_twin()
+    >>> table = np.column_stack([swing.time, 2.0 * swing.angle, 3.0 * swing.angle])
+    >>> np.savetxt("beam.csv", table, delimiter=",", header="time (s),left (mm),right (mm)", comments="")
+    >>> sensors = st.read_sensors("beam.csv")
+    >>> sensors.signal.sizes["sensor"], sensors.attrs["quantity"], sensors.signal.attrs["units"]
+    (2, 'displacement', 'mm')
     """
     named_as = named_file(path)
     how = named_as.reading(how or reading.Reading())

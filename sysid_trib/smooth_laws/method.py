@@ -96,6 +96,12 @@ def law_methods() -> dict[str, Method]:
     -------
     dict of str to method
         By their labels.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> list(st.physics.law_methods())
+    ['laws', 'laws (averaging)']
     """
     method = LawMethod()
     label = method.scope.label

@@ -119,6 +119,15 @@ def cross_check(
     z = difference/standard_error; the p-value is that of chi-square. A model without a motion (it diverges)
     has nan for its angle and residual. The residual of a result with a random force is the error of its
     one-step predictions, over the standard deviation of this error.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> first, second = (st.identify(decay, method=method) for method in ("averaging", "trajectory"))
+    >>> agreement = st.cross_check(decay, first, second)["agreement"]
+    >>> agreement.attrs["verdict"], bool(abs(agreement.z).max() < 3.0)
+    ('agree', True)
     """
     together = dict(enumerate(as_runs(records.as_decays(decay, "cross_check"))))
     followed = [FollowedRuns(together, result) for result in (first, second)]

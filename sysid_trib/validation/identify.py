@@ -102,6 +102,16 @@ def identify(
         The decay cannot support the request.
     UsageError
         An argument is not a library, or not a method.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), "lambda,zeta,delta,nu,epsilon")
+    >>> result["agreement"].attrs["verdict"]
+    'agree'
+    >>> zeta = st.best(result).sel(force="zeta")
+    >>> print(f"{zeta.coefficient.item():.4f} ± {zeta.standard_error.item():.5f}")
+    0.0097 ± 0.00004
     """
     runs = records.as_decays(decay, "identify")
     single = method is not None and not isinstance(method, list | tuple)
@@ -257,6 +267,17 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 
     The statistic is Cochran's Q. It is large if a force changes from run to run (wear), or differs in form
     from the model's force: its coefficient then changes with amplitude.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> runs = [st.free_decay(st.records.paper_twin(seed=seed)) for seed in (1, 2)]
+    >>> together = st.identify(runs, method="direct")
+    >>> agreement = st.validation.run_agreement(runs, together)
+    >>> agreement.attrs["verdict"]
+    'agree'
+    >>> agreement.value.sel(quantity="zeta").round(4).values.tolist()
+    [0.0096, 0.0097]
     """
     method, library = method_of(together), models.library_of(together, whole=True)
     kept, frequency = common_reference.comparable(together), together.reference_frequency.item()
