@@ -31,7 +31,9 @@ add_module_names = False
 autodoc_member_order = "bysource"
 # What scikit-learn adds to every estimator.
 autodoc_default_options = {"exclude-members": "set_fit_request, set_score_request, set_transform_request"}
-autodoc_typehints_format = "short"
+# Docstrings state the types; unions of all forms of a record would fill a screen.
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 toc_object_entries_show_parents = "hide"
 
@@ -80,8 +82,11 @@ def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, l
     takes each line for another thing returned.
     """
     kept: list[str] = []
+    # Examples are shown as they run.
+    start = lines.index("Examples") if "Examples" in lines else len(lines)
+    text, examples = lines[:start], lines[start:]
     section = ""
-    for before, line, after in zip(["", *lines[:-1]], lines, [*lines[1:], ""], strict=True):
+    for before, line, after in zip(["", *text[:-1]], text, [*text[1:], ""], strict=True):
         if re.fullmatch(r"-{3,}", line):
             section = before
         entry = re.fullmatch(r"(\w[\w, ]*) : (.+)", line) if section in ("Parameters", "Attributes") else None
@@ -93,4 +98,5 @@ def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, l
         else:
             kept.append(line)
     # A bar is a modulus here, never a substitution.
-    lines[:] = [re.sub(r"(``.*?``)|\|", lambda bar: bar[1] or r"\|", line) for line in kept]
+    bare = [re.sub(r"(``.*?``)|\|", lambda bar: bar[1] or r"\|", line) for line in kept]
+    lines[:] = bare + examples

@@ -197,11 +197,12 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     Parameters
     ----------
     path : path-like
+        The store, which `campaign` wrote.
 
     Returns
     -------
     Dataset
-        See `campaign`.
+        The results of all records so far (see `campaign`).
 
     Raises
     ------

@@ -82,6 +82,7 @@ class Task:
     Parameters
     ----------
     name : {"identify", "compare", "discover", "laws"}
+        Function that is run on each record.
     library : ForceLibrary, str, or what `library` takes, optional
         The offered forces, by default those of `contact_forces`; for `discover` those of the start model, by
         default viscous friction; for `laws` those that may be named and used in formulas.
@@ -98,6 +99,7 @@ class Task:
     constraints : mapping of str to float, (float, float) or str
         Fixed values, bounds and ties, as in `identify`.
     contactless : (float, float), rad/s, optional
+        Frequency without contact and its standard error; with it, alpha is identified too.
     options : mapping
         Further arguments of `discover` or `laws`; for `identify` without `methods`, the options
         `reference_frequency`, `shapes` and `random_force` of its two methods.

@@ -67,6 +67,8 @@ class Force:
     >>> force = st.load_library("contact_forces")["delta"]
     >>> force.name, force.formula.text, force.parity, force.character
     ('quadratic friction', 'v*abs(v)', 'odd', 'dissipative')
+    >>> force.degree, force.units, force.memoryless
+    (2.0, '1', True)
     >>> force.value(x=0.0, v=[-2.0, 1.0]).tolist()
     [-4.0, 1.0]
     """
@@ -136,7 +138,14 @@ class Force:
         return not self.state and not self.memory
 
     def depends_only_on(self, name: str) -> bool:
-        """Return True if the force is a function of x, or of v, alone."""
+        """Return True if the force is a function of x, or of v, alone.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> [force.symbol for force in st.load_library("contact_forces") if force.depends_only_on("v")]
+        ['lambda', 'zeta', 'delta']
+        """
         if self.kind != "force" or not self.memoryless or self.channels or self.holds_time:
             return False
         return {"x", "v"} & set(self.formula.names) == {name}
@@ -356,7 +365,14 @@ class ForceLibrary:
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
-        """Return the value of each shape parameter by name, `dahl.s`: from `shapes`, else the default."""
+        """Return the value of each shape parameter by name, `dahl.s`: from `shapes`, else the default.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("candidate_effects")[["dahl", "stribeck"]].shape_values({"dahl.s": 0.02})
+        {'dahl.s': 0.02, 'stribeck.s': 0.05}
+        """
         return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "ForceLibrary":
@@ -397,7 +413,14 @@ class ForceLibrary:
         return replace(self, forces=tuple(force.counted_from(seconds) for force in self))
 
     def in_run(self, run: int) -> "ForceLibrary":
-        """Return the forces that act in a run, by its number counted from 1."""
+        """Return the forces that act in a run, by its number counted from 1.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.library("lambda,zeta").with_own(["lambda"], runs=2).in_run(2).symbols
+        ('lambda_2', 'zeta')
+        """
         return replace(self, forces=tuple(force for force in self if force.run in (None, run)))
 
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":

@@ -81,6 +81,7 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
     Returns
     -------
     ForceLibrary
+        The given library itself, or one with the given forces in their order.
 
     Raises
     ------

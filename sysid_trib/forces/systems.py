@@ -180,6 +180,8 @@ def system(
     Returns
     -------
     SystemModel
+        The pair `library, constraints`: the forces, and their fixed values and bounds by symbol, in the form
+        for `identify` and `compare`.
 
     Raises
     ------

@@ -30,11 +30,20 @@ class ForceFeatures(BaseFeatureLibrary):
 
     Parameters
     ----------
-    library : the forces; sensor terms do not act in the equation of motion and are left out.
-    sampling_time : s, needed by forces with states, memory, `t` or the derivative of an input: these are
-        integrated along each trajectory, which starts at t = 0.
-    reference_frequency : w in rad/s, needed by forces with states, memory, or an input that w scales.
-    shapes : shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
+    library : ForceLibrary, str, or what `library` takes
+        The forces; sensor terms do not act in the equation of motion and are left out.
+    sampling_time : float, s, optional
+        Needed by forces with states, memory, `t` or the derivative of an input: these are integrated along
+        each trajectory, which starts at t = 0.
+    reference_frequency : float, rad/s, optional
+        Reference frequency w, needed by forces with states, memory, or an input that w scales.
+    shapes : mapping of str to float, optional
+        Shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
+
+    Raises
+    ------
+    UsageError
+        The argument does not specify a library. `fit` raises the errors of the data.
 
     Examples
     --------
@@ -70,8 +79,10 @@ class ForceFeatures(BaseFeatureLibrary):
 
         Parameters
         ----------
-        x_full : trajectory, or list of them, (sample, 2): theta (rad) and theta' (rad).
-        y : not used.
+        x_full : (sample, 2) array of float, rad, or a list of them
+            Each trajectory: theta and theta', and a column for each input.
+        y : object
+            Not used.
 
         Raises
         ------
@@ -93,7 +104,16 @@ class ForceFeatures(BaseFeatureLibrary):
 
     @x_sequence_or_item
     def transform(self, x_full: Sequence[Any]) -> list[AxesArray]:
-        """Return the value of every force along each trajectory, (sample, force)."""
+        """Return the value of every force along each trajectory, (sample, force).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import sysid_trib as st
+        >>> states = np.array([[0.3, 0.0], [0.2, -0.1]])
+        >>> st.ForceFeatures("zeta,epsilon").fit_transform(states).round(3).tolist()
+        [[0.0, 0.027], [-0.2, 0.008]]
+        """
         check_is_fitted(self)
         return [self._columns(x) for x in x_full]
 
@@ -234,6 +254,7 @@ class WhitenedLeastSquares(BaseOptimizer):
     Attributes
     ----------
     coef_ : (target, feature) array of float
+        Coefficients.
     covariance_ : (target, feature, feature) array of float
         Covariance of the coefficients.
     noise_ : (target,) array of float

@@ -302,6 +302,12 @@ class WuDecrement(ClassicalMethod):
         ------
         DecayError
             The library lacks solid friction or any other power.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.methods.WuDecrement().forces_of(st.load_library("contact_forces")).symbols
+        ('lambda', 'zeta', 'delta')
         """
         label = self.scope.sentence_label
         needed_forces(library, [SOLID_FRICTION], label)

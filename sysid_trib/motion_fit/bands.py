@@ -54,8 +54,9 @@ def prediction_bands(
     -------
     Dataset
         Over `origin` (s) and `horizon` (periods): `time_ahead` (s), `predicted` (rad) and its
-        `standard_error`, which includes the sensor's noise of the sample; `measured` (rad), nan beyond the
-        record. Over `origin`: the `widening`, the factor by which the standard error was multiplied.
+        `predicted_standard_error`, which includes the sensor's noise of the sample; `measured` (rad), nan
+        beyond the record. Over `origin`: the `widening`, the factor by which the standard error was
+        multiplied.
 
     Raises
     ------

@@ -39,7 +39,8 @@ def response_of_mode(
     Dataset
         Over `sweep` (`up`, `down`, `unstable`) and `frequency` (rad/s): `amplitude` in the unit of the
         measured signal, nan if there is no such motion or the record does not reach it, with `amplitude_low`
-        and `amplitude_high`; `phase` (rad), the phase lead over the force.
+        and `amplitude_high`; `phase` (rad), the phase lead over the force. `frequency_ratio(frequency)`,
+        relative to the frequency at small amplitudes; `drive`.
 
     Raises
     ------

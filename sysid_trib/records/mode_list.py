@@ -53,14 +53,15 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     sensors : Dataset
-        ``signal(sensor, time)`` from `read_sensors`, or a record with ``angle(time)``.
+        ``signal(sensor, time)`` from `read_sensors`, or a record: ``angle(time)`` or ``(t, angle)``.
 
     Returns
     -------
     Dataset
         Over ``mode`` (1, 2, ... by increasing frequency): ``frequency`` (Hz) and ``damping_ratio``, both at
         small amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of
-        the signals, ``duration`` (s) for which the mode exceeds the noise; ``noise(sensor)``. attrs: `lines`
+        the signals, ``duration`` (s) for which the mode exceeds the noise; ``noise(sensor)``, the standard
+        deviation of a sample, and ``residual(sensor)``, the RMS that the modes leave. Attributes: `lines`
         (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that the sensors do not separate
         reliably, `influences` on modes that act on each other.
 

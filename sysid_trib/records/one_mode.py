@@ -91,7 +91,8 @@ def one_mode(
     Parameters
     ----------
     sensors : Dataset
-        ``signal(sensor, time)``, as `read_sensors` returns it; or a record with ``angle(time)``.
+        ``signal(sensor, time)``, as `read_sensors` returns it; or a record: ``angle(time)`` or
+        ``(t, angle)``.
     mode : int, optional
         Number of the mode, from 1 by increasing frequency, as `modes` lists them.
     band : (float or None, float or None), Hz, optional

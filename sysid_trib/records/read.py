@@ -132,6 +132,9 @@ def read_record(
 def read_records(path: str | os.PathLike[str], how: reading.Reading | None = None) -> list[xr.Dataset]:
     """Read every run of a file: one, or several side by side.
 
+    Runs are side by side if each has its own time column and the names of their columns differ only by a
+    number or a letter: `time 1, angle 1, time 2, angle 2`.
+
     Parameters
     ----------
     path : str or path
@@ -157,9 +160,9 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     >>> import sysid_trib as st
     >>> swing = st.records.paper_twin()
     >>> table = np.column_stack([swing.time, swing.angle, swing.time, 0.9 * swing.angle])
-    >>> np.savetxt("runs.csv", table, delimiter=",", header="t (s),a (rad),t (s),b (rad)", comments="")
+    >>> np.savetxt("runs.csv", table, delimiter=",", header="time 1,angle 1,time 2,angle 2", comments="")
     >>> [record.angle[0].round(2).item() for record in st.records.read_records("runs.csv")]
-    [0.3]
+    [0.3, 0.27]
     """
     named_as = named_file(path)
     path = named_as.path

@@ -168,13 +168,15 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
 
     Parameters
     ----------
-    result : an identification.
+    result : Dataset
+        An identification.
     run : int
         Index of the run, from 0, if forces have separate coefficients in each run.
 
     Returns
     -------
-    Model with the identified coefficients, frequency (rad/s) and shape parameters, without their errors.
+    Model
+        The identified coefficients, frequency (rad/s) and shape parameters, without their errors.
 
     Examples
     --------

@@ -76,29 +76,34 @@ def cross_check(
 
     Parameters
     ----------
-    decay : the decay, or the runs, that both identifications are from.
-    first, second : identifications, e.g. by averaging and direct.
-    tell : called with a few words on the progress of the work.
+    decay : record, or several of them
+        The decay, or the runs, that both identifications are from.
+    first, second : Dataset
+        Identifications by one method each, such as averaging and direct.
+    tell : callable
+        Called with a few words on the progress of the work.
 
     Returns
     -------
-    DataTree with groups `record` (with each model's simulated angle), `envelope` (`record_1`, `envelope_1`,
-    `record_2`, ... for several runs), and one group per method.
+    DataTree
+        Groups `record` (with each model's simulated angle) and `envelope` (`record_1`, `envelope_1`,
+        `record_2`, ... for several runs), and one group per method.
 
-    `judged` contains over `model` the residual and the verdict: `residual_rms` (rad) of the simulated motion,
-    over the noise and over the motion; `p_value` of the hypothesis that the residual is white noise, and the
-    RMS of the tested residual (`tested_rms`; with a random force, of one-step predictions), over its stated
-    deviation; `departure_time` (s); a `spectral_line` (rad/s) with its amplitude; `held_out_rms`;
-    `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. For several runs also `run_tested_rms`, ... of
-    each run. Its attributes name the `preferred` method, and the `verdict` on it.
+        `judged` contains over `model` the residual and the verdict: `residual_rms` (rad) of the simulated
+        motion, over the noise and over the motion; `p_value` of the hypothesis that the residual is white
+        noise, and the RMS of the tested residual (`tested_rms`; with a random force, of one-step
+        predictions), over its stated deviation; `departure_time` (s); a `spectral_line` (rad/s) with its
+        amplitude; `held_out_rms`; `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. For several runs
+        also `run_tested_rms`, ... of each run. Its attributes name the `preferred` method, and the `verdict`
+        on it.
 
-    `agreement` contains over `quantity` (each force, and the asymptotic frequency) the `difference`
-    first - second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
-    `degrees_of_freedom`, `p_value`. Its attributes are the `verdict` (agree, disagree, unknown) and the
-    forces that the methods cannot separate in principle.
+        `agreement` contains over `quantity` (each force, and the asymptotic frequency) the `difference`
+        first - second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
+        `degrees_of_freedom`, `p_value`. Its attributes are the `verdict` (agree, disagree, unknown) and the
+        forces that the methods cannot separate in principle.
 
-    The groups `backbone` and `lack_of_fit` belong to each run (see these functions). If the second
-    identification has a random force, there are also the groups of `random_force_groups`.
+        The groups `backbone` and `lack_of_fit` belong to each run (see these functions). If the second
+        identification has a random force, there are also the groups of `random_force_groups`.
 
     Notes
     -----
