@@ -14,8 +14,8 @@ HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
 import check_pages  # noqa: E402
-import executed  # noqa: E402
 import generated  # noqa: E402
+import notebook_pages  # noqa: E402
 
 import sysid_trib  # noqa: E402
 
@@ -33,10 +33,9 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.intersphinx",
     "sphinx_copybutton",
-    "sphinx_design",
     "sphinxext.opengraph",
 ]
-myst_enable_extensions = ["attrs_block", "attrs_inline", "colon_fence", "dollarmath"]
+myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 templates_path = ["_templates"]
@@ -54,9 +53,9 @@ toc_object_entries_show_parents = "hide"
 # Notebooks: shorter runs, once for each state of the package; one that fails fails the build.
 os.environ.setdefault("SYSID_TRIB_QUICK", "1")
 os.environ.setdefault("OMP_NUM_THREADS", "1")
-executed.copy_notebooks()
+notebook_pages.copy_notebooks()
 nb_execution_mode = "cache"
-nb_execution_cache_path = str(executed.cache_folder())
+nb_execution_cache_path = str(notebook_pages.cache_folder())
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 nb_merge_streams = True
@@ -128,8 +127,9 @@ def setup(app: Sphinx) -> None:
 
 
 def _expand(app: Sphinx, docname: str, source: list[str]) -> None:
-    """Replace each `<!-- generated: ... -->` of a page by what `generated` makes of it."""
-    source[0] = generated.expand(source[0])
+    """Replace each `<!-- generated: ... -->` of a page by what `generated` makes of it, and set its links."""
+    if not docname.startswith("notebooks/"):
+        source[0] = notebook_pages.with_links_of_the_site(generated.expand(source[0]), HERE, HERE)
 
 
 def _fold(app: Sphinx, doctree: nodes.document) -> None:
