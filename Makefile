@@ -4,7 +4,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile $(WARNINGS)
 
-.PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs paper check clean
+.PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs links paper check clean
 
 demo: $(VENV)/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
@@ -31,9 +31,14 @@ coverage: $(VENV)/ready-dev
 notebooks: $(VENV)/ready-notebooks
 	$(BIN)/python notebooks/run.py
 
+# Executes the notebooks, with shorter runs; what has not changed since is not executed again.
 docs: $(VENV)/ready-docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -E -q docs build/docs
 	@echo "Open build/docs/index.html"
+
+# Links to other sites: needs a network. Dead links between pages fail `make docs`.
+links: $(VENV)/ready-docs
+	$(BIN)/python -m sphinx -b linkcheck -D nb_execution_mode=off -E -q docs build/links
 
 # The paper as a page; an unknown citation is an error.
 paper:
@@ -48,7 +53,7 @@ check: $(VENV)/ready-dev
 	$(BIN)/mypy
 
 clean:
-	rm -rf .venv .venv-lowest .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage .coverage.* build dist
+	rm -rf .venv .venv-lowest .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage .coverage.* build dist docs/notebooks
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/pyvenv.cfg:

@@ -45,6 +45,9 @@ MEASURED = (
     "single_pendulum/free_swing.csv",
     "string_pendulum/run_1.txt",
     "roll_decay/model_test_21337.csv",
+    "silverbox/multisine_1_to_6.csv",
+    *(f"friction_frame/s_b_{load}g_{side}.mat" for load in (250, 350, 550) for side in "xy"),
+    "emps/DATA_EMPS.mat",
 )
 PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 CONSOLE = re.compile(r"^```console\n\$ sysid-trib (.+?)\n(.*?)```$", re.MULTILINE | re.DOTALL)
@@ -71,7 +74,7 @@ def refreshed(text: str) -> str:
 def _today(command: str, before: str) -> str:
     words = shlex.split(command)
     pairs = zip(["", *words], words, strict=False)
-    records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".txt"))]
+    records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".mat", ".txt"))]
     return without_times(printed(*words)) if all((_folder() / name).exists() for name in records) else before
 
 
