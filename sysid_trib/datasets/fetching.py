@@ -9,7 +9,7 @@ from typing import Any
 from urllib.request import urlopen
 
 from sysid_trib.datasets.conversion import converted
-from sysid_trib.datasets.registry import PublishedFile, PublishedRecord, published
+from sysid_trib.datasets.registry import CERTIFIED, PublishedFile, PublishedRecord, published
 from sysid_trib.errors import RecordError, UsageError
 
 # Environment variable with the folder that already has files of records.
@@ -44,6 +44,8 @@ def files(name: str) -> list[Path]:
         A file is not the published one, or cannot be downloaded: no connection, or pooch is not installed.
     """
     record = published(name)
+    if record.kind == "certified":
+        return [CERTIFIED.parent / file.local for file in record.files]
     return [_own(record, file) or _cached(record, file) for file in record.files]
 
 

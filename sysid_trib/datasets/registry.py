@@ -1,5 +1,6 @@
 """The list of records by name: title, licence, source, checksums, and how each is read."""
 
+import csv
 import os
 import tomllib
 from collections.abc import Mapping
@@ -16,6 +17,9 @@ if TYPE_CHECKING:
 
 # Prefix of a name where a file is expected: `dataset:ship_roll`.
 DATASET = "dataset:"
+# Folder of the certified decays, and where the project publishes it.
+CERTIFIED = Path(__file__).with_name("certified")
+OWN_REPOSITORY = "sysid-trib/sysid_trib"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,7 +78,8 @@ class PublishedFile:
     path : str
         Path within the repository of the source.
     sha256 : str
-        Checksum of the local file; where the source is converted, of the file that this gives.
+        Checksum of the local file; where the source is converted, of the file that this gives. Empty for a
+        file of the package.
     bytes : int
         Size of the local file.
     rows, cells : RowsOfText, RowOfCells, optional
@@ -141,7 +146,36 @@ class PublishedRecord:
 def registry() -> dict[str, PublishedRecord]:
     """Return the records by name."""
     text = Path(__file__).with_name("records.toml").read_text(encoding="utf-8")
-    return {name: _record_of(name, entry) for name, entry in tomllib.loads(text).items()}
+    fetched = {name: _record_of(name, entry) for name, entry in tomllib.loads(text).items()}
+    return fetched | {name: _certified_record(row) for name, row in certified_rows().items()}
+
+
+@cache
+def certified_rows() -> dict[str, dict[str, str]]:
+    """Return the rows of the table of certified decays by their names."""
+    with (CERTIFIED / "decays.csv").open(encoding="utf-8", newline="") as file:
+        return {row["name"]: row for row in csv.DictReader(file)}
+
+
+def _certified_record(row: Mapping[str, str]) -> PublishedRecord:
+    local = f"{row['name']}.csv.gz"
+    file = PublishedFile(
+        local=local,
+        path=f"sysid_trib/datasets/{local}",
+        sha256="",
+        bytes=(CERTIFIED.parent / local).stat().st_size,
+    )
+    return PublishedRecord(
+        name=row["name"],
+        title=row["title"],
+        kind="certified",
+        licence="BSD-3-Clause",
+        citation="sysid_trib contributors, certified free decays",
+        known=row["equation"],
+        repository=OWN_REPOSITORY,
+        commit="main",
+        files=(file,),
+    )
 
 
 def _record_of(name: str, entry: dict[str, Any]) -> PublishedRecord:
