@@ -2,20 +2,29 @@
 
 import doctest
 import inspect
+from functools import cached_property
+from pathlib import Path
 
 import pytest
 
 import sysid_trib as st
 
-# Examples whose computation takes more than a second.
+# Examples that compute for more than a second, by their names without the package's.
 SLOW = {
-    "sysid_trib.report",
-    *(f"sysid_trib.physics.{name}" for name in ("law_difference", "law_formulas", "law_table", "laws_in_si")),
-    *(
-        f"sysid_trib.plots.{name}"
-        for name in ("friction_coefficient", "interaction", "law_difference", "laws")
-    ),
-    *(f"sysid_trib.plots.{name}" for name in ("overview", "own_laws", "ranking", "story")),
+    "physics.law_difference",
+    "physics.law_formulas",
+    "physics.law_table",
+    "physics.laws_in_si",
+    "plots.friction_coefficient",
+    "plots.interaction",
+    "plots.law_difference",
+    "plots.laws",
+    "plots.overview",
+    "plots.own_laws",
+    "plots.ranking",
+    "plots.sensitivity",
+    "plots.story",
+    "report",
 }
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
@@ -32,7 +41,9 @@ def public_names():
     for space in namespaces():
         for name in sorted({*space.__all__, *dir(space)}):
             thing = getattr(space, name)
-            if callable(thing) and not name.startswith("_"):
+            # Other packages may declare methods.
+            own = getattr(thing, "__module__", "").partition(".")[0] == "sysid_trib"
+            if callable(thing) and own:
                 found.setdefault(id(thing), (f"{space.__name__}.{name}", thing))
     return dict(found.values())
 
@@ -41,14 +52,25 @@ PUBLIC = public_names()
 FINDER = doctest.DocTestFinder(recurse=False)
 
 
+def is_slow(name):
+    return name.removeprefix("sysid_trib.") in SLOW
+
+
+def members(name, thing):
+    """Functions and properties of a public class by name."""
+    kinds = (property, cached_property)
+    own = vars(thing).items() if inspect.isclass(thing) else ()
+    return {f"{name}.{key}": one for key, one in own if inspect.isfunction(one) or isinstance(one, kinds)}
+
+
 def examples():
     """Examples of public names and, if they have their own, of their members."""
     for name, thing in PUBLIC.items():
-        own = vars(thing).items() if inspect.isclass(thing) else ()
-        members = {f"{name}.{key}": member for key, member in own if not key.startswith("_")}
-        for full, one in {name: thing, **members}.items():
-            for test in FINDER.find(one, full, module=False, globs={}):
-                yield pytest.param(test, id=full, marks=[pytest.mark.slow] * (full in SLOW))
+        for full, one in {name: thing, **members(name, thing)}.items():
+            yield from FINDER.find(one, full, module=False, globs={})
+
+
+EXAMPLES = [test for test in examples() if test.examples]
 
 
 @pytest.mark.parametrize("name", PUBLIC)
@@ -61,7 +83,10 @@ def test_a_public_name_has_an_example_with_a_result(name):
     assert written[0].source.startswith(("import", "from")), f"the example of {name} needs its imports"
 
 
-@pytest.mark.parametrize("test", list(examples()))
+@pytest.mark.parametrize(
+    "test",
+    [pytest.param(test, id=test.name, marks=[pytest.mark.slow] * is_slow(test.name)) for test in EXAMPLES],
+)
 def test_an_example_gives_what_it_shows(test, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     said: list[str] = []
@@ -69,5 +94,13 @@ def test_an_example_gives_what_it_shows(test, tmp_path, monkeypatch):
     assert not said, "".join(said)
 
 
-def test_no_slow_example_was_renamed():
-    assert set(PUBLIC) >= SLOW
+def test_every_example_of_the_package_is_run():
+    sources = [path.read_text(encoding="utf-8") for path in Path(st.__file__).parent.rglob("*.py")]
+    written = sum(line.lstrip().startswith(">>> ") for text in sources for line in text.splitlines())
+    assert written == sum(len(test.examples) for test in EXAMPLES)
+
+
+def test_every_slow_example_exists():
+    assert sorted(test.name.removeprefix("sysid_trib.") for test in EXAMPLES if is_slow(test.name)) == sorted(
+        SLOW
+    )

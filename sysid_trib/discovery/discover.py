@@ -130,15 +130,14 @@ def discover(
 
     Examples
     --------
-    The record has five forces; the search is given three of them and offered three others.
+    The record has five forces. The search starts with four of them, and is offered the fifth and another one.
 
     >>> import sysid_trib as st
-    >>> record = st.records.paper_twin()
-    >>> found = st.discover(record, "lambda,zeta,nu", "delta,epsilon,dahl")
-    >>> found["steps"].symbol.values.tolist()
-    ['epsilon', 'delta']
-    >>> found.attrs["search_outcome"]
-    'explained'
+    >>> found = st.discover(st.records.paper_twin(), "lambda,zeta,delta,nu", "epsilon,dahl")
+    >>> found["steps"].symbol.values.tolist(), found.attrs["search_outcome"]
+    (['epsilon'], 'explained')
+    >>> st.best(found).coefficient.sel(force="epsilon").round(1).item()
+    0.3
     """
     if not time_limit > 0.0:
         raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")

@@ -130,6 +130,7 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
     data : Dataset
         Result of `laws_in_si`, or an identification of `laws`.
     law : {"friction", "restoring", "friction_coefficient"}
+        Name of the law.
 
     Returns
     -------

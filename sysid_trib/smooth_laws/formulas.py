@@ -38,6 +38,7 @@ def law_formulas(
     result : Dataset
         An identification by `laws`.
     law : {"friction", "restoring"}
+        Name of the law.
     candidates : ForceLibrary, optional
         Forces to choose from: those of speed alone, or of displacement alone. By default those of
         `contact_forces` and `candidate_effects`.
