@@ -33,12 +33,14 @@ notebooks: $(VENV)/ready-notebooks
 
 # Executes the notebooks, with shorter runs; what has not changed since is not executed again.
 docs: $(VENV)/ready-docs
+	@rm -rf build/docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -E -q docs build/docs
+	$(BIN)/python docs/check_pages.py build/docs
 	@echo "Open build/docs/index.html"
 
 # Links to other sites: needs a network. Dead links between pages fail `make docs`.
 links: $(VENV)/ready-docs
-	$(BIN)/python -m sphinx -b linkcheck -D nb_execution_mode=off -E -q docs build/links
+	$(BIN)/python -m sphinx -b linkcheck -D nb_execution_mode=off -D suppress_warnings=myst-nb.lexer -E -q docs build/links
 
 # The paper as a page; an unknown citation is an error.
 paper:

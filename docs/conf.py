@@ -8,12 +8,10 @@ from pathlib import Path
 import latex2mathml.converter
 from docutils import nodes
 from sphinx.application import Sphinx
-from sphinx.errors import ExtensionError
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
 
-import check_pages  # noqa: E402
 import generated  # noqa: E402
 import notebook_pages  # noqa: E402
 
@@ -25,7 +23,6 @@ copyright = author
 version = release = sysid_trib.__version__
 
 PAGES = "https://sysid-trib.github.io/sysid_trib/"
-DESCRIPTION = "Identify the forces of an oscillator from its motion, and name the force that the model lacks."
 
 extensions = [
     "myst_nb",
@@ -71,14 +68,13 @@ LINKED = {
     "matplotlib": "https://matplotlib.org/stable/",
     "numpy": "https://numpy.org/doc/stable/",
     "pandas": "https://pandas.pydata.org/docs/",
-    "pysindy": "https://pysindy.readthedocs.io/en/stable/",
+    "pysindy": "https://pysindy.readthedocs.io/en/latest/",
     "scipy": "https://docs.scipy.org/doc/scipy/",
     "xarray": "https://docs.xarray.dev/en/stable/",
 }
 ONLINE = os.environ.get("SYSID_TRIB_INTERSPHINX") == "1"
 intersphinx_mapping = {name: (address, None) for name, address in LINKED.items() if ONLINE}
 intersphinx_timeout = 30
-numpydoc_xref_param_type = ONLINE
 
 # `$` before a command and prompts of Python are not copied, nor is what a command prints.
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
@@ -124,7 +120,10 @@ def setup(app: Sphinx) -> None:
     app.connect("doctree-read", _fold)
     app.connect("doctree-read", _describe)
     app.connect("doctree-read", _thumbnails)
-    app.connect("build-finished", _check)
+    # Before the theme makes its links to the source.
+    app.connect("html-page-context", _source, priority=100)
+    # Before intersphinx looks for them.
+    app.connect("missing-reference", _public, priority=400)
     # Before numpydoc reads them.
     app.connect("autodoc-process-docstring", _readable, priority=400)
     app.add_html_math_renderer("mathml", (_math, None), (_math, None))
@@ -174,12 +173,21 @@ def _thumbnails(app: Sphinx, doctree: nodes.document) -> None:
     title.parent.insert(title.parent.index(title) + 2, shown)
 
 
-def _check(app: Sphinx, failure: Exception | None) -> None:
-    """Fail the build if a page has a dead link to another, or loads something from another host."""
-    if failure is None and app.builder.format == "html":
-        faults = check_pages.faults_of(Path(app.outdir))
-        if faults:
-            raise ExtensionError("\n".join(faults))
+def _source(app: Sphinx, page: str, template: str, context: dict[str, object], doctree: object) -> None:
+    """Let the links to the source of a notebook lead to the folder of the notebooks, not to the copy."""
+    if page.startswith("notebooks/"):
+        context["theme_source_directory"] = ""
+
+
+def _public(app: Sphinx, env: object, node: nodes.Element, shown: nodes.Element) -> None:
+    """Let the type of a signature be looked for under its public name, where its package documents it."""
+    package, *path = node.get("reftarget", "").split(".")
+    if package in ("pandas", "xarray") and len(path) > 1:
+        # xarray.core.dataset.Dataset is xarray.Dataset.
+        node["reftarget"] = f"{package}.{path[-1]}"
+    elif package in LINKED:
+        # matplotlib.axes._axes.Axes is matplotlib.axes.Axes.
+        node["reftarget"] = ".".join([package, *(part for part in path if not part.startswith("_"))])
 
 
 def _math(translator: "object", node: nodes.math) -> None:

@@ -1,6 +1,6 @@
 """The notebooks as pages: copies in docs/notebooks, and a cache of their outputs that cannot go stale.
 
-Links of pages and notebooks are written as they are right in the repository; here they become right on the site.
+Pages and notebooks have links that are right in the repository; here they become right on the site.
 """
 
 import hashlib
@@ -41,8 +41,8 @@ def copy_notebooks() -> None:
 def with_links_of_the_site(text: str, folder: Path, shown_in: Path) -> str:
     """Return a text of a folder of the repository with the links that it needs in a folder of the site.
 
-    A link to a page or a notebook leads to its page, one to another file of the repository to that file on the
-    web. A link to a file that does not exist stays, so that the build fails.
+    A link to a page or a notebook leads to its page, a link to another file of the repository to GitHub. A
+    link to a file that does not exist stays, so that the build fails.
     """
 
     def link_of_the_site(link: re.Match[str]) -> str:

@@ -1,9 +1,9 @@
 """Put built pages among the published versions: python docs/publish.py PAGES SITE VERSION.
 
-SITE is the folder that the web server shows, PAGES the result of `make docs`. VERSION is `main`, which becomes
-SITE/latest, or a tag such as v1.2.3, which becomes SITE/v1.2; the newest of these is SITE/stable too. The list
-`versions.json` serves the choice in the sidebar, and the first page of SITE leads to `stable`, or to `latest`
-before the first tag.
+SITE is the folder that the web server shows, PAGES the result of `make docs`. VERSION is `main`, which
+becomes SITE/latest, or a tag such as v1.2.3, which becomes SITE/v1.2; the newest of these is SITE/stable too.
+The list `versions.json` serves the choice in the sidebar, and the first page of SITE leads to `stable`, or to
+`latest` before the first tag.
 """
 
 import json
@@ -51,7 +51,9 @@ def _folder_of(version: str) -> str:
 
 def _released(site: Path) -> list[str]:
     """Return the folders of released versions, the newest first."""
-    numbers = [(int(m[1]), int(m[2])) for m in (re.fullmatch(r"v(\d+)\.(\d+)", p.name) for p in site.iterdir()) if m]
+    numbers = [
+        (int(m[1]), int(m[2])) for m in (re.fullmatch(r"v(\d+)\.(\d+)", p.name) for p in site.iterdir()) if m
+    ]
     return [f"v{major}.{minor}" for major, minor in sorted(numbers, reverse=True)]
 
 
