@@ -39,10 +39,15 @@ from sysid_trib.validation.separability import exactly_dependent, without_signat
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("SYSID_TRIB_DATA", ROOT.parent / "shared" / "data"))
+if DATA.is_dir():
+    os.environ.setdefault("SYSID_TRIB_DATA", str(DATA))
 MEASURED = (
     "single_pendulum/free_swing.csv",
     "string_pendulum/run_1.txt",
     "roll_decay/model_test_21337.csv",
+    "silverbox/multisine_1_to_6.csv",
+    *(f"friction_frame/s_b_{load}g_{side}.mat" for load in (250, 350, 550) for side in "xy"),
+    "emps/DATA_EMPS.mat",
 )
 PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 CONSOLE = re.compile(r"^```console\n\$ sysid-trib (.+?)\n(.*?)```$", re.MULTILINE | re.DOTALL)
@@ -69,7 +74,7 @@ def refreshed(text: str) -> str:
 def _today(command: str, before: str) -> str:
     words = shlex.split(command)
     pairs = zip(["", *words], words, strict=False)
-    records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".txt"))]
+    records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".mat", ".txt"))]
     return without_times(printed(*words)) if all((_folder() / name).exists() for name in records) else before
 
 
