@@ -19,19 +19,21 @@ QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # the first half of the recor
 # %% [markdown]
 # ## The record
 #
-# `certified/paper_six_1e-3` is a simulated record of the paper's six forces. Its true coefficients are
-# known, so that you can see how far the answer can be trusted. It comes with the package.
+# `certified/three_frictions_1e-3` is simulated: dry, viscous and quadratic friction, and a noise of
+# 1 mrad. Its true coefficients are known, so that you can see how far the answer can be trusted. It comes
+# with the package.
 
 # %%
-record = st.datasets.load("certified/paper_six_1e-3")  # or st.read_record("your_file.csv")
-decay = st.free_decay(record, window=(None, 12.0) if QUICK else None)
+record = st.datasets.load("certified/three_frictions_1e-3")  # or st.read_record("your_file.csv")
+decay = st.free_decay(record, window=(None, 12.0 if QUICK else None))
 st.show(st.look(decay))
 
 # %% [markdown]
 # ## The forces
 #
-# Two methods identify the six contact forces. The first sentence of the answer says whether the model
-# explains the record. Only then the coefficients are those of forces; otherwise they are effective values.
+# Two methods identify the contact forces of the paper, of which `nu` and `epsilon` do not act here. The
+# first sentence of the answer says whether the model explains the record. If it does not, the
+# coefficients are effective values, not those of forces.
 
 # %%
 tree = st.identify(decay, "contact_forces")
@@ -41,8 +43,8 @@ st.show(tree)
 st.plots.overview(tree)
 
 # %% [markdown]
-# The page at this place in your work is a file that you can send: `st.report(tree, "sample.html")`. The
-# same table as a DataFrame is `st.summary(tree)`, which you can save by `.to_csv("sample.csv")`.
+# `st.report(tree, "sample.html")` writes all of this to one page that you can send. The same table as a
+# DataFrame is `st.summary(tree)`; `st.summary(tree).to_csv("sample.csv")` saves it.
 #
 # ## Against the truth
 #
@@ -51,9 +53,9 @@ st.plots.overview(tree)
 
 # %%
 best = st.best(tree)
-truth = st.datasets.truth("certified/paper_six_1e-3")
+truth = st.datasets.truth("certified/three_frictions_1e-3")
 table = best[["coefficient", "standard_error"]].to_dataframe()[["coefficient", "standard_error"]]
-table["truth"] = truth.coefficient.to_series()
+table["truth"] = truth.value.to_series().reindex(table.index).fillna(0.0)  # nu and epsilon do not act
 table["error / standard error"] = (table.coefficient - table.truth) / table.standard_error
 table
 
@@ -64,7 +66,8 @@ table
 # For an inertia of (0.0120 ± 0.0002) kg m²:
 
 # %%
-st.physics.in_si_units(best, inertia=(0.0120, 0.0002)).to_dataframe()
+moments = st.physics.in_si_units(best, inertia=(0.0120, 0.0002))
+moments[["coefficient", "standard_error", "unit"]].to_dataframe()[["coefficient", "standard_error", "unit"]]
 
 # %% [markdown]
 # ## Without a choice of forces

@@ -22,15 +22,15 @@ FILES = 12 if QUICK else 50
 # %% [markdown]
 # ## The files
 #
-# They are simulated from the certified decay `dry_viscous`, and written as any laboratory would: one CSV
+# They are simulated from the certified decay `three_frictions`, and written as any laboratory would: one CSV
 # file for each run, and a table of conditions. The solid friction (`lambda`) rises with the load by 2 % for
 # each newton. The temperature has no effect. The last file is empty, as happens.
 
 # %%
-certified = st.datasets.truth("certified/dry_viscous_1e-3")
-w = certified.reference_frequency.item()
-TRUTH = certified.coefficient.to_series().to_dict()
-FORCES = st.load_library("contact_forces").select(list(TRUTH))
+certified = st.datasets.truth("certified/three_frictions_1e-4")
+FORCES = st.load_library("contact_forces").select(["lambda", "zeta", "delta"])
+TRUTH = certified.value.sel(quantity=list(FORCES.symbols)).to_series().to_dict()
+w = certified.value.sel(quantity="reference_frequency").item()
 folder = TemporaryDirectory()
 random = np.random.default_rng(0)
 conditions = pd.DataFrame(
