@@ -165,7 +165,6 @@ def test_the_text_of_a_result_is_plain_in_a_notebook(monkeypatch):
     assert "\x1b" not in outside
 
 
-
 def test_objects_other_than_results_are_named():
     for function in (st.show, st.summary, st.best, lambda result: st.report(result, Path("never.html"))):
         with pytest.raises(UsageError, match="an object of type int"):
