@@ -1,8 +1,9 @@
 """An independent engine for the certified decays: nothing of the package is used.
 
-Runge-Kutta of order 8 (scipy's DOP853), anew from every zero of the rate and of the angle, together with the
-variational equations. Where friction changes its sign the acceleration jumps, and the sensitivities jump by the
-saltation matrix: S+ = S- + (F- - F+) dt, in which dt = -S-[rate] / F-[rate] is the change of the time of the event.
+Runge-Kutta of order 8 (scipy's DOP853), anew from every zero of the rate and of the angle, together with
+the variational equations. Where friction changes its sign the acceleration jumps, and the sensitivities jump
+by the saltation matrix: S+ = S- + (F- - F+) dt, where dt = -S-[rate] / F-[rate] is the change of the time of
+the event.
 """
 
 import math

@@ -55,9 +55,8 @@ def truth(name: str) -> xr.Dataset:
     published(name)
     rows = certified_rows()
     if name not in rows:
-        raise UsageError(
-            f"The dataset '{name}' is measured: its truth is not known. Certified: {next(iter(rows))}."
-        )
+        example = next(iter(rows))
+        raise UsageError(f"The dataset '{name}' is not certified: its truth is unknown; take {example}.")
     row, of_record = rows[name], _truths()[name]
     values, bounds = np.array(list(of_record.values())).T
     given = bool(row["w_given"])
@@ -105,8 +104,8 @@ def score(answers: "pd.DataFrame | str | os.PathLike[str]") -> "pd.DataFrame":
 
     Notes
     -----
-    The RMS of `error_over_bound` over many records is at least 1 for an unbiased method (Cramér and Rao); that
-    of a single record is random.
+    The RMS of `error_over_bound` over many records is at least 1 for an unbiased method (Cramér and Rao). For
+    a single record it is random.
     """
     import pandas as pd
 
@@ -144,9 +143,7 @@ def _answers_by_place(table: "pd.DataFrame") -> dict[tuple[str, str], tuple[floa
     """Return value and stated error of each answer by the name of its decay and its coefficient."""
     columns = ", ".join(ANSWER_COLUMNS)
     if absent := [column for column in ANSWER_COLUMNS if column not in table]:
-        raise RecordError(
-            f"A table of answers has the columns {columns} and, if stated, error; not {absent[0]}."
-        )
+        raise RecordError(f"The table of answers has no column {absent[0]}; it needs {columns}.")
     if table.empty:
         raise RecordError(f"The table of answers has no row; give one a coefficient, with {columns}.")
     found: dict[tuple[str, str], tuple[float, float]] = {}
@@ -173,6 +170,6 @@ def _number(value: Any, name: str) -> float:
         number = float(value)
     except (TypeError, ValueError):
         raise RecordError(
-            f"{name}: the answer '{value}' is not a number; leave it empty if it failed."
+            f"{name}: the answer '{value}' is no number; leave it empty if it failed."
         ) from None
     return number if np.isfinite(number) else np.nan
