@@ -28,6 +28,7 @@ from sysid_trib.records.mode_search import (
 )
 from sysid_trib.records.one_mode import nothing_decays
 from sysid_trib.records.ringing import Component
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.sensors import as_sensors
 
 # Rates at small amplitude are those of the last fall by this power of e, in which they are linear in the
@@ -47,12 +48,12 @@ LARGEST_PART = 0.4
 LARGEST_A_POINT = 0.1
 
 
-def modes(sensors: xr.Dataset) -> xr.Dataset:
+def modes(sensors: RecordLike) -> xr.Dataset:
     """List the modes in a decay.
 
     Parameters
     ----------
-    sensors : Dataset
+    sensors : Dataset, or record
         ``signal(sensor, time)`` from `read_sensors`, or a record: ``angle(time)`` or ``(t, angle)``.
 
     Returns

@@ -30,6 +30,7 @@ from sysid_trib.records.ringing import (
     component_shape,
     noise_of_cancelling,
 )
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.sensors import as_sensors
 from sysid_trib.records.signal import NOISE_IS_WHITE_IN
 from sysid_trib.records.smooth_rates import FEW_INTERVALS, MANY_INTERVALS, with_smooth_rates
@@ -84,13 +85,13 @@ class SeparateMode:
 
 
 def one_mode(
-    sensors: xr.Dataset, mode: int | None = None, *, band: tuple[float | None, float | None] | None = None
+    sensors: RecordLike, mode: int | None = None, *, band: tuple[float | None, float | None] | None = None
 ) -> xr.Dataset:
     """Return the record of one mode of a decay, from one or several sensors.
 
     Parameters
     ----------
-    sensors : Dataset
+    sensors : Dataset, or record
         ``signal(sensor, time)``, as `read_sensors` returns it; or a record: ``angle(time)`` or
         ``(t, angle)``.
     mode : int, optional

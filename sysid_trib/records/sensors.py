@@ -17,6 +17,7 @@ from sysid_trib.records.in_memory import as_record
 from sysid_trib.records.integration import uniform_pieces
 from sysid_trib.records.published import named_file
 from sysid_trib.records.row_times import row_times
+from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import unit_of_signal
 
 # Least number of samples of a record for separating modes.
@@ -131,7 +132,7 @@ def read_sensors(
     return _without_clipped(record)
 
 
-def as_sensors(given: xr.Dataset) -> xr.Dataset:
+def as_sensors(given: RecordLike) -> xr.Dataset:
     """Return a record with one signal as a single sensor; return sensors unchanged.
 
     Raises
