@@ -4,7 +4,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile $(WARNINGS)
 
-.PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs links check clean
+.PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs links paper check clean
 
 demo: $(VENV)/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
@@ -41,6 +41,13 @@ docs: $(VENV)/ready-docs
 # Links to other sites: needs a network. Dead links between pages fail `make docs`.
 links: $(VENV)/ready-docs
 	$(BIN)/python -m sphinx -b linkcheck -D nb_execution_mode=off -D suppress_warnings=myst-nb.lexer -E -q docs build/links
+
+# The paper as a page; an unknown citation is an error.
+paper:
+	@command -v pandoc >/dev/null || { echo "pandoc is needed: install it, for example with apt-get install pandoc"; exit 1; }
+	@mkdir -p build
+	pandoc paper/paper.md --resource-path=paper --citeproc --mathml --standalone --fail-if-warnings -o build/paper.html
+	@echo "Open build/paper.html"
 
 check: $(VENV)/ready-dev
 	$(BIN)/ruff check

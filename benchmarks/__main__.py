@@ -22,6 +22,7 @@ plan          discover, plan, run, discover again: whether what is stated comes 
 loops         runs until one right name, with planned releases and with drawn ones
 
 Measured and driven records: measured, answer, random_force_kinds, driven, servo. On the same ones: arena.
+On the certified decays: certified (--method, --only a decay, --seeds of fresh noise, --answers FILE).
 Time, memory, kills: simulator, timing, cost, campaign (--only a part of each).
 
 With --out each record is a line of JSON, and what the file has already is not done again.
@@ -56,6 +57,7 @@ NAMES = {
     "driven": ("driven", None),
     "servo": ("servo", None),
     "arena": ("arena", 10),
+    "certified": ("certified_scores", 0),
     "simulator": ("timing", None),
     "timing": ("timing", None),
     "cost": ("cost", None),
@@ -71,6 +73,7 @@ def main() -> None:
     parser.add_argument("--method", default="", help="direct, trajectory, averaging, or one with -off")
     parser.add_argument("--only", default="", help="part of the titles of what is done")
     parser.add_argument("--out", type=Path, help="file of rows that is gone on with")
+    parser.add_argument("--answers", type=Path, help="certified: a table of answers to score")
     parser.add_argument("--quick", action="store_true", help="timing: the shorter half")
     parser.add_argument("--noise", choices=("white", "AR(0.8)"), default="white", help="of verdicts")
     parser.add_argument("--left-out", action="store_true", help="verdicts: forces that are left out alone")

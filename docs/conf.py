@@ -37,13 +37,17 @@ myst_heading_anchors = 3
 exclude_patterns = ["_build"]
 templates_path = ["_templates"]
 highlight_language = "none"
+# Primes of derivatives and options of commands stay as written.
+smartquotes = False
 # A name in backticks is a link where the API has it, and code elsewhere.
 default_role = "py:obj"
 add_module_names = False
 autodoc_member_order = "bysource"
 # What scikit-learn adds to every estimator.
 autodoc_default_options = {"exclude-members": "set_fit_request, set_score_request, set_transform_request"}
-autodoc_typehints_format = "short"
+# Docstrings state the types; unions of all forms of a record would fill a screen.
+autodoc_typehints = "none"
+autodoc_preserve_defaults = True
 numpydoc_show_class_members = False
 toc_object_entries_show_parents = "hide"
 
@@ -193,24 +197,6 @@ def _math(translator: "object", node: nodes.math) -> None:
 
 
 def _readable(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Bring what numpydoc reads otherwise into the form that it shows well.
-
-    `name : what it is, in SI units` becomes a name and its description, not a type; an entry whose next line
-    begins a sentence of its own has both, and stays as it is. What is returned becomes one line: numpydoc
-    takes each line for another thing returned.
-    """
-    kept: list[str] = []
-    section = ""
-    for before, line, after in zip(["", *lines[:-1]], lines, [*lines[1:], ""], strict=True):
-        if re.fullmatch(r"-{3,}", line):
-            section = before
-        entry = re.fullmatch(r"(\w[\w, ]*) : (.+)", line) if section in ("Parameters", "Attributes") else None
-        goes_on = section == "Returns" and before[:1].strip(" -") and line[:1].strip(" -")
-        if entry and (entry[2].endswith(".") or not re.match(r"    ([A-Z]|``)", after)):
-            kept += [entry[1], f"    {entry[2]}"]
-        elif goes_on:
-            kept[-1] += f" {line}"
-        else:
-            kept.append(line)
-    # A bar is a modulus here, never a substitution.
-    lines[:] = [re.sub(r"(``.*?``)|\|", lambda bar: bar[1] or r"\|", line) for line in kept]
+    """Show a bar as a modulus, never as a substitution; examples are shown as they run."""
+    start = lines.index("Examples") if "Examples" in lines else len(lines)
+    lines[:start] = [re.sub(r"(``.*?``)|\|", lambda bar: bar[1] or r"\|", line) for line in lines[:start]]

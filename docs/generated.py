@@ -39,6 +39,8 @@ from sysid_trib.validation.separability import exactly_dependent, without_signat
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("SYSID_TRIB_DATA", ROOT.parent / "shared" / "data"))
+if DATA.is_dir():
+    os.environ.setdefault("SYSID_TRIB_DATA", str(DATA))
 MEASURED = (
     "single_pendulum/free_swing.csv",
     "string_pendulum/run_1.txt",

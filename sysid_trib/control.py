@@ -61,6 +61,18 @@ def to_nonlinear_system(
     Simulate with `solve_ivp_method="LSODA"` and `solve_ivp_kwargs={"rtol": 1e-10, "atol": 1e-12}`. When dry
     friction holds the oscillator, this integrator switches endlessly in small steps; `simulate` is exact
     there.
+
+    Examples
+    --------
+    >>> import control
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.05, "epsilon": 0.3}, reference_frequency=10.0)
+    >>> system = st.control.to_nonlinear_system(model)
+    >>> time = np.linspace(0.0, 5.0, 101)
+    >>> motion = control.input_output_response(system, time, 0.0, [0.3, 0.0], solve_ivp_kwargs={"rtol": 1e-9})
+    >>> motion.states[0, -1].round(4).item(), st.simulate(model, time, angle=0.3).angle[-1].round(4).item()
+    (0.0238, 0.0238)
     """
     import control
 
@@ -106,6 +118,15 @@ def linearise(
         At rest, a force has memory or depends on `t`; or the amplitude is not positive.
     LibraryError
         A force is not finite on such a cycle.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.05, "epsilon": 0.3}, reference_frequency=10.0)
+    >>> st.control.linearise(model).A.round(2).tolist()
+    [[0.0, 1.0], [-100.0, -1.0]]
+    >>> st.control.linearise(model, amplitude=1.0).A.round(2).tolist()
+    [[0.0, 1.0], [-122.5, -1.0]]
     """
     import control
 
@@ -138,6 +159,16 @@ def damp(model: Model | xr.Dataset, amplitude: float | None = None) -> xr.Datase
     ------
     UsageError, LibraryError
         As in `linearise`.
+
+    Examples
+    --------
+    Quadratic friction damps a large cycle more than a small one.
+
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.0097, "delta": 0.037}, reference_frequency=9.91)
+    >>> poles = [st.control.damp(model, amplitude) for amplitude in (0.01, 0.3)]
+    >>> [pole.damping_ratio[0].round(4).item() for pole in poles]
+    [0.0099, 0.0144]
     """
     import control
 

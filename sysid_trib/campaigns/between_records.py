@@ -145,12 +145,12 @@ def between_runs(
 
     Examples
     --------
-    >>> import numpy as np, xarray as xr, sysid_trib as st
-    >>> value = [[1.0], [1.1], [2.0], [2.2], [3.1], [3.0]]
-    >>> error = np.full((6, 1), 0.1)
-    >>> coords = {"quantity": ["lambda"]}
-    >>> dims = ("run", "quantity")
-    >>> runs = xr.Dataset({"value": (dims, value), "standard_error": (dims, error)}, coords)
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> import xarray as xr
+    >>> value, error = [[1.0], [1.1], [2.0], [2.2], [3.1], [3.0]], np.full((6, 1), 0.1)
+    >>> data = {"value": (("run", "quantity"), value), "standard_error": (("run", "quantity"), error)}
+    >>> runs = xr.Dataset(data, {"quantity": ["lambda"]})
     >>> st.campaigns.between_runs(runs, {"load": [1, 1, 2, 2, 3, 3]}).verdict.item()
     'varies with load'
     """

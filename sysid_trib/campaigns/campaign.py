@@ -96,6 +96,15 @@ def campaign(
     Each record of a study has its own seed (`SeedSequence` with the record's number): results depend neither
     on the number of workers nor on the order. An invalid record does not stop the campaign. A record whose
     worker died eleven times is given up, and tried again when the campaign is continued.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> records = [st.records.paper_twin(seed=seed) for seed in (1, 2)]
+    >>> task = st.campaigns.Task("identify", methods={"direct": st.methods.Direct()})
+    >>> store = st.campaign(records, task, output="runs.zarr", workers=0)
+    >>> store.coefficient.sel(model="direct", force="zeta").round(4).values.tolist()
+    [0.0096, 0.0097]
     """
     check_extra()
     if getattr(current_process(), "_inheriting", False):

@@ -197,16 +197,26 @@ def open_store(path: str | os.PathLike[str]) -> xr.Dataset:
     Parameters
     ----------
     path : path-like
+        The store, which `campaign` wrote.
 
     Returns
     -------
     Dataset
-        See `campaign`.
+        The results of all records so far (see `campaign`).
 
     Raises
     ------
     RecordError
         The path is not such a store, or its format has another version.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> task = st.campaigns.Task("identify", "zeta,delta,nu,epsilon", methods={"direct": st.methods.Direct()})
+    >>> _ = st.campaign([st.records.paper_twin()], task, output="runs.zarr", workers=0)
+    >>> store = st.campaigns.open_store("runs.zarr")
+    >>> store.coefficient.sel(force="nu").round(1).values.tolist()
+    [[-0.4]]
     """
     place = Path(path)
     with _readable(place):

@@ -82,6 +82,7 @@ class Task:
     Parameters
     ----------
     name : {"identify", "compare", "discover", "laws"}
+        Function that is run on each record.
     library : ForceLibrary, str, or what `library` takes, optional
         The offered forces, by default those of `contact_forces`; for `discover` those of the start model, by
         default viscous friction; for `laws` those that may be named and used in formulas.
@@ -98,6 +99,7 @@ class Task:
     constraints : mapping of str to float, (float, float) or str
         Fixed values, bounds and ties, as in `identify`.
     contactless : (float, float), rad/s, optional
+        Frequency without contact and its standard error; with it, alpha is identified too.
     options : mapping
         Further arguments of `discover` or `laws`; for `identify` without `methods`, the options
         `reference_frequency`, `shapes` and `random_force` of its two methods.
@@ -111,6 +113,14 @@ class Task:
     ------
     UsageError
         An unknown task, not a library, not two methods to cross-check, or laws without speeds.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> methods = {"energy": st.methods.EnergyDecay(), "direct": st.methods.Direct()}
+    >>> task = st.campaigns.Task("compare", "lambda,zeta", methods=methods)
+    >>> task.labels, task.forces.symbols
+    (['energy', 'direct'], ('lambda', 'zeta'))
     """
 
     name: Name
@@ -191,7 +201,15 @@ class Task:
         return names | {"shape_parameter": shapes}
 
     def result(self, decays: Sequence[xr.Dataset]) -> xr.DataTree:
-        """Return the result of the task's function for a record."""
+        """Return the result of the task's function for a record.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> task = st.campaigns.Task("identify", methods={"direct": st.methods.Direct()})
+        >>> list(task.result([st.free_decay(st.records.paper_twin())]).children)
+        ['direct', 'judged']
+        """
         if self.name == "discover":
             assert self.candidates is not None
             return discover(decays, self.library, self.candidates, **self.options)

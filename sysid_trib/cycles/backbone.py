@@ -142,6 +142,15 @@ def backbone(decay: RecordLike) -> xr.Dataset:
     likelihood estimates the size of each (see `smooth_curve`). The bands include the second-order effect of
     damping, which first-order averages neglect: relative to the frequency the damping ratio squared, and
     relative to the damping ratio twice its square.
+
+    Examples
+    --------
+    Quadratic friction raises the damping ratio with the amplitude.
+
+    >>> import sysid_trib as st
+    >>> curves = st.backbone(st.records.paper_twin())
+    >>> curves.damping_ratio.interp(amplitude=[0.05, 0.2]).round(4).values.tolist()
+    [0.0103, 0.0133]
     """
     return smoothed_backbone(records.one_record(decay, "backbone")).curves
 

@@ -54,6 +54,15 @@ def look(records: RecordsLike, decays: Sequence[xr.Dataset] | None = None) -> xr
     ------
     DecayError
         The record has fewer than three half periods.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> facts = st.look(st.records.paper_twin())["decay"]
+    >>> print(f"{facts.periods.item():.0f} periods of {facts.period.item():.2f} s")
+    39 periods of 0.64 s
+    >>> facts.attrs["points_to_forces"]
+    'zeta,delta,nu,epsilon'
     """
     given = as_decays(records, "look")
     whole = [given] if isinstance(given, xr.Dataset) else given

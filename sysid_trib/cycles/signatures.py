@@ -62,6 +62,17 @@ def signature(
         An amplitude is not a finite angle >= 0.
     LibraryError
         The force is not finite on the cycle, or has no steady cycle.
+
+    Examples
+    --------
+    Solid friction takes the same amplitude from each cycle, viscous friction the same fraction of it.
+
+    >>> import sysid_trib as st
+    >>> library = st.load_library("contact_forces")
+    >>> for symbol in ("lambda", "zeta"):
+    ...     print(symbol, st.signature(library[symbol], [0.1, 0.2]).sine.round(4).values.tolist())
+    lambda [-0.6366, -0.6366]
+    zeta [-0.1, -0.2]
     """
     a = np.asarray(amplitude, dtype=float)
     if a.ndim > 1:

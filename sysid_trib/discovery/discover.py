@@ -127,6 +127,17 @@ def discover(
         held force that is not in the model; a body without a restoring force.
     DecayError
         The decay cannot support the start model.
+
+    Examples
+    --------
+    The record has five forces. The search starts with four of them, and is offered the fifth and another one.
+
+    >>> import sysid_trib as st
+    >>> found = st.discover(st.records.paper_twin(), "lambda,zeta,delta,nu", "epsilon,dahl")
+    >>> found["steps"].symbol.values.tolist(), found.attrs["search_outcome"]
+    (['epsilon'], 'explained')
+    >>> st.best(found).coefficient.sel(force="epsilon").round(1).item()
+    0.3
     """
     if not time_limit > 0.0:
         raise UsageError(f"A time limit of {time_limit:g} s leaves no time to search; give a positive one.")

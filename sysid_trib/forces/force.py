@@ -58,6 +58,19 @@ class Force:
     curve : str
         Name of the smooth curve to which the force belongs. The coefficients of a curve are penalised: they
         are random effects with one variance, which is estimated from the data. Empty for a separate force.
+
+    Examples
+    --------
+    Forces come from a library; their properties follow from the formula.
+
+    >>> import sysid_trib as st
+    >>> force = st.load_library("contact_forces")["delta"]
+    >>> force.name, force.formula.text, force.parity, force.character
+    ('quadratic friction', 'v*abs(v)', 'odd', 'dissipative')
+    >>> force.degree, force.units, force.memoryless
+    (2.0, '1', True)
+    >>> force.value(x=0.0, v=[-2.0, 1.0]).tolist()
+    [-4.0, 1.0]
     """
 
     symbol: str
@@ -94,7 +107,14 @@ class Force:
         return replace(other, **words) == self
 
     def renamed(self, symbol: str) -> "Force":
-        """Return the force with another symbol."""
+        """Return the force with another symbol.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("contact_forces")["lambda"].renamed("dry").symbol
+        'dry'
+        """
         return replace(self, symbol=symbol, name=symbol if self.name == self.symbol else self.name)
 
     # Properties that follow from the formulas alone.
@@ -118,7 +138,14 @@ class Force:
         return not self.state and not self.memory
 
     def depends_only_on(self, name: str) -> bool:
-        """Return True if the force is a function of x, or of v, alone."""
+        """Return True if the force is a function of x, or of v, alone.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> [force.symbol for force in st.load_library("contact_forces") if force.depends_only_on("v")]
+        ['lambda', 'zeta', 'delta']
+        """
         if self.kind != "force" or not self.memoryless or self.channels or self.holds_time:
             return False
         return {"x", "v"} & set(self.formula.names) == {name}
@@ -134,7 +161,15 @@ class Force:
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
-        """Return the value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default."""
+        """Return the value of each shape parameter: from `shapes` (`{"dahl.s": 0.02}`), else the default.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> dahl = st.load_library("candidate_effects")["dahl"]
+        >>> dahl.shape_values({"dahl.s": 0.02}), dahl.shape["s"].meaning
+        ({'s': 0.02}, 'presliding length (rad)')
+        """
         given = shapes or {}
         return {k: float(given.get(f"{self.symbol}.{k}", s.default)) for k, s in self.shape.items()}
 
@@ -205,6 +240,12 @@ class Force:
         Returns
         -------
         array of float, rad
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("contact_forces")["epsilon"].value(x=[0.1, 0.2], v=0.0).round(4).tolist()
+        [0.001, 0.008]
         """
         absent = (*self.state, *self.memory, *(channel.name for channel in self.channels), *self.uses)
         given = {"x": x, "v": v, "t": t, **dict.fromkeys(absent, 0.0), **(hidden or {})}
@@ -241,6 +282,15 @@ class ForceLibrary:
         Forces in order, each with a different symbol.
     source : str
         File from which the library was read.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> library = st.load_library("contact_forces")
+    >>> library["nu"].formula.text, len(library), "zeta" in library
+    ('x*abs(x)', 6, True)
+    >>> (library[["zeta", "nu"]] + st.library(quintic="x**5")).symbols
+    ('zeta', 'nu', 'quintic')
     """
 
     title: str
@@ -315,7 +365,14 @@ class ForceLibrary:
         return tuple(dict.fromkeys(channel.input for channel in self.channels))
 
     def shape_values(self, shapes: ShapeValues | None = None) -> dict[str, float]:
-        """Return the value of each shape parameter by name, `dahl.s`: from `shapes`, else the default."""
+        """Return the value of each shape parameter by name, `dahl.s`: from `shapes`, else the default.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("candidate_effects")[["dahl", "stribeck"]].shape_values({"dahl.s": 0.02})
+        {'dahl.s': 0.02, 'stribeck.s': 0.05}
+        """
         return {f"{f.symbol}.{k}": value for f in self for k, value in f.shape_values(shapes).items()}
 
     def bound(self, coefficients: Mapping[str, float]) -> "ForceLibrary":
@@ -330,7 +387,14 @@ class ForceLibrary:
         return tuple(dict.fromkeys(symbol for force in self for symbol in force.uses))
 
     def select(self, symbols: Iterable[str]) -> "ForceLibrary":
-        """Return a library of only these forces, in this order; raise a UsageError for an unknown one."""
+        """Return a library of only these forces, in this order; raise a UsageError for an unknown one.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.load_library("contact_forces").select(["zeta", "nu"]).symbols
+        ('zeta', 'nu')
+        """
         return replace(self, forces=tuple(self[symbol] for symbol in dict.fromkeys(symbols)))
 
     @property
@@ -349,11 +413,25 @@ class ForceLibrary:
         return replace(self, forces=tuple(force.counted_from(seconds) for force in self))
 
     def in_run(self, run: int) -> "ForceLibrary":
-        """Return the forces that act in a run, by its number counted from 1."""
+        """Return the forces that act in a run, by its number counted from 1.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.library("lambda,zeta").with_own(["lambda"], runs=2).in_run(2).symbols
+        ('lambda_2', 'zeta')
+        """
         return replace(self, forces=tuple(force for force in self if force.run in (None, run)))
 
     def with_own(self, symbols: Iterable[str], runs: int) -> "ForceLibrary":
-        """Return the library with one force per run in place of each of these: `lambda_1`, ..."""
+        """Return the library with one force per run in place of each of these: `lambda_1`, ...
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.library("lambda,zeta").with_own(["lambda"], runs=2).symbols
+        ('lambda_1', 'lambda_2', 'zeta')
+        """
         own = {self[symbol].symbol for symbol in symbols}
         if both := own & {*self.used}:
             symbol = min(both)
@@ -370,7 +448,14 @@ class ForceLibrary:
         return replace(self, forces=tuple(itertools.chain.from_iterable(copies)))
 
     def role(self, formula: str) -> Force | None:
-        """Return the force of this formula if the library has one."""
+        """Return the force of this formula if the library has one.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.library(drag="v*abs(v)", spring="x**3").role("v*abs(v)").symbol
+        'drag'
+        """
         return next((force for force in self.forces if force.matches(formula)), None)
 
     @property
@@ -385,7 +470,19 @@ class ForceLibrary:
         return {force.symbol: factors[f] for f in factors if (force := self.role(f)) is not None}
 
     def to_toml(self) -> str:
-        """Return the library as text in the format of library files."""
+        """Return the library as text in the format of library files.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> print(st.library(quintic="x**5").to_toml())
+        title = "quintic"
+        <BLANKLINE>
+        [[force]]
+        symbol = "quintic"
+        name = "quintic"
+        formula = "x**5"
+        """
         blocks = "".join(f"\n[[force]]\n{notation.toml(force)}" for force in self.forces)
         kinds = {channel.input: channel.kind for channel in self.channels}
         inputs = f"inputs = {notation.toml_value(kinds)}\n" if kinds else ""

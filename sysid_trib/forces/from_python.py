@@ -43,6 +43,15 @@ def library(
         There is no such library or force, two different forces have the same symbol, or there is no force.
     LibraryError
         A formula cannot be read. Nothing is executed.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> mine = st.library({"lambda": "sign(v)"}, zeta="2*v", quintic="x**5")
+    >>> mine["quintic"].character
+    'conservative'
+    >>> (st.load_library("contact_forces") + mine).symbols
+    ('lambda', 'zeta', 'delta', 'alpha', 'nu', 'epsilon', 'quintic')
     """
     channels = list(inputs)
     taken = [_part(part, channels) for part in parts]
@@ -72,6 +81,7 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
     Returns
     -------
     ForceLibrary
+        The given library itself, or one with the given forces in their order.
 
     Raises
     ------
@@ -79,6 +89,14 @@ def as_library(given: LibraryLike, function: str) -> ForceLibrary:
         The argument does not specify a library.
     LibraryError
         A file or formula cannot be read.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> st.forces.as_library("zeta,delta", "my_function").symbols
+    ('zeta', 'delta')
+    >>> st.forces.as_library({"lambda": "sign(v)"}, "my_function").symbols
+    ('lambda',)
     """
     if isinstance(given, ForceLibrary):
         return given

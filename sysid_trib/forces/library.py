@@ -135,6 +135,19 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     LibraryError
         The file is not a library of forces. The message states file, force and reason. Nothing in it is
         executed.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> library = st.load_library("contact_forces")
+    >>> for force in library:
+    ...     print(f"{force.symbol:8} {force.formula.text:9} {force.name}")
+    lambda   sign(v)   solid friction
+    zeta     2*v       viscous friction
+    delta    v*abs(v)  quadratic friction
+    alpha    x         linear elastic force
+    nu       x*abs(x)  quadratic elastic force
+    epsilon  x**3      cubic elastic force
     """
     path = Path(name_or_path)
     if path.suffix != ".toml" and not os.path.exists(path):

@@ -103,6 +103,12 @@ def matches(force: "Force", formula: str) -> bool:
     ----------
     formula : str
         A formula in x, v and t. Forces are recognised by their effect, not by their symbols.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> st.library(drag="abs(v)*v")["drag"].matches("v*abs(v)")
+    True
     """
     if not force.memoryless or force.kind != "force" or force.shape or force.uses:
         return False

@@ -180,6 +180,8 @@ def system(
     Returns
     -------
     SystemModel
+        The pair `library, constraints`: the forces, and their fixed values and bounds by symbol, in the form
+        for `identify` and `compare`.
 
     Raises
     ------
@@ -187,6 +189,15 @@ def system(
         There is no such system, or a force is in no library.
     LibraryError
         The file does not have this format.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> pendulum = st.system("pendulum")
+    >>> pendulum.library.symbols
+    ('lambda', 'zeta', 'delta', 'gravity')
+    >>> dict(pendulum.constraints)
+    {'lambda': (0.0, inf), 'zeta': (0.0, inf), 'delta': (0.0, inf), 'gravity': 1.0}
     """
     moving = load_system(str(name_or_path))
     offered = load_library() if library is None else library

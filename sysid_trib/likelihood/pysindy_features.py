@@ -30,24 +30,35 @@ class ForceFeatures(BaseFeatureLibrary):
 
     Parameters
     ----------
-    library : the forces; sensor terms do not act in the equation of motion and are left out.
-    sampling_time : s, needed by forces with states, memory, `t` or the derivative of an input: these are
-        integrated along each trajectory, which starts at t = 0.
-    reference_frequency : w in rad/s, needed by forces with states, memory, or an input that w scales.
-    shapes : shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
+    library : ForceLibrary, str, or what `library` takes
+        The forces; sensor terms do not act in the equation of motion and are left out.
+    sampling_time : float, s, optional
+        Needed by forces with states, memory, `t` or the derivative of an input: these are integrated along
+        each trajectory, which starts at t = 0.
+    reference_frequency : float, rad/s, optional
+        Reference frequency w, needed by forces with states, memory, or an input that w scales.
+    shapes : mapping of str to float, optional
+        Shape parameters, `{"dahl.s": 0.02}`; default values for missing ones.
+
+    Raises
+    ------
+    UsageError
+        The argument does not specify a library. `fit` raises the errors of the data.
 
     Examples
     --------
-    The forces of Eq. 1 from angle, rate and acceleration (theta, rate, acceleration in SI units)::
-
-        states = np.column_stack((theta, rate / w))
-        target = (acceleration / w**2 + theta)[:, None]
-        model = pysindy.SINDy(feature_library=ForceFeatures(load_library()),
-                              optimizer=pysindy.STLSQ(threshold=0, alpha=0))
-        model.fit(states, t=sampling_time, x_dot=target)
-        model.print(lhs=["theta'' + theta"])
-
-    The coefficients of `theta'' + theta = -f` are those of the forces with the sign changed.
+    >>> import numpy as np
+    >>> import pysindy
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.0097, "epsilon": 0.3}, reference_frequency=10.0)
+    >>> motion = st.simulate(model, np.arange(0.0, 10.0, 0.001), angle=0.3)
+    >>> states = np.column_stack([motion.angle, motion.rate / 10.0])
+    >>> target = -np.gradient(states[:, 1], 0.01) - states[:, 0]
+    >>> features = st.ForceFeatures("zeta,epsilon")
+    >>> sindy = pysindy.SINDy(pysindy.STLSQ(threshold=0.0, alpha=0.0), features)
+    >>> _ = sindy.fit(states, t=0.01, x_dot=target[:, None])
+    >>> dict(zip(features.get_feature_names(), sindy.coefficients()[0].round(4).tolist()))
+    {"2 theta'": 0.0097, 'theta^3': 0.2997}
     """
 
     def __init__(
@@ -68,8 +79,10 @@ class ForceFeatures(BaseFeatureLibrary):
 
         Parameters
         ----------
-        x_full : trajectory, or list of them, (sample, 2): theta (rad) and theta' (rad).
-        y : not used.
+        x_full : (sample, 2) array of float, rad, or a list of them
+            Each trajectory: theta and theta', and a column for each input.
+        y : object
+            Not used.
 
         Raises
         ------
@@ -91,12 +104,28 @@ class ForceFeatures(BaseFeatureLibrary):
 
     @x_sequence_or_item
     def transform(self, x_full: Sequence[Any]) -> list[AxesArray]:
-        """Return the value of every force along each trajectory, (sample, force)."""
+        """Return the value of every force along each trajectory, (sample, force).
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import sysid_trib as st
+        >>> states = np.array([[0.3, 0.0], [0.2, -0.1]])
+        >>> st.ForceFeatures("zeta,epsilon").fit_transform(states).round(3).tolist()
+        [[0.0, 0.027], [-0.2, 0.008]]
+        """
         check_is_fitted(self)
         return [self._columns(x) for x in x_full]
 
     def get_feature_names(self, input_features: Sequence[str] | None = None) -> list[str]:
-        """Return formulas in readable form, in theta and theta' unless the inputs have other names."""
+        """Return formulas in readable form, in theta and theta' unless the inputs have other names.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.ForceFeatures("zeta,nu").get_feature_names()
+        ["2 theta'", 'theta |theta|']
+        """
         given = UNNAMED if input_features is None else list(input_features)[:2]
         angle, rate = ("theta", "theta'") if given == UNNAMED else given
         return [readable(force, angle, rate, self.shapes) for force in self._forces]
@@ -133,6 +162,14 @@ class ForceFeatures(BaseFeatureLibrary):
         Returns
         -------
         (sample, force) array of float, rad
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import sysid_trib as st
+        >>> time, angle, rate = np.array([[0.0, 0.1], [0.3, 0.2], [0.0, -0.1]])
+        >>> st.ForceFeatures("zeta,epsilon").evaluate(time, angle, rate).round(3).tolist()
+        [[0.0, 0.027], [-0.2, 0.008]]
         """
         frequency = float(self.reference_frequency or 1.0)
 
@@ -217,12 +254,23 @@ class WhitenedLeastSquares(BaseOptimizer):
     Attributes
     ----------
     coef_ : (target, feature) array of float
+        Coefficients.
     covariance_ : (target, feature, feature) array of float
         Covariance of the coefficients.
     noise_ : (target,) array of float
         RMS residual of the whitened rows.
     lags_ : (target,) array of int
         Number of lags over which the errors allow for correlation.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time = np.linspace(0.0, 1.0, 200)
+    >>> rows = 1.0 + 2.0 * time + np.random.default_rng(0).normal(0.0, 0.1, 200)
+    >>> fit = st.forces.WhitenedLeastSquares().fit(np.stack([np.ones(200), time], axis=1), rows)
+    >>> fit.coef_[0].round(1).tolist(), fit.noise_[0].round(1).item()
+    ([1.0, 2.0], 0.1)
     """
 
     def __init__(

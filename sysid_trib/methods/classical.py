@@ -138,12 +138,34 @@ def decrement(
 
 
 def _logarithmic(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Return the damping ratio zeta from ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2), and the frequency."""
+    """Return the damping ratio zeta from ln |X_i/X_i+1| = pi zeta/sqrt(1 - zeta^2), and the frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.0097}, 9.91)
+    >>> decay = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> found = st.identify(decay, "zeta", st.methods.LogarithmicDecrement())
+    >>> found.coefficient.round(5).values.tolist()
+    [0.0097]
+    """
     return np.full((len(time) - 1, 1), np.pi), -np.diff(np.log(extremum))
 
 
 def _linear(extremum: Array, time: Array) -> tuple[Array, Array]:
-    """Return the solid friction lambda (rad) from |X_i| - |X_i+1| = 2 lambda, and the frequency."""
+    """Return the solid friction lambda (rad) from |X_i| - |X_i+1| = 2 lambda, and the frequency.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"lambda": 2e-3}, 9.91)
+    >>> decay = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> found = st.identify(decay, "lambda", st.methods.LinearDecrement())
+    >>> found.coefficient.round(5).values.tolist()
+    [0.002]
+    """
     return np.full((len(time) - 1, 1), 2.0), -np.diff(extremum)
 
 
@@ -155,6 +177,16 @@ def _turning_points(extremum: Array, time: Array) -> tuple[Array, Array]:
     |X_i+1| = q |X_i| - lambda (1 + q), with q = exp(-pi beta) and beta = zeta/sqrt(1 - zeta^2), is exact. It
     is solved in the form |X_i| - |X_i+1| = tanh(pi beta/2) (|X_i| + |X_i+1|) + 2 lambda, in which the noises
     of difference and sum are uncorrelated.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"lambda": 1e-3, "zeta": 0.0097}, 9.91)
+    >>> decay = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> found = st.identify(decay, "lambda,zeta", st.methods.FeenyLiang())
+    >>> found.coefficient.round(4).values.tolist()
+    [0.001, 0.0097]
     """
     both = extremum[:-1] + extremum[1:]
     return np.column_stack([np.full(len(both), 2.0), both]), -np.diff(extremum)
@@ -174,6 +206,16 @@ def _energy(extremum: Array, time: Array) -> tuple[Array, Array]:
     Notes
     -----
     dE/dt = -(2/pi) w lambda sqrt(2 E) - 2 w zeta E, from one half period before to one half period after.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"lambda": 1e-3, "zeta": 0.0097}, 9.91)
+    >>> decay = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> found = st.identify(decay, "lambda,zeta", st.methods.EnergyDecay())
+    >>> found.coefficient.round(4).values.tolist()
+    [0.001, 0.0097]
     """
     before, after = extremum[:-2], extremum[2:]
     twice = 0.25 * (before + after) ** 2
@@ -187,6 +229,16 @@ def _inverse_amplitude(extremum: Array, time: Array) -> tuple[Array, Array]:
     Notes
     -----
     d(1/a)/dt = (4/(3 pi)) w delta.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"delta": 0.1}, 9.91)
+    >>> decay = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> found = st.identify(decay, "delta", st.methods.QuadraticDecay())
+    >>> found.coefficient.round(4).values.tolist()
+    [0.1]
     """
     return 4.0 / (3.0 * np.pi) * np.diff(time)[:, None], np.diff(1.0 / extremum)
 
@@ -222,6 +274,16 @@ class WuDecrement(ClassicalMethod):
     nu x |x|, which changes the duration of half periods with the amplitude, appears as a delta of about -2
     zeta nu; `frequency_birge_ratio` shows it, the envelope does not. Damping of any power lowers the
     frequency to second order; the correction of the bias includes this.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"lambda": 1e-3, "zeta": 0.0097, "delta": 0.037}, 9.91)
+    >>> decay = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> found = st.identify(decay, "lambda,zeta,delta", st.methods.WuDecrement())
+    >>> found.coefficient.round(4).values.tolist()
+    [0.001, 0.0097, 0.037]
     """
 
     scope = MethodScope(
@@ -240,6 +302,12 @@ class WuDecrement(ClassicalMethod):
         ------
         DecayError
             The library lacks solid friction or any other power.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> st.methods.WuDecrement().forces_of(st.load_library("contact_forces")).symbols
+        ('lambda', 'zeta', 'delta')
         """
         label = self.scope.sentence_label
         needed_forces(library, [SOLID_FRICTION], label)
@@ -293,6 +361,15 @@ def feeny_liang_decrement(turning_points: ArrayLike) -> tuple[float, float]:
     ------
     DecayError
         There are fewer than three, or they do not decay as under these two forces.
+
+    Examples
+    --------
+    Under solid friction alone, each turning point is smaller by 2 lambda.
+
+    >>> import sysid_trib as st
+    >>> solid, viscous = st.methods.feeny_liang_decrement([0.30, -0.26, 0.22, -0.18])
+    >>> round(solid, 6), abs(round(viscous, 6))
+    (0.02, 0.0)
     """
     extremum = np.abs(np.asarray(turning_points, dtype=float))
     if len(extremum) < 3:

@@ -87,6 +87,18 @@ class Direct(Constrained):
     variance of maximum likelihood in white noise. Fixed and tied coefficients are a linear map of the
     columns. A coefficient that would pass its bound is held there. All errors, including its own, are those
     of the fit in which it is free.
+
+    Examples
+    --------
+    With a significance level, the regression keeps only the forces that the record demands.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01, "epsilon": 0.3}, 9.91)
+    >>> angle = st.simulate(model, np.arange(0.0, 10.0, 0.02), angle=0.3).angle
+    >>> angle = angle + np.random.default_rng(0).normal(0.0, 1e-4, 500)
+    >>> st.identify(angle, method=st.methods.Direct(significance=0.01)).active.to_series().to_dict()
+    {'lambda': False, 'zeta': True, 'delta': False, 'nu': False, 'epsilon': True}
     """
 
     scope: ClassVar = MethodScope(

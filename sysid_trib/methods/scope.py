@@ -47,6 +47,15 @@ class MethodScope:
         Options of variants by their name; `compare` runs these variants with the method.
     example : Mapping of str to float
         Coefficients, by formulas, of an example decay in which the method neglects no force; tests use it.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> scope = st.methods.EnergyDecay().scope
+    >>> scope.sentence_label, scope.observes, scope.identifies
+    ('Energy decay', 'extrema', 'solid and viscous friction')
+    >>> scope.assumes
+    'weak solid and viscous friction and a linear spring, nothing else'
     """
 
     label: str

@@ -89,6 +89,19 @@ class Trajectory(Constrained):
     If the residual of driven runs is not white, errors are the scatter between runs (six or more), and at
     least the scatter between 24 parts of each run: to first order this is the jackknife (Bell and McCaffrey
     2002, CR3). A sensor term of formula `1` is a common zero of all runs.
+
+    Examples
+    --------
+    The presliding length of a Dahl friction is fitted with the coefficients.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> forces = st.library("zeta", st.load_library("candidate_effects")["dahl"])
+    >>> model = st.Model(forces, {"zeta": 0.01, "dahl": 0.002}, 9.91, shapes={"dahl.s": 0.02})
+    >>> record = st.simulate(model, np.arange(0.0, 8.0, 0.02), angle=0.3)
+    >>> found = st.identify(record, forces, st.methods.Trajectory(fit_shapes=("dahl.s",)))
+    >>> found.shape_parameter.values.tolist(), found["shape"].round(3).values.tolist()
+    (['dahl.s'], [0.02])
     """
 
     reference_frequency: float | None = None

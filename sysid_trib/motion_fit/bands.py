@@ -54,8 +54,9 @@ def prediction_bands(
     -------
     Dataset
         Over `origin` (s) and `horizon` (periods): `time_ahead` (s), `predicted` (rad) and its
-        `standard_error`, which includes the sensor's noise of the sample; `measured` (rad), nan beyond the
-        record. Over `origin`: the `widening`, the factor by which the standard error was multiplied.
+        `predicted_standard_error`, which includes the sensor's noise of the sample; `measured` (rad), nan
+        beyond the record. Over `origin`: the `widening`, the factor by which the standard error was
+        multiplied.
 
     Raises
     ------
@@ -73,6 +74,17 @@ def prediction_bands(
     period ahead were wrong by more than chance allows, the model lacks something: the errors are then
     multiplied by the Birge ratio of these predictions (`widening`). Recent are those for times within ten
     periods before the origin.
+
+    Examples
+    --------
+    The model explains the record: even ten periods ahead, the error (rad) is that of the sensor's noise.
+
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> result = st.identify(decay, method="direct")
+    >>> bands = st.validation.prediction_bands(decay, result, [1.0, 10.0], origins=[5.0])
+    >>> bands.predicted_standard_error[0].round(4).values.tolist(), result.noise.round(4).item()
+    ([0.0006, 0.0006], 0.0006)
     """
     ahead = np.sort(np.atleast_1d(np.asarray(periods, dtype=float)))
     if not (len(ahead) and np.all(np.isfinite(ahead)) and ahead[0] > 0.0):

@@ -191,6 +191,16 @@ def innovations(decay: xr.Dataset, result: xr.Dataset, run: int = 0) -> xr.Datas
     random force the innovations are the record minus a free motion. The averaging time is twice the time in
     which the random force moves the motion as far as the sensor's noise can show, (r^2 dt / per_tau) to the
     power 1/4 in units of tau: within shorter spans little is known of the force.
+
+    Examples
+    --------
+    The model lacks no force: its errors of prediction are white.
+
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> errors = st.validation.innovations(decay, st.identify(decay, method="direct"))
+    >>> errors.innovation_rms.round(5).item(), bool(errors.ljung_box_p_value > 0.01)
+    (0.00058, True)
     """
     return innovations_of(decay, track(decay, result, run))
 

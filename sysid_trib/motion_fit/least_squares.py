@@ -409,6 +409,17 @@ def cramer_rao_bound(
     The bound is the inverse of Fisher's information, J' J / noise^2 with the sensitivities J of the motion.
     With a random force, J contains the normalised innovations of these sensitivities, from the Kalman filter
     about the free motion.
+
+    Examples
+    --------
+    No method finds zeta more exactly than this from ten seconds with a noise of 1e-4 rad.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.0097, "delta": 0.037}, 9.91)
+    >>> bound = st.cramer_rao_bound(model, np.arange(0.0, 10.0, 0.01), angle=0.3, rate=0.0, noise=1e-4)
+    >>> print(f"{bound.standard_error.sel(force='zeta').item():.1e}")
+    6.5e-06
     """
     time, symbols = np.asarray(time, dtype=float), list(model.coefficients)
     start = np.array([angle, rate], dtype=float)

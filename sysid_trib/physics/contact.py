@@ -46,6 +46,13 @@ def contact_stiffness(
     ------
     UsageError
         A quantity is not positive, or an error is given together with an identification that has its own.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> stiffness = st.physics.contact_stiffness(9.91, omega0=8.87, inertia=0.012, omega0_standard_error=0.01)
+    >>> print(f"{stiffness.contact_stiffness:.3f} ± {stiffness.contact_stiffness_standard_error:.3f} N m")
+    0.234 ± 0.002 N m
     """
     if isinstance(frequency, xr.Dataset):
         if frequency_standard_error or "asymptotic_frequency" not in frequency:
@@ -92,6 +99,13 @@ def sphere_stiffness(
     ------
     UsageError
         A quantity is not positive.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> sphere = st.physics.sphere_stiffness(shear_modulus=0.6e6, contact_radius=2e-3)
+    >>> print(f"{sphere.contact_stiffness:.4f} N m")
+    0.0256 N m
     """
     return of_measured(
         lambda z: 16.0 * z[0] * z[1] ** 3 / 3.0,
@@ -136,6 +150,13 @@ def inertia_with_mass(
     ------
     UsageError
         A quantity is not positive.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> total = st.physics.inertia_with_mass(0.012, mass=0.1, radius=0.2, radius_standard_error=0.001)
+    >>> print(f"{total.inertia:.4f} ± {total.inertia_standard_error:.5f} kg m^2")
+    0.0160 ± 0.00004 kg m^2
     """
     return of_measured(
         lambda z: z[0] + z[1] * z[2] ** 2,
@@ -214,6 +235,16 @@ def slip_fingerprint(result: xr.Dataset) -> xr.Dataset:
     appears as delta = kappa/2 and nu = -3 pi kappa/8. z tests nu + (3 pi/4) delta = 0. This test is valid
     even if delta is not significant and the ratio has no symmetric error (Fieller). A nu with another cause,
     such as a magnet, hides the fingerprint.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> fingerprint = st.physics.slip_fingerprint(result)
+    >>> fingerprint.ratio.round(1).item(), fingerprint.slip_ratio.round(2).item()
+    (-10.8, -2.36)
+    >>> fingerprint.attrs["verdict"]
+    'not compatible'
     """
     estimate = model_estimate(result)
     roles = [estimate.library.role(formula) for formula in ("x*abs(x)", "v*abs(v)")]

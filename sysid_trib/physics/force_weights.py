@@ -51,6 +51,14 @@ def weights(result: xr.Dataset, amplitude: ArrayLike, *, time: ArrayLike = 0.0) 
         The dataset is not an identification, or the angles are not positive.
     LibraryError
         A force is not finite on such a cycle.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> weights = st.physics.weights(result, amplitude=[0.05, 0.3])
+    >>> weights.decay_share.sel(force=["zeta", "delta"]).round(2).values.tolist()
+    [[0.9, 0.67], [0.07, 0.33]]
     """
     estimate, a = estimates.model_estimate(result), estimates.amplitude_row(amplitude)
     forces, shapes, at = estimate.forces, estimate.shapes, np.broadcast_to(np.asarray(time, float), a.shape)
@@ -104,6 +112,16 @@ def dissipated_energy(
     ------
     UsageError
         The dataset is not an identification, or the angles or the inertia are not positive.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> energy = st.physics.dissipated_energy(result, amplitude=0.2)
+    >>> energy.energy_share.sel(force=["zeta", "delta"]).round(2).values.tolist()
+    [0.75, 0.24]
+    >>> print(f"{energy.lost_fraction.item():.1%} of the energy is lost in a cycle")
+    16.0% of the energy is lost in a cycle
     """
     estimate, a = estimates.model_estimate(result), estimates.amplitude_row(amplitude)
     if inertia is not None:
@@ -215,6 +233,17 @@ def crossovers(result: xr.Dataset) -> xr.Dataset:
     Le Bot et al. 2019, Sec. 4, compare peak forces in the envelope, 2 zeta/delta and lambda/(2 zeta), and
     averages in the frequency, 32 nu/(9 pi epsilon). With averages, the former are 3 pi zeta/(4 delta) and 2
     lambda/(pi zeta); with peak forces, the latter is nu/epsilon.
+
+    Examples
+    --------
+    Quadratic friction exceeds viscous friction above 2 zeta/delta, 0.52 rad, by peak force.
+
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> pairs = st.physics.crossovers(result)
+    >>> pair = pairs.isel(pair=((pairs["first"] == "zeta") & (pairs.second == "delta")).values)
+    >>> pair.amplitude.sel(rule="peak force").round(2).values.tolist()
+    [0.52]
     """
     estimate = estimates.model_estimate(result)
     tabulated = cache(partial(_weight, estimate))

@@ -254,6 +254,16 @@ def arrest_time(result: xr.Dataset, amplitude: float) -> xr.Dataset:
     -----
     With dry and viscous friction it is ln(1 + pi zeta a/(2 lambda))/(zeta w). The paper's remaining time
     pi/(4 zeta w) after a = lambda/(2 zeta) is a rough bound of it (Le Bot et al. 2019, Sec. 4).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"lambda": 2e-3, "zeta": 0.0097}, 9.91)
+    >>> record = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> stop = st.physics.arrest_time(st.identify(record, "lambda,zeta", "direct"), amplitude=0.3)
+    >>> stop.arrest_time.round(1).item(), stop.stop_time.round(1).item()
+    (12.4, 12.4)
     """
     estimate = model_estimate(result)
     if np.ndim(amplitude):

@@ -67,6 +67,18 @@ def laws_in_si(
     common to all speeds. The error of the radius also changes the sliding speed of the contact: mu(u) =
     T(u/r)/(N r) changes by -(mu + u mu')/r. The error of the calibration is in the result
     (`with_scale_error`).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, 9.91)
+    >>> angle = st.simulate(model, np.arange(0.0, 8.0, 0.02), angle=0.3).angle
+    >>> angle = angle + np.random.default_rng(0).normal(0.0, 1e-4, 400)
+    >>> measured = {"inertia": (0.012, 0.0), "load": (2.0, 0.0), "radius": (0.01, 0.0)}
+    >>> laws = st.physics.laws_in_si(st.laws(angle), **measured)
+    >>> laws.friction_coefficient.interp(speed=1.0).round(2).item(), round(0.012 * 2 * 0.01 * 9.91 / 0.02, 2)
+    (0.12, 0.12)
     """
     given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
     known = {name: pair for name, pair in given.items() if pair is not None}
@@ -118,6 +130,7 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
     data : Dataset
         Result of `laws_in_si`, or an identification of `laws`.
     law : {"friction", "restoring", "friction_coefficient"}
+        Name of the law.
 
     Returns
     -------
@@ -129,6 +142,19 @@ def law_table(data: xr.Dataset, law: str = "friction") -> pd.DataFrame:
     ------
     UsageError
         The data do not contain this law.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, 9.91)
+    >>> angle = st.simulate(model, np.arange(0.0, 8.0, 0.02), angle=0.3).angle
+    >>> angle = angle + np.random.default_rng(0).normal(0.0, 1e-4, 400)
+    >>> table = st.physics.law_table(st.best(st.laws(angle)), "friction")
+    >>> print(table.iloc[[-5, -1], :2].round(2).to_string(index=False))
+     speed (rad/s)  friction (rad/s^2)
+              3.37                0.69
+              3.66                0.77
     """
     if f"{law}_low" not in data:
         raise UsageError(

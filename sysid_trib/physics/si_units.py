@@ -48,6 +48,16 @@ def physical_units(result: xr.Dataset, inertia: float, *, inertia_standard_error
     A force of degree q in v is the torque I w^(2-q) c h(theta, theta'), theta' in rad/s; a numerical factor
     of a power law is included in the coefficient: 2 zeta I w. A force without such a degree is I w^2 c
     h(theta, theta'/w). The errors include those of w and of the inertia.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> torques = st.physics.physical_units(result, inertia=0.012)
+    >>> torques.multiplies.sel(force="zeta").item(), torques.unit.sel(force="zeta").item()
+    ("|theta'|", 'N m s rad-1')
+    >>> torques.coefficient.sel(force="zeta").round(5).item(), round(2 * 0.012 * 9.91 * 0.0097, 5)
+    (0.00231, 0.00231)
     """
     return in_si_units(result, inertia=(inertia, inertia_standard_error))
 
@@ -142,6 +152,19 @@ def per_input(result: xr.Dataset) -> xr.Dataset | None:
     Notes
     -----
     From theta'' + w^2 (theta + c h - g u) = 0, divided by w^2 g; the errors are of first order.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> forces = st.library(st.load_library("inputs")["gain"], "zeta")
+    >>> time = np.arange(0.0, 15.0, 0.02)
+    >>> push = np.sin(7.0 * time) + np.sin(11.0 * time)
+    >>> model = st.Model(forces, {"gain": 0.05, "zeta": 0.02}, 10.0)
+    >>> record = st.simulate(model, time, inputs={"u": push})
+    >>> quantities = st.physics.per_input(st.identify(record, forces, "direct"))
+    >>> quantities.value.round(3).to_series().to_dict()
+    {'mass': 0.2, 'stiffness': 20.0, 'zeta': 0.08}
     """
     estimate = estimates.model_estimate(result)
     drive = next((at for at, force in enumerate(estimate.forces) if _is_gain(force)), None)
@@ -238,6 +261,15 @@ def in_si_units(
     A force of degree p in the signal and q in v is m w^(2-q) c |x|^(p-q) |x'|^q: a numerical factor of a
     power law is included in the coefficient, 2 zeta m w. The coefficient of friction is the force over the
     load, or the torque over load and radius. The errors include those of w and of all given quantities.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> torques = st.physics.in_si_units(result, inertia=(0.012, 0.0002))
+    >>> zeta = torques.sel(force="zeta")
+    >>> print(f"{zeta.coefficient.item():.5f} ± {zeta.standard_error.item():.5f} {zeta.unit.item()}")
+    0.00231 ± 0.00004 N m s rad-1
     """
     given = {"inertia": inertia, "mass": mass, "load": load, "radius": radius}
     check_measured({name for name, value in given.items() if value is not None})

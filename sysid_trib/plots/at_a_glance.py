@@ -80,6 +80,14 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
         Index of the run, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> figure = st.plots.overview(st.identify(st.records.paper_twin()), width=7.2)
+    >>> figure.savefig("overview.png")
+    >>> figure.get_size_inches()[0].item()
+    7.2
     """
     if is_of_driven(tree):
         # The motion of a driven record has no half periods.

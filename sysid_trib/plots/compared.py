@@ -87,6 +87,14 @@ def comparison(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         Result of `compare`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> compared = st.compare(st.records.paper_twin(), methods=["averaging", "direct"])
+    >>> figure = st.plots.comparison(compared)
+    >>> len(figure.axes), figure.axes[-1].get_xlabel()
+    (7, 'RMS over noise')
     """
     table = shown_methods(tree)
     marks, legend = _marks(table)
@@ -179,6 +187,19 @@ def against_condition(
         Value of the condition in each run, numbers or texts.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> import xarray as xr
+    >>> load, error = [1, 1, 2, 2, 3, 3], np.full((6, 1), 0.1)
+    >>> value = [[1.0], [1.1], [2.0], [2.2], [3.1], [3.0]]
+    >>> data = {"value": (("run", "quantity"), value), "standard_error": (("run", "quantity"), error)}
+    >>> compared = st.campaigns.between_runs(xr.Dataset(data, {"quantity": ["lambda"]}), {"load": load})
+    >>> figure = st.plots.against_condition(compared, "load", load)
+    >>> figure.axes[0].get_xlabel()
+    'load'
     """
     quantities = compared.quantity.values.tolist()
     figure, panels = style.grid(len(quantities), 2, width, 2.2)

@@ -27,6 +27,17 @@ def law_difference(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Result of `physics.law_difference`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time, noise = np.arange(0.0, 8.0, 0.02), np.random.default_rng(0)
+    >>> models = [st.Model("contact_forces", {"zeta": zeta}, 9.91) for zeta in (0.01, 0.015)]
+    >>> angles = [st.simulate(model, time, 0.3).angle + noise.normal(0.0, 1e-4, 400) for model in models]
+    >>> contrast = st.physics.law_difference(*[st.laws(angle) for angle in angles])
+    >>> [ax.get_xlabel() for ax in st.plots.law_difference(contrast).axes]
+    ['speed (rad/s)', 'displacement (rad)']
     """
     figure, panels = style.grid(2, 2, width, row_height=2.4)
     for ax, law in zip(panels, VARIABLE_OF_LAW, strict=True):

@@ -24,6 +24,19 @@ def interaction(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
         Group `interaction` of a result of `laws`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    Van der Pol's damping depends on displacement and speed together.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model(st.library("zeta", van_der_pol="x**2*v"), {"zeta": 0.01, "van_der_pol": 0.5}, 9.91)
+    >>> angle = st.simulate(model, np.arange(0.0, 10.0, 0.02), angle=0.5).angle
+    >>> result = st.laws(angle + np.random.default_rng(0).normal(0.0, 1e-4, 500))
+    >>> figure = st.plots.interaction(result["interaction"])
+    >>> figure.axes[0].get_xlabel(), figure.axes[0].get_ylabel()
+    ('displacement (rad)', 'speed (rad/s)')
     """
     figure = new_figure(min(width, TWO_COLUMNS), height=2.7)
     ax = figure.subplots()

@@ -45,6 +45,16 @@ def laws(tree: xr.DataTree, *, width: float = ONE_COLUMN) -> Figure:
         Result of `laws`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, 9.91)
+    >>> angle = st.simulate(model, np.arange(0.0, 8.0, 0.02), angle=0.3).angle
+    >>> figure = st.plots.laws(st.laws(angle + np.random.default_rng(0).normal(0.0, 1e-4, 400)))
+    >>> [ax.get_xlabel() for ax in figure.axes]
+    ['speed (rad/s)', 'displacement (rad)']
     """
     unit = signal_units(tree)
     inertia = "inertia" if unit == "rad" else "mass"
@@ -88,6 +98,17 @@ def own_laws(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figure:
         The group `own_laws` of a result of `laws`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time, noise = np.arange(0.0, 8.0, 0.02), np.random.default_rng(0)
+    >>> models = [st.Model("contact_forces", {"zeta": zeta}, 9.91) for zeta in (0.01, 0.015)]
+    >>> angles = [st.simulate(model, time, 0.3).angle + noise.normal(0.0, 1e-4, 400) for model in models]
+    >>> result = st.laws([angle.to_dataset(name="angle") for angle in angles], own=["friction"])
+    >>> [ax.get_xlabel() for ax in st.plots.own_laws(result["own_laws"]).axes]
+    ['speed (rad/s)']
     """
     own = [law for law in law_curves.VARIABLE_OF_LAW if np.ptp(data[law].values, axis=0).any()]
     figure, panels = style.grid(len(own), 2, width, LAW_HEIGHT)

@@ -43,6 +43,13 @@ def backbone(data: xr.Dataset | xr.DataTree, run: int = 0, *, width: float = FUL
         Index of the run in a result, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> figure = st.plots.backbone(st.records.paper_twin())
+    >>> [ax.get_ylabel() for ax in figure.axes]
+    ['frequency (rad/s)', 'damping ratio']
     """
     data, models = curves_of(data, run) if isinstance(data, xr.DataTree) else (data, None)
     figure, panels = style.grid(2, 2, width, 2.6)
@@ -128,6 +135,13 @@ def look(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         Result of `look`, or a record.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> figure = st.plots.look(st.records.paper_twin())
+    >>> [ax.get_ylabel() for ax in figure.axes]
+    ['angle (rad)', 'amplitude (rad)', 'density (rad$^2$/Hz)']
     """
     figure, panels = style.grid(3, 1, width, row_height=2.1)
     decays = [node.to_dataset() for name, node in tree.children.items() if name.startswith("decay")]

@@ -53,6 +53,14 @@ def story(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> Figu
         Which of several runs, from 0.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> found = st.discover(st.records.paper_twin(), "lambda,zeta,delta,nu", "epsilon,dahl")
+    >>> figure = st.plots.story(found)
+    >>> figure.axes[0].get_ylabel()
+    'angle (rad)'
     """
     wide = width >= TWO_COLUMNS
     texts = ["", *_texts_of_effects(tree, width)]
@@ -192,6 +200,14 @@ def ranking(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         Result of `discover`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> found = st.discover(st.records.paper_twin(), "lambda,zeta,delta,nu", "epsilon,dahl")
+    >>> figure = st.plots.ranking(found)
+    >>> [ax.get_title(loc="left") for ax in figure.axes]
+    ['(a) before step 1', '(b) at the end']
     """
     # Selection step at which each effect was chosen: 0 before the first.
     chosen = [step.selection_step.item() for step in steps_taken(tree)]

@@ -147,6 +147,14 @@ def frequency_shift(
         as a measurement has the same colour.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> half_sines = st.envelope(st.records.paper_twin())
+    >>> ax = st.plots.frequency_shift({"run": half_sines}, {})
+    >>> ax.get_xlabel()
+    'amplitude $a$ (rad)'
     """
     for shifts in (*measured.values(), *predicted.values()):
         if not {"amplitude", "frequency"} <= set(shifts.variables):
@@ -189,6 +197,16 @@ def motions(
     half_periods : xr.Dataset, optional
         `envelope` of the whole decay. Half-sines are drawn on the record, which should be a few half periods
         of it (`decay.sel(time=slice(0, 1.5))`), with the values that three of them give at t_i.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> record = st.records.paper_twin()
+    >>> model = st.physics.model_of(st.identify(record, method="direct"))
+    >>> ax = st.plots.motions(record, {"model": st.simulate(model, record.time, angle=0.3)})
+    >>> ax.get_xlabel(), ax.get_legend_handles_labels()[1]
+    ('time (s)', ['record', 'model'])
     """
     ax = style.axes(ax)
     measured = records.one_record(record, "motions")
@@ -225,6 +243,16 @@ def weights(
         Name of the variable that is drawn.
     ax : matplotlib.axes.Axes, optional
         Axes to draw on.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> weights = st.physics.weights(result, np.linspace(0.01, 0.3, 50))
+    >>> ax = st.plots.weights(weights.sel(force=["zeta", "delta"]), "decay_share")
+    >>> ax.get_xlabel()
+    'amplitude $a$ (rad)'
     """
     if quantity not in weighed:
         raise UsageError(

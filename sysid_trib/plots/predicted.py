@@ -38,6 +38,15 @@ def innovations(data: xr.Dataset, bands: xr.Dataset | None = None, *, width: flo
         Result of `prediction_bands`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> errors = st.validation.innovations(decay, st.identify(decay, method="direct"))
+    >>> figure = st.plots.innovations(errors)
+    >>> [ax.get_ylabel() for ax in figure.axes]
+    ['innovation (mrad)', 'autocorrelation', 'random force (rad/s²)']
     """
     # Innovations, autocorrelation, random force, predictions.
     heights = (2.3, 1.8, 2.1, 2.3)[: 3 + (bands is not None)]
@@ -118,6 +127,15 @@ def response(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Result of `forced_response`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> response = st.forced_response(result, drive=0.003, frequencies=np.linspace(9.0, 10.5, 61))
+    >>> [ax.get_xlabel() for ax in st.plots.response(response).axes]
+    ['frequency (rad/s)', 'frequency (rad/s)']
     """
     figure, panels = style.grid(2, 2, width, row_height=2.8)
     amplitude, phase = panels
@@ -155,6 +173,13 @@ def plan(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Result of `validation.plan`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> runs = st.plan(st.identify(st.records.paper_twin()), wanted={"epsilon": 0.002})
+    >>> [ax.get_xlabel() for ax in st.plots.plan(runs).axes]
+    ['release (rad)']
     """
     drawn = {"remaining entropy (nat)": data.entropy} if "parting" in data else {}
     wanted = data.wanted.to_series().dropna().to_dict()

@@ -26,6 +26,18 @@ def friction_coefficient(data: xr.Dataset, *, width: float = ONE_COLUMN) -> Figu
         Result of `physics.laws_in_si`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, 9.91)
+    >>> angle = st.simulate(model, np.arange(0.0, 8.0, 0.02), angle=0.3).angle
+    >>> result = st.laws(angle + np.random.default_rng(0).normal(0.0, 1e-4, 400))
+    >>> measured = {"inertia": (0.012, 0.0), "load": (2.0, 0.0), "radius": (0.01, 0.0)}
+    >>> laws = st.physics.laws_in_si(result, **measured)
+    >>> [ax.get_xlabel() for ax in st.plots.friction_coefficient(laws).axes]
+    ['sliding speed (m/s)']
     """
     name = MU if MU in data else "friction"
     figure = new_figure(min(width, TWO_COLUMNS), height=2.5)

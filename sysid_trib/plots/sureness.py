@@ -38,6 +38,15 @@ def profile(data: xr.Dataset, width: float = FULL_WIDTH) -> Figure:
         Result of `validation.profile`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> deviance = st.validation.profile(decay, st.identify(decay, method="direct"), ["zeta"])
+    >>> figure = st.plots.profile(deviance)
+    >>> figure.axes[0].get_ylabel()
+    'deviance'
     """
     rows = [data.sel(parameter=name) for name in data.parameter.values.tolist()]
     width = width if len(rows) > 1 else min(width, TWO_COLUMNS)
@@ -87,6 +96,15 @@ def sensitivity(data: xr.Dataset, *, width: float = FULL_WIDTH) -> Figure:
         Result of `validation.sensitivity`.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> fits = st.validation.sensitivity(decay, st.identify(decay, method="direct"))
+    >>> figure = st.plots.sensitivity(fits)
+    >>> [label.get_text() for label in figure.axes[0].get_yticklabels()][:4]
+    ['window: first 70 %', 'window: middle 70 %', 'window: last 70 %', 'start: 1 periods later']
     """
     count, fits = data.sizes["force"], data.fit.values.tolist()
     figure, panels = style.grid(count, 6, width, row_height=0.15 * len(fits) + 0.6, sharing="y")
@@ -123,6 +141,14 @@ def difference(tree: xr.DataTree, *, width: float = FULL_WIDTH) -> Figure:
         Result of `held_against`, which the command `difference` writes.
     width : float, inch
         Width of the figure; a column of a journal is 88 mm (3.46) wide.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> contrast = st.difference(*[st.records.paper_twin(seed=seed) for seed in (1, 2)])
+    >>> figure = st.plots.difference(contrast)
+    >>> [ax.get_xlabel() for ax in figure.axes]
+    ['amplitude (rad)', 'amplitude (rad)', 'first minus second, over its standard error']
     """
     count = tree.sizes["force"]
     wide = width >= TWO_COLUMNS

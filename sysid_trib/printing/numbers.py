@@ -41,6 +41,21 @@ def summary(result: xr.Dataset | xr.DataTree) -> pd.DataFrame:
     ------
     UsageError
         The object is not such a result.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> table = st.summary(st.identify(st.records.paper_twin()))
+    >>> print(table.loc["direct", ["value", "standard_error", "unit"]].round(5).to_string())
+                            value  standard_error   unit
+    quantity
+    lambda               -0.00002         0.00000      1
+    zeta                  0.00970         0.00004      1
+    delta                 0.03707         0.00043      1
+    nu                   -0.39952         0.00104      1
+    epsilon               0.29743         0.00418      1
+    reference_frequency   9.90992         0.00027  rad/s
+    asymptotic_frequency  9.90945         0.00027  rad/s
     """
     rows: Iterator[dict[str, Any]]
     by = "model"

@@ -57,6 +57,17 @@ def predict_envelope(model: Model, time: ArrayLike, amplitude: float) -> xr.Data
     -----
     da/dt = w sum of coefficient * <h sin phi>, dphase/dt = w (1 + sum of coefficient * <h cos phi> / a)
     (Le Bot et al. 2019, Appendix).
+
+    Examples
+    --------
+    Under viscous friction alone the amplitude falls as exp(-zeta w t).
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, reference_frequency=10.0)
+    >>> predicted = st.predict_envelope(model, np.linspace(0.0, 10.0, 11), amplitude=0.3)
+    >>> predicted.amplitude[-1].round(4).item(), round(0.3 * float(np.exp(-1.0)), 4)
+    (0.1104, 0.1104)
     """
     time = np.atleast_1d(np.asarray(time, dtype=float))
     if time.ndim != 1 or not np.all(np.isfinite(time)) or np.any(np.diff(time) <= 0):

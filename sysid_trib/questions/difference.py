@@ -94,6 +94,19 @@ def difference(
     -----
     The samples share no noise, so covariances add, including those of the frequencies. Runs of a sample have
     an additional scatter (random effects, Paule and Mandel 1982); the error of the model is common to them.
+
+    Examples
+    --------
+    Two samples that differ in viscous friction alone.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time, noise = np.arange(0.0, 10.0, 0.02), np.random.default_rng(0)
+    >>> models = [st.Model("contact_forces", {"zeta": zeta, "delta": 0.05}, 9.91) for zeta in (0.01, 0.012)]
+    >>> angles = [st.simulate(model, time, 0.3).angle + noise.normal(0.0, 1e-4, 500) for model in models]
+    >>> contrast = st.difference(*angles, "zeta,delta")
+    >>> contrast.difference.sel(force="zeta").round(4).item(), contrast.differs.values.tolist()
+    (-0.002, [True, False])
     """
     given = [_is_identified(side) for side in (first, second)]
     if all(given) and library is not None:

@@ -56,6 +56,16 @@ def law_difference(first: xr.Dataset | xr.DataTree, second: xr.Dataset | xr.Data
     covariances add, including those due to errors of the models. If the second sample has no contact, the
     difference is due to the contact. The p-value is that of the largest z: from draws, or if these are too
     few, from the length of the normalised curve, which bounds it (Sun & Loader 1994).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time, noise = np.arange(0.0, 8.0, 0.02), np.random.default_rng(0)
+    >>> models = [st.Model("contact_forces", {"zeta": zeta}, 9.91) for zeta in (0.01, 0.015)]
+    >>> angles = [st.simulate(model, time, 0.3).angle + noise.normal(0.0, 1e-4, 400) for model in models]
+    >>> st.physics.law_difference(*[st.laws(angle) for angle in angles]).attrs["verdict"]
+    'friction differs'
     """
     samples = [best(sample) for sample in (first, second)]
     if any("friction_covariance" not in sample for sample in samples):

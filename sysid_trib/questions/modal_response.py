@@ -39,7 +39,8 @@ def response_of_mode(
     Dataset
         Over `sweep` (`up`, `down`, `unstable`) and `frequency` (rad/s): `amplitude` in the unit of the
         measured signal, nan if there is no such motion or the record does not reach it, with `amplitude_low`
-        and `amplitude_high`; `phase` (rad), the phase lead over the force.
+        and `amplitude_high`; `phase` (rad), the phase lead over the force. `frequency_ratio(frequency)`,
+        relative to the frequency at small amplitudes; `drive`.
 
     Raises
     ------
@@ -55,6 +56,16 @@ def response_of_mode(
     of the restoring force at the reversal; that of a steady motion is the energy loss over w^2 a^2. They
     differ by the change of the stiffness. For a slipping joint (Masing) this change follows from the damping
     that the joint adds. The bands include this difference and the corners of the bands of the backbone.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> curves = st.backbone(st.records.paper_twin())
+    >>> response = st.response_of_mode(curves, drive=0.3, frequencies=np.linspace(9.0, 10.5, 61))
+    >>> up = response.amplitude.sel(sweep="up")
+    >>> up.max().round(2).item(), up.idxmax("frequency").item()
+    (0.13, 9.7)
     """
     w = np.asarray(frequencies, dtype=float)
     if w.ndim != 1 or not w.size or not np.all(np.isfinite(w)) or w[0] <= 0.0 or np.any(np.diff(w) <= 0.0):

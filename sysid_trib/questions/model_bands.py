@@ -57,6 +57,15 @@ def curve_bands(decay: Decays, result: xr.Dataset, *, run: int = 0, seed: int = 
     anywhere (sup-t; Montiel Olea and Plagborg-Møller 2019). Curves other than the motion are averages over a
     cycle. The bands include the error due to noise, not that of the model: for an incomplete model they
     contain the model's curves, not the system's.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> curves = st.validation.curve_bands(decay, st.identify(decay, method="direct"))
+    >>> smallest = curves.isel(amplitude=0)
+    >>> print(f"{smallest.damping_ratio_low.item():.4f} to {smallest.damping_ratio_high.item():.4f}")
+    0.0092 to 0.0094
     """
     likelihood = free_likelihood(decay, result)
     records = likelihood.problem.records

@@ -84,6 +84,15 @@ def plan(
     shapes. Its odds are those after all records. Only the part of a run that a search fits is used: without
     the last third if this is held out. Errors follow from the inverse of the sum of the Fisher informations
     of all runs.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin())
+    >>> runs = st.plan(result, amplitude=(0.2, 0.6), duration=(10.0, 20.0), wanted={"epsilon": 0.002})
+    >>> best = runs.isel(run=0)
+    >>> best.amplitude.round(2).item(), best.duration.round(1).item(), bool(best.meets)
+    (0.6, 10.0, True)
     """
     if isinstance(result, xr.DataTree) and kinds.is_of_driven(result):
         raise UsageError("plan is for free decays; the records of this result are driven.")

@@ -66,6 +66,14 @@ def profile(decay: Decays, result: xr.Dataset, names: Sequence[str], *, tell: Te
     All other parameters, including the start of each run, are fitted again at each value. The deviance is the
     sum of squares minus its minimum, over the residual variance of the best fit. Outside of the interval it
     exceeds the 95 % point of chi-square (degrees of freedom: 1) (Venzon and Moolgavkar 1988).
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> interval = st.validation.profile(decay, st.identify(decay, method="direct"), ["zeta"])
+    >>> interval.low.round(4).item(), interval.high.round(4).item(), interval.asymmetric.item()
+    (0.0096, 0.0098, False)
     """
     likelihood = free_likelihood(decay, result, names)
     for _ in range(MOST_FITS):
@@ -252,6 +260,16 @@ def log_likelihood(decay: Decays, result: xr.Dataset) -> LogLikelihood:
     -----
     The noise is white with the residual variance of the best fit in each run. Priors are flat within the
     limits of the library and of bounds.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> likelihood = st.validation.log_likelihood(decay, st.identify(decay, method="direct"))
+    >>> likelihood.names[1], likelihood.estimate[1].round(4).item()
+    ('zeta', 0.0097)
+    >>> likelihood(likelihood.estimate) > likelihood(1.001 * likelihood.estimate)
+    True
     """
     fit = free_likelihood(decay, result)
     free = fit.parameters.free

@@ -84,6 +84,18 @@ def forced_response(
     The response is computed with describing functions (`averaged_motion`), so with the first harmonic
     only. Bands are from parameters drawn with their covariance, which includes the model errors stated in the
     result. Beyond the amplitudes of the record they are valid if the forces have the same form there.
+
+    Examples
+    --------
+    A softening spring: the resonance is below the frequency at small amplitudes.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> response = st.forced_response(result, drive=0.003, frequencies=np.linspace(9.0, 10.5, 61))
+    >>> up = response.amplitude.sel(sweep="up")
+    >>> up.max().round(2).item(), up.idxmax("frequency").item()
+    (0.13, 9.7)
     """
     w = np.asarray(frequencies, dtype=float)
     if w.ndim != 1 or not len(w) or not np.all(np.isfinite(w)) or w[0] <= 0.0 or np.any(np.diff(w) <= 0.0):

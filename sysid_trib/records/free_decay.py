@@ -65,6 +65,18 @@ def free_decay(
     DecayError
         The record has fewer than three periods, or it is flat, only noise, not decaying, growing, clipped, or
         pulsed.
+
+    Examples
+    --------
+    A hand holds the pendulum for two seconds, and the sensor's zero is off by 0.1 rad.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> swing = st.records.paper_twin()
+    >>> angle = np.concatenate([np.full(200, 0.3), swing.angle]) + 0.1
+    >>> decay = st.free_decay((np.arange(angle.size) / 100.0, angle))
+    >>> round(decay.time.values[0].item(), 2), round(decay.equilibrium.item(), 3)
+    (2.34, 0.1)
     """
     decays = free_decays(record, window=window, equilibrium=equilibrium, keep_outliers=keep_outliers)
     longest = max(decays, key=lambda decay: float(np.abs(np.diff(decay.angle.values)).sum()))
@@ -107,6 +119,18 @@ def free_decays(
     ------
     UsageError, DecayError
         As in `free_decay`.
+
+    Examples
+    --------
+    The pendulum is released, caught, held for a second, and released again.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> swing, hold = st.records.paper_twin().angle.values[:1500], np.full(100, 0.3)
+    >>> angle = np.concatenate([swing, hold, swing])
+    >>> decays = st.records.free_decays((np.arange(angle.size) / 100.0, angle))
+    >>> [round(decay.time.values[0].item()) for decay in decays]
+    [0, 16]
     """
     record = one_record(record, "free_decay")
     checked_signal(record, *filter(None, [getattr(record, "attrs", {}).get("measured")]))

@@ -119,6 +119,15 @@ def as_decays(given: Any, function: str) -> xr.Dataset | list[xr.Dataset]:
     ------
     UsageError
         The argument is another object, or a record without times.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time = np.arange(0.0, 10.0, 0.01)
+    >>> decays = st.records.as_decays([(time, np.cos(time)), (time, np.sin(time))], "my_function")
+    >>> [decay.angle[0].item() for decay in decays]
+    [1.0, 0.0]
     """
     if _is_record(given):
         return _checked_record(given, function)
@@ -145,6 +154,15 @@ def one_record(given: Any, function: str) -> xr.Dataset:
     ------
     UsageError
         The argument is another object, or several records.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time = np.arange(0.0, 10.0, 0.01)
+    >>> record = st.records.one_record((time, np.cos(time)), "my_function")
+    >>> record.angle.dims, record.angle.attrs["units"]
+    (('time',), 'rad')
     """
     records = as_decays(given, function)
     runs = [records] if isinstance(records, xr.Dataset) else records

@@ -53,14 +53,15 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
     Parameters
     ----------
     sensors : Dataset
-        ``signal(sensor, time)`` from `read_sensors`, or a record with ``angle(time)``.
+        ``signal(sensor, time)`` from `read_sensors`, or a record: ``angle(time)`` or ``(t, angle)``.
 
     Returns
     -------
     Dataset
         Over ``mode`` (1, 2, ... by increasing frequency): ``frequency`` (Hz) and ``damping_ratio``, both at
         small amplitude; ``first_amplitude(mode, sensor)`` and ``last_amplitude(mode, sensor)`` in the unit of
-        the signals, ``duration`` (s) for which the mode exceeds the noise; ``noise(sensor)``. attrs: `lines`
+        the signals, ``duration`` (s) for which the mode exceeds the noise; ``noise(sensor)``, the standard
+        deviation of a sample, and ``residual(sensor)``, the RMS that the modes leave. Attributes: `lines`
         (steady, Hz), `harmonics`, and sentences: `close_modes` on modes that the sensors do not separate
         reliably, `influences` on modes that act on each other.
 
@@ -68,6 +69,18 @@ def modes(sensors: xr.Dataset) -> xr.Dataset:
     ------
     DecayError
         The sensors show no free ringing.
+
+    Examples
+    --------
+    Two modes that ring at 2 Hz and 5 Hz.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time = np.arange(0.0, 40.0, 0.01)
+    >>> slow, fast = (np.exp(-0.2 * time) * np.cos(2.0 * np.pi * hertz * time) for hertz in (2.0, 5.0))
+    >>> noise = np.random.default_rng(0).normal(0.0, 1e-3, time.size)
+    >>> st.modes((time, slow + 0.5 * fast + noise)).frequency.round(2).values.tolist()
+    [2.0, 5.0]
     """
     sensors = as_sensors(sensors)
     ringing = find_ringing(sensors.signal.values, float(np.mean(np.diff(sensors.time.values))))

@@ -91,7 +91,8 @@ def one_mode(
     Parameters
     ----------
     sensors : Dataset
-        ``signal(sensor, time)``, as `read_sensors` returns it; or a record with ``angle(time)``.
+        ``signal(sensor, time)``, as `read_sensors` returns it; or a record: ``angle(time)`` or
+        ``(t, angle)``.
     mode : int, optional
         Number of the mode, from 1 by increasing frequency, as `modes` lists them.
     band : (float or None, float or None), Hz, optional
@@ -116,6 +117,19 @@ def one_mode(
     The other modes are subtracted as decaying oscillations whose frequency and decay rate change slowly. The
     sensors are combined by least squares with their noises. A root-raised-cosine filter before decimation
     keeps white noise white: the noise of the record is that of the sensors, with a known colour.
+
+    Examples
+    --------
+    The faster of two modes. Its damping ratio is 0.2/(2 pi 5) = 0.0064.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time = np.arange(0.0, 40.0, 0.01)
+    >>> slow, fast = (np.exp(-0.2 * time) * np.cos(2.0 * np.pi * hertz * time) for hertz in (2.0, 5.0))
+    >>> noise = np.random.default_rng(0).normal(0.0, 1e-3, time.size)
+    >>> mode = st.one_mode((time, slow + 0.5 * fast + noise), mode=2)
+    >>> st.backbone(st.free_decay(mode)).damping_ratio.mean().round(4).item()
+    0.0064
     """
     sensors = as_sensors(sensors)
     source = str(sensors.attrs.get("source", "record"))

@@ -25,6 +25,7 @@ from sysid_trib.records.columns import ChosenColumns, choose_columns
 from sysid_trib.records.constants import with_constants
 from sysid_trib.records.integration import as_position
 from sysid_trib.records.own_quantity import with_own_quantity
+from sysid_trib.records.published import named_file
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.tables import LISTED
 from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, STANDARD_GRAVITY
@@ -54,7 +55,8 @@ def read_record(
     ----------
     path : str or path
         Text, CSV or JSON, MATLAB, NumPy, Excel, netCDF, HDF5, Parquet or TDMS, or one of them as .gz; the
-        content decides, not the name. `-` is standard input.
+        content decides, not the name. `-` is standard input, and `dataset:NAME` a record of `st.datasets`,
+        read by the options stored there unless others are given.
     time : str or int, optional
         Name of the time column, or its number from 0. If not given, it is recognised by its name or because
         it rises. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
@@ -97,6 +99,19 @@ def read_record(
         be the signal; several runs side by side (`read_records` gives all).
     RecordError
         A file without such a record: malformed, not finite, times out of order.
+
+    Examples
+    --------
+    The header states the units of the columns.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> swing = st.records.paper_twin()
+    >>> table = np.column_stack([1000.0 * swing.time, np.degrees(swing.angle)])
+    >>> np.savetxt("swing.csv", table, delimiter=",", header="time (ms),angle (deg)", comments="")
+    >>> record = st.read_record("swing.csv")
+    >>> record.angle[0].round(3).item(), record.time[-1].round(2).item()
+    (0.3, 24.99)
     """
     if not isinstance(path, str | os.PathLike):
         raise UsageError(
@@ -117,6 +132,9 @@ def read_record(
 def read_records(path: str | os.PathLike[str], how: reading.Reading | None = None) -> list[xr.Dataset]:
     """Read every run of a file: one, or several side by side.
 
+    Runs are side by side if each has its own time column and the names of their columns differ only by a
+    number or a letter: `time 1, angle 1, time 2, angle 2`.
+
     Parameters
     ----------
     path : str or path
@@ -133,13 +151,26 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     ------
     UsageError, RecordError
         As in `read_record`.
+
+    Examples
+    --------
+    Two runs side by side, each with its own times.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> swing = st.records.paper_twin()
+    >>> table = np.column_stack([swing.time, swing.angle, swing.time, 0.9 * swing.angle])
+    >>> np.savetxt("runs.csv", table, delimiter=",", header="time 1,angle 1,time 2,angle 2", comments="")
+    >>> [record.angle[0].round(2).item() for record in st.records.read_records("runs.csv")]
+    [0.3, 0.27]
     """
-    how = how or reading.Reading()
-    path = Path(path)
+    named_as = named_file(path)
+    path = named_as.path
+    how = named_as.reading(how or reading.Reading())
     how = replace(how, inputs=inputs_near(how.inputs, path))
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
-    table = tables.read_table(path)
+    table = named_as.whole(tables.read_table(path))
     if reading.is_expression(table, how.angle):
         table = reading.with_expression(table, str(how.angle), how.units)
     of_columns = (value for value in how.constants.values() if isinstance(value, str))
@@ -153,6 +184,7 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     for number, record in enumerate(records, 1):
         # Two runs of one file are two records.
         record.attrs["record_checksum"] = table.checksum + f"-{number}" * (len(chosen) > 1)
+        record.attrs |= named_as.attrs()
     return records
 
 
@@ -275,6 +307,16 @@ def scale_translation(record: xr.Dataset, mass: float, natural_frequency: float,
     ------
     UsageError
         The record is not a position in a unit of length, or a value is not positive.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> table = {"time": np.arange(0.0, 5.0, 0.01), "x (mm)": np.ones(500)}
+    >>> record = st.records.one_record(table, "my_function")
+    >>> scaled = st.records.scale_translation(record, mass=0.5, natural_frequency=10.0, load=2.0)
+    >>> scaled.angle[0].round(6).item(), scaled.angle.attrs["units"]
+    (0.025, 'rad')
     """
     source = record.attrs.get("source", "record")
     unit = str(record["angle"].attrs.get("units"))

@@ -60,6 +60,15 @@ class Reading:
     constants : mapping of str to (str or float)
         Known constants of the run by their names in forces, `{"kp": 100.0, "load": "load"}`: a number, or a
         constant column.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> st.records.paper_twin().angle.to_series().to_csv("swing.csv", header=["left"])
+    >>> how = st.records.Reading(units="deg", time_units="ms")
+    >>> (record,) = st.records.read_records("swing.csv", how)
+    >>> record.attrs["angle_unit_in_file"], record.time[-1].round(5).item()
+    ('deg', 0.02499)
     """
 
     time: str | int | None = None

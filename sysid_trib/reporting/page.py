@@ -112,6 +112,18 @@ def report(result: xr.DataTree | xr.Dataset, path: str | os.PathLike[str]) -> No
         The object is not such a result.
     RecordError
         The result lacks a part, as results of another version may, or the page cannot be written.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, 9.91)
+    >>> angle = st.simulate(model, np.arange(0.0, 8.0, 0.02), angle=0.3).angle
+    >>> angle = angle + np.random.default_rng(0).normal(0.0, 1e-4, 400)
+    >>> st.report(st.identify(angle, "zeta"), "report.html")
+    >>> "The model explains the record" in Path("report.html").read_text(encoding="utf-8")
+    True
     """
     write_page(page(result), Path(path))
 

@@ -104,6 +104,13 @@ def show(result: xr.Dataset | xr.DataTree | ForceLibrary, *, explain: bool = Fal
     ------
     UsageError
         The object is not such a result.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> shown = st.show(st.identify(st.records.paper_twin()))
+    >>> print(str(shown).splitlines()[0])
+    The model explains the record: the residual is noise.
     """
     return Shown(list(_blocks_of(result)), Layer.EXPLAIN if explain else Layer.DEFAULT)
 

@@ -70,6 +70,14 @@ def save(result: xr.Dataset | xr.DataTree, path: str | os.PathLike[str]) -> None
     ------
     RecordError
         The file cannot be written. The older file is unchanged.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin())
+    >>> st.save(result, "result.nc")
+    >>> st.load("result.nc").identical(result)
+    True
     """
     # HDF5 can crash the process when it closes a file on a full disk: let it write to memory.
     write_file(Path(path), bytes(result.to_netcdf(engine="h5netcdf")))
@@ -178,6 +186,14 @@ def load(path: str | os.PathLike[str]) -> xr.DataTree:
         There is no such file.
     RecordError
         The file is not a result in netCDF, or has another version of the format.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> st.save(result, "result.nc")
+    >>> st.load("result.nc").coefficient.sel(force="zeta").round(4).item()
+    0.0097
     """
     place = Path(path)
     if not os.path.exists(place):

@@ -169,6 +169,15 @@ def best(result: xr.Dataset | xr.DataTree) -> xr.Dataset:
     ------
     UsageError
         The result contains no identification, or several without a preferred one.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin())
+    >>> list(result.children)
+    ['record', 'envelope', 'averaging', 'direct', 'judged', 'agreement', 'backbone', 'lack_of_fit']
+    >>> st.best(result).attrs["method"]
+    'direct'
     """
     if isinstance(result, xr.Dataset):
         if "coefficient" in result and "method" in result.attrs:

@@ -58,6 +58,14 @@ def with_contactless_frequency(result: Result, omega0: float, standard_error: fl
     Notes
     -----
     Le Bot et al. 2019, Sec. 2.3; the errors of both frequencies are propagated to first order.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> with_alpha = st.physics.with_contactless_frequency(result, omega0=8.87, standard_error=0.01)
+    >>> with_alpha.coefficient.sel(force="alpha").round(3).item(), round((9.90945 / 8.87) ** 2 - 1.0, 3)
+    (0.248, 0.248)
     """
     if isinstance(result, xr.DataTree):
         return _of_each(result, lambda own: with_contactless_frequency(own, omega0, standard_error))

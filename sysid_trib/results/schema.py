@@ -168,13 +168,25 @@ def model_of(result: xr.Dataset, run: int = 0) -> Model:
 
     Parameters
     ----------
-    result : an identification.
+    result : Dataset
+        An identification.
     run : int
         Index of the run, from 0, if forces have separate coefficients in each run.
 
     Returns
     -------
-    Model with the identified coefficients, frequency (rad/s) and shape parameters, without their errors.
+    Model
+        The identified coefficients, frequency (rad/s) and shape parameters, without their errors.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.physics.model_of(st.identify(st.records.paper_twin(), method="direct"))
+    >>> round(model.coefficients["zeta"], 4), round(model.reference_frequency, 2)
+    (0.0097, 9.91)
+    >>> st.simulate(model, np.arange(0.0, 10.0, 0.01), angle=0.3).angle.sizes["time"]
+    1000
     """
     refuse_whole_result(result)
     frequency = result.reference_frequency.item()

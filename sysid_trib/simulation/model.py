@@ -50,6 +50,19 @@ class Model:
         The library does not have a symbol or shape parameter.
     LibraryError
         A coefficient or frequency is not a finite number, or the frequency is not positive.
+
+    Examples
+    --------
+    Dry friction alone: the amplitude falls by 2 lambda in each half period, until the motion stops.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"lambda": 0.01}, reference_frequency=9.91)
+    >>> motion = st.simulate(model, np.arange(0.0, 8.0, 0.01), angle=0.3)
+    >>> round(motion.stop_time.item() / (np.pi / 9.91), 3)
+    15.0
+    >>> model.with_coefficients({"zeta": 0.0097}).forces[0].name
+    'viscous friction'
     """
 
     library: ForceLibrary
@@ -91,7 +104,15 @@ class Model:
         return replace(self, library=self.library.bound(self.coefficients))
 
     def with_coefficients(self, coefficients: Mapping[str, float]) -> "Model":
-        """Return the model with other coefficients."""
+        """Return the model with other coefficients.
+
+        Examples
+        --------
+        >>> import sysid_trib as st
+        >>> model = st.Model("contact_forces", {"zeta": 0.0097}, reference_frequency=9.91)
+        >>> [force.name for force in model.with_coefficients({"lambda": 1e-3, "zeta": 0.01}).forces]
+        ['solid friction', 'viscous friction']
+        """
         return replace(self, coefficients=dict(coefficients))
 
 

@@ -36,6 +36,16 @@ def with_scale_error(result: references.Result, relative_error: float) -> refere
     -----
     With s x in place of x, a law F(v) becomes s F(v/s): its error is the error of s times F - v F', fully
     correlated over all speeds. A law proportional to v has no such error.
+
+    Examples
+    --------
+    A dimensionless coefficient such as zeta does not depend on the signal's scale, delta does.
+
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), method="direct")
+    >>> scaled = st.physics.with_scale_error(result, relative_error=0.05)
+    >>> (scaled.standard_error / result.standard_error).sel(force=["zeta", "delta"]).round(1).values.tolist()
+    [1.0, 4.4]
     """
     whole = references.with_scale_error(result, relative_error)
     if isinstance(whole, xr.DataTree):

@@ -38,6 +38,7 @@ def law_formulas(
     result : Dataset
         An identification by `laws`.
     law : {"friction", "restoring"}
+        Name of the law.
     candidates : ForceLibrary, optional
         Forces to choose from: those of speed alone, or of displacement alone. By default those of
         `contact_forces` and `candidate_effects`.
@@ -64,6 +65,19 @@ def law_formulas(
     -----
     Each sum is fitted by `WhitenedLeastSquares`, an optimiser of pysindy, with the features of
     `ForceFeatures`, in the metric of the law's covariance.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> time, noise = np.arange(0.0, 8.0, 0.02), np.random.default_rng(0)
+    >>> model = st.Model("contact_forces", {"zeta": 0.01, "epsilon": 0.3}, 9.91)
+    >>> angle = st.simulate(model, time, angle=0.3).angle + noise.normal(0.0, 1e-4, 400)
+    >>> candidates = st.library("lambda,zeta,delta")
+    >>> formulas = st.physics.law_formulas(st.best(st.laws(angle)), "friction", candidates)
+    >>> simplest = formulas.isel(alternative=0).coefficient.dropna("force")
+    >>> simplest.round(3).to_series().to_dict()
+    {'zeta': 0.01}
     """
     if law not in VARIABLE_OF_LAW:
         raise UsageError(f"law='{law}' is neither 'friction' nor 'restoring'.")

@@ -123,6 +123,18 @@ def laws(
     theta'' = -w^2 (theta + K(theta) + D(theta'/w) + known forces). K and D are penalised splines in mixed
     model form; the named forces are not penalised (Ruppert, Wand & Carroll 2003). `Direct` identifies the
     laws from the motion within the cycle, averaging from the change between amplitudes.
+
+    Examples
+    --------
+    The friction of this model is 2 zeta w times the speed, 0.2 of it.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, 10.0)
+    >>> angle = st.simulate(model, np.arange(0.0, 8.0, 0.02), angle=0.3).angle
+    >>> result = st.laws(angle + np.random.default_rng(0).normal(0.0, 1e-4, 400))
+    >>> st.best(result).friction.interp(speed=[1.0, 2.0]).round(2).values.tolist()
+    [0.2, 0.4]
     """
     moving = system if isinstance(system, System) else load_system(system)
     offered = None if library is None else forces.as_library(library, "laws")

@@ -95,7 +95,13 @@ def law_methods() -> dict[str, Method]:
     Returns
     -------
     dict of str to method
-        By their labels.
+        The methods by their labels: from the motion within the cycle, and from averages (see `laws`).
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> list(st.physics.law_methods())
+    ['laws', 'laws (averaging)']
     """
     method = LawMethod()
     label = method.scope.label

@@ -84,6 +84,19 @@ def identifiability(
     The columns are the forces along the smoothed records, without samples that may be at rest. Coefficients
     in formulas of other forces are estimated by a regression. The inflation is the root of the variance
     inflation factor (Belsley, Kuh and Welsch 1980).
+
+    Examples
+    --------
+    The record is driven at one frequency only: spring and inertia act alike there.
+
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> forces, time = st.library(st.load_library("inputs")["gain"], "zeta"), np.arange(0.0, 20.0, 0.02)
+    >>> model = st.Model(forces, {"gain": 0.05, "zeta": 0.1}, 10.0)
+    >>> record = st.simulate(model, time, inputs={"u": np.sin(7.0 * time)}).sel(time=slice(10.0, None))
+    >>> found = st.validation.identifiability(record, forces)
+    >>> found.inflation.round(0).to_series().to_dict()
+    {'gain': 274.0, 'zeta': 73.0, 'frequency': 263.0}
     """
     runs = as_runs(decay, driven=True)
     held = Constraints(constraints).fixed

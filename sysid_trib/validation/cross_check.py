@@ -76,29 +76,34 @@ def cross_check(
 
     Parameters
     ----------
-    decay : the decay, or the runs, that both identifications are from.
-    first, second : identifications, e.g. by averaging and direct.
-    tell : called with a few words on the progress of the work.
+    decay : record, or several of them
+        The decay, or the runs, that both identifications are from.
+    first, second : Dataset
+        Identifications by one method each, such as averaging and direct.
+    tell : callable
+        Called with a few words on the progress of the work.
 
     Returns
     -------
-    DataTree with groups `record` (with each model's simulated angle), `envelope` (`record_1`, `envelope_1`,
-    `record_2`, ... for several runs), and one group per method.
+    DataTree
+        Groups `record` (with each model's simulated angle) and `envelope` (`record_1`, `envelope_1`,
+        `record_2`, ... for several runs), and one group per method.
 
-    `judged` contains over `model` the residual and the verdict: `residual_rms` (rad) of the simulated motion,
-    over the noise and over the motion; `p_value` of the hypothesis that the residual is white noise, and the
-    RMS of the tested residual (`tested_rms`; with a random force, of one-step predictions), over its stated
-    deviation; `departure_time` (s); a `spectral_line` (rad/s) with its amplitude; `held_out_rms`;
-    `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. For several runs also `run_tested_rms`, ... of
-    each run. Its attributes name the `preferred` method, and the `verdict` on it.
+        `judged` contains over `model` the residual and the verdict: `residual_rms` (rad) of the simulated
+        motion, over the noise and over the motion; `p_value` of the hypothesis that the residual is white
+        noise, and the RMS of the tested residual (`tested_rms`; with a random force, of one-step
+        predictions), over its stated deviation; `departure_time` (s); a `spectral_line` (rad/s) with its
+        amplitude; `held_out_rms`; `random_force_p`; `failure`; `verdict`, one of `VERDICTS`. For several runs
+        also `run_tested_rms`, ... of each run. Its attributes name the `preferred` method, and the `verdict`
+        on it.
 
-    `agreement` contains over `quantity` (each force, and the asymptotic frequency) the `difference`
-    first - second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
-    `degrees_of_freedom`, `p_value`. Its attributes are the `verdict` (agree, disagree, unknown) and the
-    forces that the methods cannot separate in principle.
+        `agreement` contains over `quantity` (each force, and the asymptotic frequency) the `difference`
+        first - second at the second's reference frequency, its `standard_error` and `z`; `chi_square`,
+        `degrees_of_freedom`, `p_value`. Its attributes are the `verdict` (agree, disagree, unknown) and the
+        forces that the methods cannot separate in principle.
 
-    The groups `backbone` and `lack_of_fit` belong to each run (see these functions). If the second
-    identification has a random force, there are also the groups of `random_force_groups`.
+        The groups `backbone` and `lack_of_fit` belong to each run (see these functions). If the second
+        identification has a random force, there are also the groups of `random_force_groups`.
 
     Notes
     -----
@@ -119,6 +124,15 @@ def cross_check(
     z = difference/standard_error; the p-value is that of chi-square. A model without a motion (it diverges)
     has nan for its angle and residual. The residual of a result with a random force is the error of its
     one-step predictions, over the standard deviation of this error.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> first, second = (st.identify(decay, method=method) for method in ("averaging", "trajectory"))
+    >>> agreement = st.cross_check(decay, first, second)["agreement"]
+    >>> agreement.attrs["verdict"], bool(abs(agreement.z).max() < 3.0)
+    ('agree', True)
     """
     together = dict(enumerate(as_runs(records.as_decays(decay, "cross_check"))))
     followed = [FollowedRuns(together, result) for result in (first, second)]

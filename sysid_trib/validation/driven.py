@@ -352,6 +352,14 @@ def predict(
     -----
     Signal and inputs are converted to the units in which the model was identified; the prediction has these
     units.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(seed=1), method="direct")
+    >>> other = st.predict(result, st.records.paper_twin(seed=2))
+    >>> print(f"{other.residual_rms.item():.1e} rad, {other.residual_over_motion.item():.1%} of the motion")
+    5.7e-04 rad, 0.7% of the motion
     """
     given, identified = records.one_record(record, "predict"), best(result)
     checked_signal(given)

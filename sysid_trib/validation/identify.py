@@ -102,6 +102,16 @@ def identify(
         The decay cannot support the request.
     UsageError
         An argument is not a library, or not a method.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> result = st.identify(st.records.paper_twin(), "lambda,zeta,delta,nu,epsilon")
+    >>> result["agreement"].attrs["verdict"]
+    'agree'
+    >>> zeta = st.best(result).sel(force="zeta")
+    >>> print(f"{zeta.coefficient.item():.5f} ± {zeta.standard_error.item():.5f}")
+    0.00970 ± 0.00004
     """
     runs = records.as_decays(decay, "identify")
     single = method is not None and not isinstance(method, list | tuple)
@@ -235,21 +245,22 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
     Parameters
     ----------
     decays : sequence of Dataset
-        The runs.
+        The runs, each with `angle(time)` in rad.
     together : Dataset
         The common identification, whose method is applied to each run alone.
 
     Returns
     -------
-    Dataset. Over `run` and `quantity` (each force, and the asymptotic frequency if it was fitted) the `value`
-    from that run alone at the common reference frequency, with its `standard_error`; over `quantity`
-    `chi_square` of the values about their weighted mean, `degrees_of_freedom`, `p_value`; and the same for
-    all quantities together with their covariances (`total_...`). Values are nan for a run that alone does not
-    determine them, with `reason(run)`. Attribute `verdict`: agree, disagree or unknown. With a random force
-    in the common identification, also over `run` its `random_force_density` with its error ((rad/s^2)^2/Hz),
-    nan if a run does not determine it; `density_chi_square`, `density_degrees_of_freedom`, `density_p_value`,
-    and the attribute `density_verdict`.
-    `density_chi_square`, `density_degrees_of_freedom`, `density_p_value`, and the attr `density_verdict`.
+    Dataset
+        Over `run` and `quantity` (each force, and the asymptotic frequency in rad/s if it was fitted): the
+        `value` from that run alone at the common reference frequency, with its `standard_error`. Over
+        `quantity`: `chi_square` of the values about their weighted mean, `degrees_of_freedom`, `p_value`; and
+        the same for all quantities together with their covariances (`total_...`). Values are nan for a run
+        that alone does not determine them, with `reason(run)`. Attribute `verdict`: agree, disagree or
+        unknown. With a random force in the common identification, also over `run` its
+        `random_force_density` with its error ((rad/s^2)^2/Hz), nan if a run does not determine it;
+        `density_chi_square`, `density_degrees_of_freedom`, `density_p_value`, and the attribute
+        `density_verdict`.
 
     Notes
     -----
@@ -257,6 +268,17 @@ def run_agreement(decays: Sequence[xr.Dataset], together: xr.Dataset) -> xr.Data
 
     The statistic is Cochran's Q. It is large if a force changes from run to run (wear), or differs in form
     from the model's force: its coefficient then changes with amplitude.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> runs = [st.free_decay(st.records.paper_twin(seed=seed)) for seed in (1, 2)]
+    >>> together = st.identify(runs, method="direct")
+    >>> agreement = st.validation.run_agreement(runs, together)
+    >>> agreement.attrs["verdict"]
+    'agree'
+    >>> agreement.value.sel(quantity="zeta").round(4).values.tolist()
+    [0.0096, 0.0097]
     """
     method, library = method_of(together), models.library_of(together, whole=True)
     kept, frequency = common_reference.comparable(together), together.reference_frequency.item()

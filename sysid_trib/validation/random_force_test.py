@@ -71,6 +71,17 @@ def random_force_dependence(
     (`trial_forces`), with free start, sensor's zero and model parameters; the ratio of the two variances is
     free with and without them. The size is tested by `size_p_values`. Simulated records of the linear model
     calibrate both.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import sysid_trib as st
+    >>> model = st.Model("contact_forces", {"zeta": 0.01}, 9.91)
+    >>> record = st.simulate(model, np.arange(0.0, 15.0, 0.02), angle=0.3, random_force=1e-3, seed=0)
+    >>> decay = record[["angle"]] + np.random.default_rng(0).normal(0.0, 1e-4, 750)
+    >>> result = st.identify(decay, "zeta", st.methods.Direct(random_force="estimated"))
+    >>> bool(st.validation.random_force_dependence(decay, result).p_value > 0.01)
+    True
     """
     if not random_force_of(result, run):
         raise UsageError("This identification has no random force; take random_force='estimated'.")

@@ -116,6 +116,15 @@ def sensitivity(decay: Decays, result: xr.Dataset, *, tell: Tell = silent) -> xr
     Windows are the first, the middle and the last part of each run, as for the errors of the model. Starts
     leave out one and three periods. Sampling takes every second sample, from the first or the second. Noises
     are the sensor's alone, and with a random force.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> decay = st.free_decay(st.records.paper_twin())
+    >>> fits = st.validation.sensitivity(decay, st.identify(decay, method="direct"))
+    >>> zeta = fits.sel(force="zeta")
+    >>> print(f"{zeta.sizes['fit']} fits: {zeta.low.item():.4f} to {zeta.high.item():.4f}")
+    11 fits: 0.0095 to 0.0099
     """
     runs, library = as_runs(decay, driven=True), models.library_of(result)
     symbols = forces_in_model(result)

@@ -43,6 +43,15 @@ def indistinguishable(
     ------
     UsageError
         Not 0 <= amplitude_low < amplitude_high.
+
+    Examples
+    --------
+    An elastic force `x**3` and an inertial one shift the frequency alike: averages cannot separate them.
+
+    >>> import sysid_trib as st
+    >>> library = st.library("zeta,epsilon", inertial="x*v**2")
+    >>> st.forces.indistinguishable(library, 0.05, 0.5)
+    [('epsilon', 'inertial')]
     """
     forces, table = _signature_table(library, amplitude_low, amplitude_high, shapes)
     return [tuple(forces[i].symbol for i in group) for group in dependent_columns(table)]
