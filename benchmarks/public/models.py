@@ -1,0 +1,294 @@
+"""Models of the public benchmarks: candidates, the choice among them on the training part, and free runs.
+
+Nothing here sees the output of a test, except `free_run` the first samples that the benchmark grants.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import xarray as xr
+
+import sysid_trib as st
+from benchmarks.public.signals import Array, Signals, Test, Units
+from sysid_trib.errors import SysidTribError
+from sysid_trib.forces import ForceLibrary
+from sysid_trib.records.inputs import KnownInput
+
+LIBRARIES = ("inputs", "contact_forces", "candidate_effects", "hysteresis")
+# Share of the training part, at its end, that is held out for the choice.
+HELD_OUT = 0.25
+# A model with more parameters must reduce the error of the held-out samples by 1 %.
+WORTH = 0.99
+# Periods of a periodic input that are simulated before the test, for its steady state.
+PERIODS_BEFORE = 3
+# Samples at the beginning of a held-out part to which its start is fitted.
+START_OF_HELD_OUT = 50
+
+# Silverbox: a stretch has some 57 periods; those with the smaller largest values train, the quarter with the
+# largest is held out.
+STRETCH = 512
+SMALLER, LARGER = 0.5, 0.75
+FIVE = ("gain", "zeta", "epsilon", "even_spring")
+EIGHT = (*FIVE, "delta", "lambda", "quintic")
+TWELVE = (*EIGHT, "nu", "van_der_pol", "tilted_damping", "gain_delay")
+
+# EMPS: a body without a restoring force; asymmetric friction is an even function of speed.
+AXIS = ("free_axis", "gain", "zeta", "lambda", "bias")
+ASYMMETRIC = ((), ("even_drag",), ("even_speed",))
+WITHOUT_SPRING = {"free_axis": 1.0}
+
+# Bouc-Wen, s: the motion still depends on the unknown states.
+TRANSIENT = 1.0
+EXPONENT_FREE = {"bouc_wen_g": "bouc_wen_n"}
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """A model that may be chosen.
+
+    Parameters
+    ----------
+    name : str
+        Its forces.
+    parameters : int
+        Parameters that are fitted, the reference frequency among them where the body has a spring.
+    fit : callable
+        Returns the identification of a list of records.
+    """
+
+    name: str
+    parameters: int
+    fit: Callable[[Sequence[xr.Dataset]], xr.Dataset]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate, and the RMS error of the held-out samples, in the unit of the output."""
+
+    candidate: Candidate
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class Chosen:
+    """The chosen model, fitted to the whole training part.
+
+    Parameters
+    ----------
+    trials : tuple of Trial
+    trial : Trial
+        The chosen one.
+    result : Dataset
+        Its identification of the whole training part.
+    said : str
+        A sentence that states how it was chosen.
+    seconds : float
+        Processor time of the choice and the fit.
+    """
+
+    trials: tuple[Trial, ...]
+    trial: Trial
+    result: xr.Dataset
+    said: str
+    seconds: float
+
+
+def forces(symbols: Sequence[str]) -> ForceLibrary:
+    """Return these forces of the libraries of the package."""
+    known = {}
+    for name in LIBRARIES:
+        for force in st.load_library(name):
+            known.setdefault(force.symbol, force)
+    return replace(st.load_library("inputs"), forces=tuple(known[symbol] for symbol in symbols))
+
+
+def _root_mean_square(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _smallest_sufficient(trials: Sequence[Trial]) -> Trial:
+    """Return the trial with the fewest parameters whose error is within 1 % of the smallest."""
+    least = min(trial.error for trial in trials)
+    sufficient = (trial for trial in trials if WORTH * trial.error <= least)
+    return min(sufficient, key=lambda trial: trial.candidate.parameters)
+
+
+def _choose(
+    candidates: Sequence[Candidate],
+    error: Callable[[Candidate], float],
+    whole: xr.Dataset,
+    said: str,
+) -> Chosen:
+    """Return the candidate with the smallest held-out error, fitted to the whole training part.
+
+    Raises
+    ------
+    SysidTribError
+        No candidate can be fitted.
+    """
+    begin = time.process_time()
+    trials: list[Trial] = []
+    failure: SysidTribError | None = None
+    for candidate in candidates:
+        try:
+            trials.append(Trial(candidate, error(candidate)))
+        except SysidTribError as reason:
+            failure = reason
+    if not trials and failure is not None:
+        raise failure
+    trial = _smallest_sufficient(trials)
+    result = trial.candidate.fit([whole])
+    return Chosen(tuple(trials), trial, result, said, time.process_time() - begin)
+
+
+def choose_silverbox(training: Signals, units: Units) -> Chosen:
+    """Choose among 5, 8 and 12 parameters by how they extrapolate to larger amplitudes.
+
+    The stretches of smaller amplitude train. The free run of the whole training part is compared in the
+    stretches of the largest amplitude.
+    """
+    whole = training.record(units)
+    firsts = range(0, len(training) - STRETCH + 1, STRETCH)
+    largest = np.array([np.abs(training.y[first : first + STRETCH]).max() for first in firsts])
+    calm = largest <= np.quantile(largest, SMALLER)
+    calm_parts = [
+        training.part(f, f + STRETCH).record(units)
+        for f, is_calm in zip(firsts, calm, strict=True)
+        if is_calm
+    ]
+    held_out = np.repeat(largest > np.quantile(largest, LARGER), STRETCH)
+
+    def candidate(symbols: tuple[str, ...]) -> Candidate:
+        method = st.methods.Direct(random_force="off")
+        return Candidate(
+            " ".join(symbols),
+            len(symbols) + 1,
+            lambda records: method.identify(list(records), forces(symbols)),
+        )
+
+    def error(one: Candidate) -> float:
+        run = free_run(one.fit(calm_parts), Test("", training, START_OF_HELD_OUT), units)
+        return _root_mean_square((training.y - run)[: len(held_out)][held_out])
+
+    said = (
+        f"chosen by stretches of {STRETCH} samples of the training part: fitted to the half with the smaller "
+        "amplitudes, compared on the quarter with the largest"
+    )
+    return _choose([candidate(symbols) for symbols in (FIVE, EIGHT, TWELVE)], error, whole, said)
+
+
+def choose_emps(training: Signals, units: Units) -> Chosen:
+    """Choose the friction of the carriage by the last quarter of the training part."""
+    kept, held_out = _divided(training)
+
+    def candidate(further: tuple[str, ...]) -> Candidate:
+        symbols = (*AXIS, *further)
+        method = st.methods.Trajectory(random_force="off", constraints=WITHOUT_SPRING)
+        # The frequency only scales the coefficients, and free_axis is held.
+        return Candidate(
+            " ".join(symbols),
+            len(symbols) - 1,
+            lambda records: method.identify(list(records), forces(symbols)),
+        )
+
+    def error(one: Candidate) -> float:
+        run = free_run(one.fit([kept.record(units)]), held_out, units)
+        return _root_mean_square(held_out.counted - run[held_out.start_samples :])
+
+    said = "chosen by the last quarter of the training part, fitted to the rest"
+    return _choose([candidate(further) for further in ASYMMETRIC], error, training.record(units), said)
+
+
+def choose_bouc_wen(training: Signals, units: Units) -> Chosen:
+    """Choose what `discover` finds from the linear model, or the same with a free exponent."""
+    begin = time.process_time()
+    end = int((1.0 - HELD_OUT) * len(training))
+    first = training.part(0, end).record(units)
+    rest = Test("last quarter", training, end)
+    found = st.discover(first)["after"].to_dataset()
+    model = st.physics.model_of(found)
+    candidates = [_fitted_from(model, "1")]
+    symbols = [EXPONENT_FREE.get(symbol, symbol) for symbol in model.library.symbols]
+    if symbols != list(model.library.symbols):
+        candidates.append(_fitted_from(_with_exponent(model, symbols), "fitted"))
+
+    def error(one: Candidate) -> float:
+        run = free_run(one.fit([first]), rest, units)
+        return _root_mean_square(rest.counted - run[rest.start_samples :])
+
+    said = (
+        "forces found by discover in the first three quarters of the training part, from gain and viscous "
+        "friction; exponent chosen by the last quarter"
+    )
+    chosen = _choose(candidates, error, training.record(units), said)
+    return replace(chosen, seconds=time.process_time() - begin)
+
+
+def _with_exponent(model: st.Model, symbols: Sequence[str]) -> st.Model:
+    """Return a model whose hysteresis has an exponent, which is 1."""
+    coefficients = {EXPONENT_FREE.get(symbol, symbol): c for symbol, c in model.coefficients.items()}
+    library = forces(symbols)
+    shapes = library.shape_values()
+    for name, value in model.shapes.items():
+        symbol, _, shape = name.partition(".")
+        shapes[f"{EXPONENT_FREE.get(symbol, symbol)}.{shape}"] = value
+    return st.Model(library, coefficients, model.reference_frequency, shapes)
+
+
+def _fitted_from(model: st.Model, exponent: str) -> Candidate:
+    """Return a candidate that is fitted by `Trajectory` from a model, with all shape parameters."""
+    shapes = tuple(model.shapes)
+    method = st.methods.Trajectory(random_force="off", start=model, fit_shapes=shapes, warm_up=TRANSIENT)
+    symbols = model.library.symbols
+    return Candidate(
+        f"{' '.join(symbols)}, exponent {exponent}",
+        len(symbols) + 1 + len(shapes),
+        lambda records: method.identify(list(records), model.library),
+    )
+
+
+def _divided(training: Signals) -> tuple[Signals, Test]:
+    """Return the first three quarters, and the last quarter as a test."""
+    end = int((1.0 - HELD_OUT) * len(training))
+    return training.part(0, end), Test("", training.part(end), START_OF_HELD_OUT)
+
+
+def free_run(result: xr.Dataset, test: Test, units: Units) -> Array:
+    """Return the output of a model for the input of a test.
+
+    With `start_samples` the start is fitted to the output of these samples. Without, the motion starts from
+    rest; that of a periodic test a few periods earlier.
+
+    Parameters
+    ----------
+    result : Dataset
+        Identification.
+    test : Test
+        Only its input and the first `start_samples` of its output are used.
+    units : Units
+
+    Returns
+    -------
+    (sample,) array of float, in the unit of the output.
+    """
+    if test.start_samples == 0:
+        return _run_from_rest(result, test, units)
+    signals = test.signals
+    granted = signals.y[: test.start_samples]
+    # A record needs an output at each sample. Beyond the granted ones it is a line, which tells nothing.
+    line = granted[-1] + np.linspace(0.0, 1.0, len(signals) - len(granted))
+    record = replace(signals, y=np.concatenate([granted, line])).record(units)
+    warm_up = (test.start_samples - 0.5) * signals.sampling_time
+    return st.predict(result, record, warm_up=warm_up).predicted_angle.values
+
+
+def _run_from_rest(result: xr.Dataset, test: Test, units: Units) -> Array:
+    """Return the motion from rest; of a periodic input its last period of several."""
+    repeated = PERIODS_BEFORE + 1 if test.periodic else 1
+    u = np.tile(test.signals.u, repeated)
+    elapsed = test.signals.sampling_time * np.arange(len(u))
+    known = {"u": KnownInput(elapsed, u, units.between)}
+    motion = st.simulate(st.physics.model_of(result), elapsed, 0.0, inputs=known)
+    return motion.angle.values[-len(test.signals) :]
