@@ -100,7 +100,9 @@ def answered(benchmark: Benchmark, split: Split, title: str) -> Answer:
     chosen = benchmark.choose(split.training, benchmark.units)
     begin = time.process_time()
     scores = tuple(
-        score(test, models.free_run(chosen.result, test, benchmark.units), benchmark.reporting)
+        score(
+            test, models.free_run(chosen.result, test, benchmark.units, zero=chosen.zero), benchmark.reporting
+        )
         for test in split.tests
     )
     return Answer(title, split, chosen, scores, benchmark.reporting, time.process_time() - begin)

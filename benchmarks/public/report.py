@@ -53,6 +53,8 @@ class Score:
     fit_index : float, %
     samples : int
         Samples that count.
+    submitted : bool
+        Whether the RMSE is one of those to submit.
     """
 
     test: str
@@ -62,6 +64,7 @@ class Score:
     r_squared: float
     fit_index: float
     samples: int
+    submitted: bool = True
 
 
 def score(test: Test, run: Array, reporting: Reporting) -> Score:
@@ -84,12 +87,13 @@ def score(test: Test, run: Array, reporting: Reporting) -> Score:
         r_squared=float(metrics.R_squared(y_true, y_model)),
         fit_index=float(metrics.fit_index(y_true, y_model)),
         samples=len(y_true),
+        submitted=test.submitted,
     )
 
 
 def to_submit(scores: Sequence[Score], reporting: Reporting) -> str:
     """Return the RMSE as the official templates print them: `[a; b; c]`, or one number."""
-    numbers = [format(one.rmse, reporting.digits) for one in scores]
+    numbers = [format(one.rmse, reporting.digits) for one in scores if one.submitted]
     return numbers[0] if len(numbers) == 1 else f"[{'; '.join(numbers)}]"
 
 

@@ -60,12 +60,15 @@ class Test:
         Samples at its beginning whose output may be used, and which do not count.
     periodic : bool
         Whether its input is one period of a periodic one, and its output the steady response.
+    submitted : bool
+        Whether its RMSE is one of those to submit.
     """
 
     name: str
     signals: Signals
     start_samples: int
     periodic: bool = False
+    submitted: bool = True
 
     @property
     def counted(self) -> Array:
