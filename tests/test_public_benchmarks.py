@@ -363,7 +363,7 @@ def test_a_download_is_made_once_and_kept(monkeypatch, tmp_path, layout):
     monkeypatch.setattr(downloads, "loaders", lambda: {"EMPS": load})
     assert downloads.download("EMPS") == downloads.download("EMPS") == tmp_path
     assert len(calls) == 1
-    assert len(files.read_emps(tmp_path, verify=False).tests) == 1
+    assert files.read_emps(tmp_path, verify=False).tests[0].name == "pulses"
     assert [path.name for path in tmp_path.iterdir()] == ["EMPS"]
 
 
@@ -421,7 +421,7 @@ def test_a_candidate_that_cannot_be_fitted_is_left_out_and_none_is_an_error():
 
 @pytest.fixture(scope="module")
 def answer():
-    """The answer on the steady response of a linear oscillator, whose model is given as if it had been chosen."""
+    """The answer on the steady response of a linear oscillator, whose model is given, not chosen."""
     random = np.random.default_rng(3)
     lines = np.arange(5, 60)
     elapsed = np.arange(4 * 512) / 750.0
