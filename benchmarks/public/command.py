@@ -2,7 +2,6 @@
 
 import sys
 import tempfile
-import time
 from argparse import Namespace
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 
 from benchmarks import DATA
 from benchmarks.public import downloads, files, models, stand_ins
-from benchmarks.public.report import Answer, Reporting, score, write
+from benchmarks.public.report import Answer, Reporting, Score, score, write
 from benchmarks.public.signals import Signals, Split, Test, Units
 from sysid_trib.errors import RecordError, SysidTribError, UsageError, did_you_mean
 
@@ -98,14 +97,11 @@ BENCHMARKS = (
 def answered(benchmark: Benchmark, split: Split, title: str) -> Answer:
     """Choose and fit a model on the training part, and run it on the tests."""
     chosen = benchmark.choose(split.training, benchmark.units)
-    begin = time.process_time()
-    scores = tuple(
-        score(
-            test, models.free_run(chosen.result, test, benchmark.units, zero=chosen.zero), benchmark.reporting
-        )
-        for test in split.tests
-    )
-    return Answer(title, split, chosen, scores, benchmark.reporting, time.process_time() - begin)
+    scores: list[Score] = []
+    for test in split.tests:
+        run_of_test = models.free_run(chosen.result, test, benchmark.units, zero=chosen.zero)
+        scores.append(score(test, run_of_test, benchmark.reporting))
+    return Answer(title, split, chosen, tuple(scores), benchmark.reporting)
 
 
 def official(benchmark: Benchmark, folder: Path | None, *, verify: bool) -> Split:
@@ -116,24 +112,32 @@ def official(benchmark: Benchmark, folder: Path | None, *, verify: bool) -> Spli
     RecordError
         A file is missing and cannot be downloaded, or is another one; the message says what to do.
     """
-    place = folder
-    if place is None:
-        try:
-            place = downloads.download(benchmark.loader)
-        except RecordError as error:
-            raise RecordError(
-                f"{benchmark.title}: {error}; get {benchmark.archive}, unpack it, and name the folder by "
-                "--folder."
-            ) from None
+    if folder is None:
+        return downloaded(benchmark, verify=verify)
     try:
-        return benchmark.read(place, verify=verify)
+        return benchmark.read(folder, verify=verify)
     except files.MissingFileError as error:
         raise RecordError(
-            f"{benchmark.title}: {error.names} is not in {place}; it is in {benchmark.archive}; put it into "
-            f"{place / error.place}."
+            f"{benchmark.title}: {error.names} is not in {folder}; it is in {benchmark.archive}; put it into "
+            f"{folder / error.place}."
         ) from None
     except SysidTribError as error:
         raise RecordError(f"{benchmark.title}: {error}") from None
+
+
+def downloaded(benchmark: Benchmark, *, verify: bool) -> Split:
+    """Return the split of the files that the official package downloads; see `official`."""
+    try:
+        folder = downloads.download(benchmark.loader)
+    except RecordError as error:
+        raise RecordError(
+            f"{benchmark.title}: {error}; get {benchmark.archive}, unpack it, and name its folder: --folder."
+        ) from None
+    try:
+        return benchmark.read(folder, verify=verify)
+    except SysidTribError as error:
+        remedy = f"Delete {folder / benchmark.loader} to download it anew."
+        raise RecordError(f"{benchmark.title}, as downloaded: {error} {remedy}") from None
 
 
 def simulated(benchmark: Benchmark) -> Split:

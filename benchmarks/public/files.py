@@ -274,6 +274,11 @@ def read_bouc_wen(folder: Path, *, verify: bool = True) -> Split:
     if verify:
         _check_bouc_wen(multisine, sweep, folder)
     training, said = bouc_wen_training_record(folder)
+    said = (
+        f"{said}; tests checked by length and amplitude, as no checksum of them is known here"
+        if verify
+        else said
+    )
     tests = (Test("multisine", multisine, 0, periodic=True), Test("sine sweep", sweep, 0))
     return Split(training, tests, said, verify)
 

@@ -34,11 +34,14 @@ SAMPLES_OF_SLOPE = 4
 # largest is held out.
 STRETCH = 512
 SMALLER, LARGER = 0.5, 0.75
+# Symbols without w, which is fitted too: FIVE and SIX have five and six parameters.
 FIVE = ("gain", "zeta", "epsilon", "even_spring")
-# The damping of the power 3/2 is what `discover` adds next, from these data.
+# `discover` adds the damping of the power 3/2 next, from the training part.
 SIX = (*FIVE, "three_halves_damping")
+SEVEN = (*SIX, "van_der_pol")
 EIGHT = (*FIVE, "delta", "lambda", "quintic")
 TWELVE = (*EIGHT, "nu", "van_der_pol", "tilted_damping", "gain_delay")
+SILVERBOX = (FIVE, SIX, SEVEN, EIGHT, TWELVE)
 
 # EMPS: a body without a restoring force; asymmetric friction is an even function of speed.
 AXIS = ("free_axis", "gain", "zeta", "lambda", "bias")
@@ -47,7 +50,6 @@ WITHOUT_SPRING = {"free_axis": 1.0}
 
 # Bouc-Wen, s: the motion still depends on the unknown states.
 TRANSIENT = 1.0
-EXPONENT_FREE = {"bouc_wen_g": "bouc_wen_n"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,10 +73,20 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A candidate, and the RMS error of the held-out samples, in the unit of the output."""
+    """A candidate, and how it predicts the held-out samples.
+
+    Parameters
+    ----------
+    candidate : Candidate
+    error : float
+        RMS error of the held-out samples, in the unit of the output; infinite if it cannot be fitted.
+    reason : str
+        Why it cannot be fitted.
+    """
 
     candidate: Candidate
     error: float
+    reason: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,21 +151,20 @@ def _choose(
     """
     begin = time.process_time()
     trials: list[Trial] = []
-    failure: SysidTribError | None = None
     for candidate in candidates:
         try:
             trials.append(Trial(candidate, error(candidate)))
         except SysidTribError as reason:
-            failure = reason
-    if not trials and failure is not None:
-        raise failure
+            trials.append(Trial(candidate, np.inf, str(reason)))
+    if all(trial.reason for trial in trials):
+        raise SysidTribError(trials[0].reason)
     trial = _smallest_sufficient(trials)
     result = trial.candidate.fit([whole])
     return Chosen(tuple(trials), trial, result, said, time.process_time() - begin)
 
 
 def choose_silverbox(training: Signals, units: Units) -> Chosen:
-    """Choose among 5, 6, 8 and 12 parameters by how they extrapolate to larger amplitudes.
+    """Choose the forces by how they extrapolate to larger amplitudes.
 
     The stretches of smaller amplitude train. The free run of the whole training part is compared in the
     stretches of the largest amplitude.
@@ -187,7 +198,7 @@ def choose_silverbox(training: Signals, units: Units) -> Chosen:
         f"chosen by stretches of {STRETCH} samples of the training part: fitted to the half with the smaller "
         "amplitudes, compared on the quarter with the largest"
     )
-    chosen = _choose([candidate(symbols) for symbols in (FIVE, SIX, EIGHT, TWELVE)], error, whole, said)
+    chosen = _choose([candidate(symbols) for symbols in SILVERBOX], error, whole, said)
     zero = float(np.mean(training.y - free_run(chosen.result, of_training, units)))
     return replace(chosen, zero=zero)
 
@@ -215,48 +226,38 @@ def choose_emps(training: Signals, units: Units) -> Chosen:
 
 
 def choose_bouc_wen(training: Signals, units: Units) -> Chosen:
-    """Choose what `discover` finds from the linear model, or the same with a free exponent."""
+    """Choose between the linear model and what `discover` makes of it."""
     begin = time.process_time()
     end = int((1.0 - HELD_OUT) * len(training))
     first = training.part(0, end).record(units)
-    rest = Test("last quarter", training, end)
-    found = st.discover(first)["after"].to_dataset()
-    model = st.physics.model_of(found)
-    candidates = [_fitted_from(model, "1")]
-    symbols = [EXPONENT_FREE.get(symbol, symbol) for symbol in model.library.symbols]
-    if symbols != list(model.library.symbols):
-        candidates.append(_fitted_from(_with_exponent(model, symbols), "fitted"))
+    # The start is forgotten long before the last quarter.
+    from_rest = Test("training part", training, 0)
+    tree = st.discover(first)
+    candidates = [
+        _fitted_from(st.physics.model_of(tree[name].to_dataset()))
+        for name in ("before", "after")
+        if name in tree
+    ]
 
     def error(one: Candidate) -> float:
-        run = free_run(one.fit([first]), rest, units)
-        return _root_mean_square(rest.counted - run[rest.start_samples :])
+        run = free_run(one.fit([first]), from_rest, units)
+        return _root_mean_square((training.y - run)[end:])
 
     said = (
         "forces found by discover in the first three quarters of the training part, from gain and viscous "
-        "friction; exponent chosen by the last quarter"
+        "friction; compared with the linear model on the last quarter"
     )
     chosen = _choose(candidates, error, training.record(units), said)
     return replace(chosen, seconds=time.process_time() - begin)
 
 
-def _with_exponent(model: st.Model, symbols: Sequence[str]) -> st.Model:
-    """Return a model whose hysteresis has an exponent, which is 1."""
-    coefficients = {EXPONENT_FREE.get(symbol, symbol): c for symbol, c in model.coefficients.items()}
-    library = forces(symbols)
-    shapes = library.shape_values()
-    for name, value in model.shapes.items():
-        symbol, _, shape = name.partition(".")
-        shapes[f"{EXPONENT_FREE.get(symbol, symbol)}.{shape}"] = value
-    return st.Model(library, coefficients, model.reference_frequency, shapes)
-
-
-def _fitted_from(model: st.Model, exponent: str) -> Candidate:
-    """Return a candidate that is fitted by `Trajectory` from a model, with all shape parameters."""
+def _fitted_from(model: st.Model) -> Candidate:
+    """Return a candidate that is fitted by `Trajectory` from a model, with all its shape parameters."""
     shapes = tuple(model.shapes)
     method = st.methods.Trajectory(random_force="off", start=model, fit_shapes=shapes, warm_up=TRANSIENT)
     symbols = model.library.symbols
     return Candidate(
-        f"{' '.join(symbols)}, exponent {exponent}",
+        " ".join(symbols),
         len(symbols) + 1 + len(shapes),
         lambda records: method.identify(list(records), model.library),
     )

@@ -106,14 +106,17 @@ class Answer:
     chosen: Chosen
     scores: tuple[Score, ...]
     reporting: Reporting
-    seconds_of_runs: float
 
     def show(self) -> None:
         """Print the choice, the scores, and the numbers to submit."""
         unit = self.reporting.unit
         print(f"\n{self.title}: {self.split.said}; {self.chosen.said}.")
         trials = [
-            (one.candidate.name, str(one.candidate.parameters), f"{self.reporting.per_unit * one.error:.4g}")
+            (
+                one.candidate.name,
+                str(one.candidate.parameters),
+                one.reason or f"{self.reporting.per_unit * one.error:.4g}",
+            )
             for one in self.chosen.trials
         ]
         shown(
