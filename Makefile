@@ -4,7 +4,7 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile $(WARNINGS)
 
-.PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs check clean
+.PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs links paper check clean
 
 demo: $(VENV)/ready
 	$(BIN)/sysid-trib identify --omega0 8.87
@@ -31,9 +31,23 @@ coverage: $(VENV)/ready-dev
 notebooks: $(VENV)/ready-notebooks
 	$(BIN)/python notebooks/run.py
 
+# Executes the notebooks, with shorter runs; what has not changed since is not executed again.
 docs: $(VENV)/ready-docs
+	@rm -rf build/docs
 	OMP_NUM_THREADS=1 $(BIN)/python -m sphinx -b html -W --keep-going -E -q docs build/docs
+	$(BIN)/python docs/check_pages.py build/docs
 	@echo "Open build/docs/index.html"
+
+# Links to other sites: needs a network. Dead links between pages fail `make docs`.
+links: $(VENV)/ready-docs
+	$(BIN)/python -m sphinx -b linkcheck -D nb_execution_mode=off -D suppress_warnings=myst-nb.lexer -E -q docs build/links
+
+# The paper as a page; an unknown citation is an error.
+paper:
+	@command -v pandoc >/dev/null || { echo "pandoc is needed: install it, for example with apt-get install pandoc"; exit 1; }
+	@mkdir -p build
+	pandoc paper/paper.md --resource-path=paper --citeproc --mathml --standalone --fail-if-warnings -o build/paper.html
+	@echo "Open build/paper.html"
 
 check: $(VENV)/ready-dev
 	$(BIN)/ruff check
@@ -41,7 +55,7 @@ check: $(VENV)/ready-dev
 	$(BIN)/mypy
 
 clean:
-	rm -rf .venv .venv-lowest .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage .coverage.* build dist
+	rm -rf .venv .venv-lowest .hypothesis .mypy_cache .pytest_cache .ruff_cache .coverage .coverage.* build dist docs/notebooks
 	find . -name __pycache__ -prune -exec rm -rf {} +
 
 $(VENV)/pyvenv.cfg:

@@ -22,6 +22,8 @@ plan          discover, plan, run, discover again: whether what is stated comes 
 loops         runs until one right name, with planned releases and with drawn ones
 
 Measured and driven records: measured, answer, random_force_kinds, driven, servo. On the same ones: arena.
+On the certified decays: certified (--method, --only a decay, --seeds of fresh noise, --answers FILE).
+The official tests of nonlinearbenchmark.org: public.
 Time, memory, kills: simulator, timing, cost, campaign (--only a part of each).
 
 With --out each record is a line of JSON, and what the file has already is not done again.
@@ -55,7 +57,9 @@ NAMES = {
     "random_force_kinds": ("random_force_kinds", None),
     "driven": ("driven", None),
     "servo": ("servo", None),
+    "public": ("public.command", None),
     "arena": ("arena", 10),
+    "certified": ("certified_scores", 0),
     "simulator": ("timing", None),
     "timing": ("timing", None),
     "cost": ("cost", None),
@@ -70,7 +74,10 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="first seed of verdicts, rigs, plan, loops")
     parser.add_argument("--method", default="", help="direct, trajectory, averaging, or one with -off")
     parser.add_argument("--only", default="", help="part of the titles of what is done")
-    parser.add_argument("--out", type=Path, help="file of rows that is gone on with")
+    parser.add_argument(
+        "--out", type=Path, help="file of rows that is gone on with; public: JSON of a submission"
+    )
+    parser.add_argument("--answers", type=Path, help="certified: a table of answers to score")
     parser.add_argument("--quick", action="store_true", help="timing: the shorter half")
     parser.add_argument("--noise", choices=("white", "AR(0.8)"), default="white", help="of verdicts")
     parser.add_argument("--left-out", action="store_true", help="verdicts: forces that are left out alone")
@@ -84,6 +91,15 @@ def main() -> None:
     parser.add_argument("--simulated", type=int, default=0, metavar="N", help="random_force_kinds: of each")
     parser.add_argument("--samples", type=int, default=1_000_000, help="cost: the most")
     parser.add_argument("--every", type=float, default=30.0, help="campaign: s between kills of a worker")
+    parser.add_argument(
+        "--folder", type=Path, help="public: folder of the official files; else they are downloaded"
+    )
+    parser.add_argument(
+        "--stand-ins", action="store_true", help="public: simulated and held-out parts as tests"
+    )
+    parser.add_argument(
+        "--unverified", action="store_true", help="public: use files that are not the official ones"
+    )
     parser.add_argument("--call", nargs="+", help=argparse.SUPPRESS)
     asked = parser.parse_args()
     place, count = NAMES[asked.name]

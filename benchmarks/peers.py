@@ -220,7 +220,8 @@ def shooting(library: ForceLibrary, w: float, time: np.ndarray, angle: np.ndarra
     forces = list(library)
     written = " + ".join(f"p[{at}]*({force.formula.text})" for at, force in enumerate(forces))
     pull = eval(
-        f"lambda p, x, v: {written}", {"sign": lambda q: (q > 0) - (q < 0), "abs": abs, "exp": math.exp}
+        f"lambda p, x, v: {written}",
+        {"sign": lambda q: (q > 0) - (q < 0), "abs": abs, "exp": math.exp, "sin": math.sin},
     )
 
     def motion(parameters: np.ndarray) -> np.ndarray:

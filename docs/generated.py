@@ -31,6 +31,7 @@ from typer.testing import CliRunner
 import sysid_trib as st
 from sysid_trib.commands.app import app
 from sysid_trib.cycles.signatures import signatures_of
+from sysid_trib.datasets.registry import certified_rows, registry
 from sysid_trib.discovery.engine.trials import Settings
 from sysid_trib.forces.force import Force, ForceLibrary
 from sysid_trib.methods import METHODS
@@ -39,10 +40,15 @@ from sysid_trib.validation.separability import exactly_dependent, without_signat
 
 ROOT = Path(__file__).resolve().parent.parent
 DATA = Path(os.environ.get("SYSID_TRIB_DATA", ROOT.parent / "shared" / "data"))
+if DATA.is_dir():
+    os.environ.setdefault("SYSID_TRIB_DATA", str(DATA))
 MEASURED = (
     "single_pendulum/free_swing.csv",
     "string_pendulum/run_1.txt",
     "roll_decay/model_test_21337.csv",
+    "silverbox/multisine_1_to_6.csv",
+    *(f"friction_frame/s_b_{load}g_{side}.mat" for load in (250, 350, 550) for side in "xy"),
+    "emps/DATA_EMPS.mat",
 )
 PLACE = re.compile(r"^<!-- generated: (.+?) -->$", re.MULTILINE)
 CONSOLE = re.compile(r"^```console\n\$ sysid-trib (.+?)\n(.*?)```$", re.MULTILINE | re.DOTALL)
@@ -69,7 +75,7 @@ def refreshed(text: str) -> str:
 def _today(command: str, before: str) -> str:
     words = shlex.split(command)
     pairs = zip(["", *words], words, strict=False)
-    records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".txt"))]
+    records = [word for flag, word in pairs if flag != "-o" and word.endswith((".csv", ".mat", ".txt"))]
     return without_times(printed(*words)) if all((_folder() / name).exists() for name in records) else before
 
 
@@ -333,8 +339,34 @@ def settings() -> str:
     return "\n".join([*head, *rows])
 
 
+def datasets() -> str:
+    """The public records: title, kind, licence, source and citation, as the registry has them."""
+    head = ["| RECORD | what | kind | licence | source, citation |", "| --- | --- | --- | --- | --- |"]
+    fetched = (record for record in registry().values() if record.kind != "certified")
+    rows = [
+        f"| `dataset:{one.name}` | {one.title}. {one.known} | {one.kind} | {one.licence} | "
+        f"[{one.repository}]({one.source}): {one.citation} |"
+        for one in fetched
+    ]
+    return "\n".join([*head, *rows])
+
+
+def certified() -> str:
+    """The certified decays: title, unknowns, equation and sampling, one row for the three noises."""
+    head = ["| decay | what | equation | start, sampling |", "| --- | --- | --- | --- |"]
+    rows = {}
+    for name, row in certified_rows().items():
+        start = f"{float(row['start_angle']):g} rad, {float(row['start_rate']):g} rad/s"
+        sampling = f"{float(row['duration']):g} s at {float(row['sampling_rate']):g} Hz"
+        given = f"; w = {row['w_given']} rad/s given" if row["w_given"] else ""
+        short, title = name.rpartition("_")[0], row["title"].rpartition(",")[0]
+        rows[short] = f"| `{short}` | {title} | `{row['equation']}` | {start}; {sampling}{given} |"
+    return "\n".join([*head, *rows.values()])
+
+
 PARTS: dict[str, Callable[..., str]] = {
-    part.__name__: part for part in (api, commands, forces, methods, results, settings, ties)
+    part.__name__: part
+    for part in (api, certified, commands, datasets, forces, methods, results, settings, ties)
 }
 
 

@@ -5,15 +5,13 @@
 # string, and the model of a ship that rolls in a basin. For each, some facts are known beforehand and can
 # be compared with the result. No model explains a record completely: the residuals are shown.
 #
-# The records are not part of this repository. They are read from the folder that `SYSID_TRIB_DATA` names.
-# If you are online, `SYSID_TRIB_FETCH=1` fetches them from their public sources
-# ([measured.py](measured.py) lists them) and checks them.
+# The records are not part of this repository. `st.datasets` reads them from the folder that
+# `SYSID_TRIB_DATA` names, or downloads them from their public sources, and checks them.
 
 # %%
 import os
 from dataclasses import replace
 
-import measured
 import numpy as np
 import pandas as pd
 import tables
@@ -25,7 +23,6 @@ import sysid_trib as st
 # %matplotlib inline
 pd.set_option("display.max_colwidth", None)
 QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # shorter, coarser records, fewer candidates, methods
-files = measured.files()
 
 # %% [markdown]
 # ## The same three questions
@@ -98,6 +95,11 @@ def value_of(tree: xr.DataTree, symbol: str) -> tuple[float, float]:
 
 
 decays: dict[str, xr.Dataset] = {}
+records = {
+    "pendulum": tables.available("steel_pendulum"),
+    "string": tables.available("string_pendulum"),
+    "ship": tables.available("ship_roll"),
+}
 known: list[dict[str, str]] = []  # what is known beforehand, and what is found
 
 
@@ -109,25 +111,14 @@ def held_against(record: str, what: str, known_as: str, found: str) -> None:
 # ## A steel pendulum on its bearing
 #
 # An encoder reads the angle at 1 kHz. Known beforehand: hanging down is pi; gravity restores the pendulum,
-# as sin(theta) with the coefficient 1; the bearing rubs, the air drags, and nothing feeds energy in. If
-# the whole record is missing (its file cannot be fetched), the same swing from 15 s to 70 s is taken from
-# the parts that its authors published. Every tenth sample is more than enough.
-
+# as sin(theta) with the coefficient 1; the bearing rubs, the air drags, and nothing feeds energy in. Its
+# authors published 55 s of the swing in six parts, which are joined. Every tenth sample is more than
+# enough.
 
 # %%
-def joined(path) -> xr.Dataset:
-    """The record that its authors cut into parts for fitting and for validation."""
-    parts = [("id", part) for part in range(4)] + [("vad", part) for part in range(2)]
-    read = [st.read_record(path, time=f"Time_{use}[{n}]", angle=f"Y_{use}[{n}][0]") for use, n in parts]
-    return xr.concat(read, "time", combine_attrs="override")
-
-
-if "pendulum" in files:
-    whole = files["pendulum"].suffix == ".csv"
-    record = st.read_record(files["pendulum"]) if whole else joined(files["pendulum"])
-    zero = 15.0 if whole else 0.0  # s, the time in the file at which the part begins
-    record = record.isel(time=slice(None, None, 40 if QUICK else 10))
-    decay = st.free_decay(record, window=(zero, zero + (25.0 if QUICK else 60.0)))
+if records["pendulum"] is not None:
+    record = records["pendulum"].isel(time=slice(None, None, 40 if QUICK else 10))
+    decay = st.free_decay(record, window=(None, 25.0 if QUICK else 45.0))
     decays["pendulum"] = decay
     print(decay.attrs["free_decay"])
     centre, error = decay.equilibrium.item(), decay.equilibrium_standard_error.item()
@@ -160,14 +151,13 @@ if "pendulum" in decays:
     display(st.plots.comparison(compared))
 
 # %% [markdown]
-# Next comes the search, on a longer part that reaches up to the stop. The last seconds are not used; they
-# are predicted, with only the start of their motion fitted.
+# Next comes the search, on the whole record. Its last seconds are not used; they are predicted, with only
+# the start of their motion fitted.
 
 # %%
-if "pendulum" in files:
-    end = zero + 30.0 if QUICK else zero + 73.0 if whole else None
-    longer = st.free_decay(record, window=(zero, end))
-    seen, unseen = parted(longer, 13.0 if whole else 9.0)
+if records["pendulum"] is not None:
+    longer = st.free_decay(record, window=(None, 30.0 if QUICK else None))
+    seen, unseen = parted(longer, 9.0)
     pendulum = searched(seen, "zeta", effects=3, holdout=unseen)
     display(st.plots.story(pendulum))
     display(st.plots.ranking(pendulum))
@@ -180,9 +170,8 @@ if "pendulum" in files:
 # side.
 
 # %%
-if "string" in files:
-    record = st.read_record(files["string"])
-    decays["string"] = st.free_decay(record, window=(None, 40.0 if QUICK else None))
+if records["string"] is not None:
+    decays["string"] = st.free_decay(records["string"], window=(None, 40.0 if QUICK else None))
     print(decays["string"].attrs["free_decay"])
     string = identified(decays["string"], "zeta delta epsilon")
     display(st.plots.overview(string))
@@ -212,9 +201,8 @@ if "string" in decays:
 # mostly by drag with the square of speed; there is no dry friction.
 
 # %%
-if "ship" in files:
-    record = st.read_record(files["ship"], angle="phi")
-    decay = st.free_decay(record, window=(25.0, 65.0 if QUICK else None))
+if records["ship"] is not None:
+    decay = st.free_decay(records["ship"], window=(25.0, 65.0 if QUICK else None))
     decays["ship"] = decay.isel(time=slice(None, None, 4)) if QUICK else decay
     print(decays["ship"].attrs["free_decay"])
     ship = identified(decays["ship"], "lambda delta epsilon")

@@ -5,7 +5,8 @@
 # 2013). The input has random phases, and there is no free decay. The model begins linear, and each further
 # force has a name. Five realisations train it. The sixth is not used in any fit and tests the model.
 #
-# The record is not part of this repository: `SYSID_TRIB_DATA` names its folder. Published errors of this
+# The record is not part of this repository: `st.datasets` reads it from the folder that `SYSID_TRIB_DATA`
+# names, or downloads it. Published errors of this
 # benchmark refer to another part, in which the drive grows beyond the training; do not compare them with
 # those below.
 
@@ -14,9 +15,9 @@ import os
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-import measured
 import numpy as np
 import pandas as pd
+import tables
 import xarray as xr
 from IPython.display import display
 
@@ -24,18 +25,17 @@ import sysid_trib as st
 
 # %matplotlib inline
 QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # one realisation in training, fewer models
-path = measured.driven("silverbox")
+record = tables.available("silverbox")
 
 # %% [markdown]
 # ## The record
 #
-# `input="V1"` makes the column the input u of formulas. It is smooth between its samples, because it was
+# The column V1 is the input u of formulas. It is smooth between its samples, because it was
 # measured without aliasing. A realisation has 8,700 samples.
 
 # %%
 SAMPLES, REALISATIONS = 8700, 5
-if path is not None:
-    record = st.read_record(path, input="V1")
+if record is not None:
     end = REALISATIONS * SAMPLES
     train = record.isel(time=slice((REALISATIONS - 1) * SAMPLES if QUICK else 0, end))
     test = record.isel(time=slice(end, None))
@@ -67,7 +67,7 @@ def z_of(result: xr.Dataset, symbol: str) -> float:
 
 
 results, predictions, rows = [], [], []
-if path is not None:
+if record is not None:
     for at, added in enumerate(LADDER):
         symbols = " ".join(LADDER[: at + 1]).split()
         result = st.identify(train, library_of(symbols), st.methods.Direct(random_force="off"))
@@ -93,7 +93,7 @@ if path is not None:
 # residual of the last realisation as it does in training.
 
 # %%
-if path is not None:
+if record is not None:
     figure, axes = plt.subplots(figsize=(7.0, 3.0))
     for row, unseen in list(zip(rows, predictions, strict=True))[:: len(rows) - 1]:
         axes.plot(unseen.time, 1e3 * unseen.residual, linewidth=0.5, label=f"{row['parameters']} parameters")
@@ -112,7 +112,7 @@ if path is not None:
 # model.
 
 # %%
-if path is not None:
+if record is not None:
     last = results[-1]
     print(f"w = {last.reference_frequency.item() / (2.0 * np.pi):.4f} * 2 pi rad/s")
     display(
@@ -126,7 +126,7 @@ if path is not None:
 # five parameters by both:
 
 # %%
-if path is not None:
+if record is not None:
     part = train.isel(time=slice(SAMPLES if QUICK else 2 * SAMPLES))
     methods = [kind(random_force="off") for kind in (st.methods.Direct, st.methods.Trajectory)]
     tree = st.identify(part, library_of(["gain", "zeta", "epsilon", "even_spring"]), methods)

@@ -6,50 +6,45 @@
 # frame, the friction to the load. Three records are identified together, in which only the friction
 # differs.
 #
-# The records are not part of this repository: `SYSID_TRIB_DATA` names their folder.
+# The records are not part of this repository: `st.datasets` reads them from the folder that
+# `SYSID_TRIB_DATA` names, or downloads them.
 
 # %%
 import os
 from dataclasses import replace
 
 import matplotlib.pyplot as plt
-import measured
 import numpy as np
 import pandas as pd
-import xarray as xr
+import tables
 from IPython.display import display
 
 import sysid_trib as st
 
 # %matplotlib inline
 QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # two records of three, half as long
-folder = measured.driven("frame")
 
 # %% [markdown]
 # ## Inputs from separate files
 #
-# Each record has a separate file with the motion of the base; `FILE:COLUMN` names it. The spring is
+# Each record has a separate file with the motion of the base; `st.datasets` reads both. For files of your
+# own, `st.read_record("mass.mat", input={"base": "base.mat:y"})` does the same. The spring is
 # stretched by x - base, and the damper moves at the rate of x - base, so that both forces contain the
 # input. The coefficient of the spring is known to be one.
 
 # %%
 LOADS = np.array([250.0, 550.0] if QUICK else [250.0, 350.0, 550.0])  # g
 MASS, GRAVITY = 3.0799, 9.81  # kg, as its authors weighed it; m/s^2
-
-
-def read(load: float) -> xr.Dataset:
-    files = [folder / f"s_b_{load:.0f}g_{which}.mat" for which in "xy"]
-    record = st.read_record(files[0], time="t", units="mm", input={"base": f"{files[1]}:y"})
-    return record.isel(time=slice(record.sizes["time"] // 2 if QUICK else None))
-
+records = [tables.available(f"friction_frame_{load:.0f}g") for load in LOADS]
+complete = all(record is not None for record in records)
 
 contact, inputs = st.load_library("contact_forces"), st.load_library("inputs")
 forces = (*inputs.select(["base_spring", "base_damping"]), *contact.select(["lambda"]))
 library = replace(inputs, forces=forces)
 
 # %%
-if folder is not None:
-    runs = [read(load) for load in LOADS]
+if complete:
+    runs = [record.isel(time=slice(record.sizes["time"] // 2 if QUICK else None)) for record in records]
     methods = [kind(own=("lambda",)) for kind in (st.methods.Direct, st.methods.Trajectory)]
     tree = st.identify(runs, library, methods, constraints={"base_spring": 1.0})
     judged = tree["judged"]
@@ -69,7 +64,7 @@ if folder is not None:
 # force, F = m w^2 lambda.
 
 # %%
-if folder is not None:
+if complete:
     w = answer.reference_frequency.item()
     own = answer.sel(force=[f"lambda_{run}" for run in range(1, len(LOADS) + 1)])
     newton = 1e-3 * MASS * w**2
@@ -85,7 +80,7 @@ if folder is not None:
     print(f"{w / (2 * np.pi):.3f} Hz, zeta = {answer.coefficient.sel(force='base_damping').item():.4f}")
 
 # %%
-if folder is not None:
+if complete:
     figure, axes = plt.subplots(figsize=(4.0, 3.0))
     axes.errorbar(normal, friction, yerr=1.96 * error, fmt="o", capsize=3)
     slope = np.sum(normal * friction) / np.sum(normal**2)

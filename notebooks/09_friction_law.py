@@ -5,22 +5,21 @@
 # notebook identifies its friction as a curve against speed, with a band, and the restoring force as a
 # curve against displacement. No formula is chosen.
 #
-# The record is not part of this repository. It is read from the folder that `SYSID_TRIB_DATA` names. If
-# you are online, `SYSID_TRIB_FETCH=1` fetches it from its public source ([measured.py](measured.py) names
-# it) and checks it.
+# The record is not part of this repository. `st.datasets` reads it from the folder that `SYSID_TRIB_DATA`
+# names, or downloads it from its public source, and checks it.
 
 # %%
 import os
 
-import measured
 import numpy as np
+import tables
 from IPython.display import display
 
 import sysid_trib as st
 
 # %matplotlib inline
 QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # a shorter record
-files = measured.files()
+record = tables.available("string_pendulum")
 
 # %% [markdown]
 # ## A simulated record first
@@ -50,9 +49,9 @@ print(f"The band holds the true law at {inside.sum()} of {len(v)} visited speeds
 # With the named forces of a pendulum the residual is several times the noise.
 
 # %%
-if "string" in files:
+if record is not None:
     window = (None, 15.0) if QUICK else (None, None)
-    decay = st.free_decay(st.read_record(files["string"]), window=window)
+    decay = st.free_decay(record, window=window)
     print(decay.attrs["free_decay"])
     tree = st.laws(decay, "pendulum")
     judged = tree["judged"].ds
@@ -68,7 +67,7 @@ if "string" in files:
 # The numbers of the figure, as a table that can be published:
 
 # %%
-if "string" in files:
+if record is not None:
     best = st.best(tree)
     table = best[["friction", "friction_standard_error", "friction_low", "friction_high"]].to_dataframe()
     display(table.assign(visited=best.speed_visited.values).iloc[::5])
@@ -81,7 +80,7 @@ if "string" in files:
 # a string of 0.66 m:
 
 # %%
-if "string" in files:
+if record is not None:
     mass, length = 0.2, 0.66
     torque = mass * length**2 * best.friction.values
     at = np.argmin(np.abs(best.speed.values - 1.5))

@@ -1,4 +1,4 @@
-"""Tables that several notebooks show."""
+"""Tables that several notebooks show, and the records that they need."""
 
 from collections.abc import Mapping
 
@@ -7,6 +7,15 @@ import pandas as pd
 import xarray as xr
 
 import sysid_trib as st
+
+
+def available(name: str) -> xr.Dataset | None:
+    """Return a record of `st.datasets`; if it cannot be had, say why, and return None."""
+    try:
+        return st.datasets.load(name)
+    except st.errors.RecordError as error:
+        print(f"{error} The cells that need it are skipped.")
+        return None
 
 
 def effects_found(tree: xr.DataTree) -> pd.DataFrame:

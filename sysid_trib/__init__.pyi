@@ -28,6 +28,7 @@ from sysid_trib.validation.cross_check import cross_check as cross_check
 from . import (
     campaigns as campaigns,
     control as control,
+    datasets as datasets,
     errors as errors,
     forces as forces,
     methods as methods,

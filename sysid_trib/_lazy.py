@@ -2,6 +2,7 @@
 
 import ast
 import sys
+import warnings
 from collections.abc import Callable
 from importlib import import_module
 from importlib.util import resolve_name
@@ -14,6 +15,9 @@ from sysid_trib.errors import did_you_mean
 def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:
     """Return `__getattr__`, `__dir__` and `__all__` of a package, from the names in its stub `__init__.pyi`.
 
+    The stub may map old names to new ones in `__deprecated__`. An old name is not listed; it gives a
+    `DeprecationWarning` and the object with the new name.
+
     Parameters
     ----------
     package, file : str
@@ -21,14 +25,24 @@ def public_names(package: str, file: str) -> tuple[Callable[[str], Any], Callabl
     """
     homes: dict[str, tuple[str, str]] = {}
     listed: list[str] = []
+    replacements: dict[str, str] = {}
     for node in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ImportFrom):
             home = resolve_name("." * node.level + (node.module or ""), package)
             homes |= {alias.name: (home, alias.name) for alias in node.names}
         elif isinstance(node, ast.Assign):
-            listed = ast.literal_eval(node.value)
+            assigned = ast.literal_eval(node.value)
+            if ast.unparse(node.targets[0]) == "__deprecated__":
+                replacements = assigned
+            else:
+                listed = assigned
 
     def load(name: str) -> Any:
+        if name in replacements:
+            new = replacements[name]
+            message = f"{package}.{name} is deprecated and will be removed; use {package}.{new}."
+            warnings.warn(message, DeprecationWarning, stacklevel=2)
+            name = new
         if name not in homes:
             # Names that begin with an underscore are requested by tools, which do not show the message to a
             # user.

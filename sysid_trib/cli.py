@@ -90,7 +90,7 @@ def _run() -> tuple[int, str]:
         k for k in typer.BadParameter.__mro__ if k.__name__ == "ClickException"
     )
     try:
-        status = app(standalone_mode=False) or 0
+        status = app(prog_name="sysid-trib", standalone_mode=False) or 0
         sys.stdout.flush()
         return status, ""
     except SysidTribError as error:
@@ -100,9 +100,10 @@ def _run() -> tuple[int, str]:
         return 2, f"{said}{'' if said.endswith(('.', '?')) else '.'} See sysid-trib --help."
     except typer.Abort:
         return INTERRUPTED, ""
-    except SystemExit:
-        # Raised by typer if the reader of a pipe has closed it.
-        _leave_standard_output()
+    except SystemExit as end:
+        # Completion in a shell ends with 0. Typer ends with 1 if the reader of a pipe has closed it.
+        if end.code:
+            _leave_standard_output()
         return 0, ""
     except OSError as error:
         if error.filename is not None:

@@ -3,6 +3,7 @@
 import doctest
 import importlib.util
 import inspect
+import json
 import re
 import shlex
 import sys
@@ -44,14 +45,19 @@ ALWAYS = {"GL08", "SS03", "SS06", "PR02"}
 WHOLE = {"PR01", "PR03", "PR06", "RT01"}
 
 
+def script(name):
+    """Import a script of the folder of the documentation."""
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
 @pytest.fixture(scope="module")
 def generated():
     """The script that generates parts of the documentation."""
-    spec = importlib.util.spec_from_file_location("generated", DOCS / "generated.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["generated"] = module
-    spec.loader.exec_module(module)
-    return module
+    return script("generated")
 
 
 def _outputs():
@@ -160,6 +166,116 @@ def _session(code, names, name):
     runner.run(example, out=printed.append, clear_globs=False)
     assert not runner.failures, "".join(printed)
     names.update(example.globs)
+
+
+# Pages that are lists of others.
+LISTS = ("index", "notebooks")
+
+
+def test_every_page_is_in_the_list_of_one_page():
+    listed = []
+    for page in LISTS:
+        for entries in re.findall(
+            r"^```{toctree}\n(.*?)^```", (DOCS / f"{page}.md").read_text(), re.M | re.S
+        ):
+            listed += [line for line in entries.splitlines() if line and not line.startswith(":")]
+    assert sorted(listed) == sorted(
+        ["notebooks/*", *(p.stem for p in DOCS.glob("*.md") if p.stem != "index")]
+    )
+
+
+@pytest.mark.parametrize("page", sorted(set(DOCS.glob("*.md")) - {DOCS / "index.md"}), ids=lambda p: p.stem)
+def test_a_page_begins_with_what_it_is_for(page):
+    text = re.sub(r"\A---\n.*?\n---\n", "", page.read_text(encoding="utf-8"), flags=re.DOTALL).strip()
+    title, first = text.split("\n\n")[:2]
+    assert re.fullmatch(r"# .+", title)
+    assert re.match(r"This page \w+s ", first)
+
+
+def test_links_of_pages_lead_somewhere_in_the_repository():
+    """Readers of the repository follow them, too; `make docs` checks those of the site, with headings."""
+    for page in (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *DOCS.glob("*.md")):
+        text = re.sub(r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.M | re.S)
+        targets = re.findall(r"\]\((?!\w+:)([^)#]+)", text)
+        assert [target for target in targets if not (page.parent / target).exists()] == [], page.name
+
+
+def test_the_gallery_shows_every_figure_in_a_few_lines_with_a_description():
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    cells = re.findall(
+        r"^### `(\w+)`\n\n[^\n]+\n\n```{code-cell}\n---\n(.*?)\n---\n(.*?)^```$", text, re.M | re.S
+    )
+    assert sorted(name for name, _, _ in cells) == sorted(st.plots.__all__)
+    for name, options, code in cells:
+        assert re.fullmatch(r'mystnb:\n  image:\n    alt: ".{20,}"', options), name
+        assert f"st.plots.{name}(" in code.splitlines()[-1]
+        assert len(code.splitlines()) <= 8, name
+        assert max(map(len, code.splitlines())) <= 90, name
+
+
+GOOD = '<h1 id="top">A page</h1><a href="#top">up</a><a href="https://example.org">elsewhere</a>'
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        (GOOD, ""),
+        (f'{GOOD}<link rel="canonical" href="https://example.org/a.html">', ""),
+        ('<a href="b.html">other</a>', "a.html links to b.html, which does not exist."),
+        ('<a href="a.html#below">below</a>', "a.html links to a.html#below, which does not exist."),
+        ('<img src="_images/a.png">', "a.html links to _images/a.png, which does not exist."),
+        (
+            '<script src="https://cdn.example.org/a.js"></script>',
+            "a.html loads https://cdn.example.org/a.js, which is on another host.",
+        ),
+        (
+            '<link rel="stylesheet" href="//fonts.example.org/a.css">',
+            "a.html loads //fonts.example.org/a.css, which is on another host.",
+        ),
+    ],
+)
+def test_built_pages_have_no_dead_link_and_load_nothing_from_another_host(body, fault, tmp_path):
+    (tmp_path / "a.html").write_text(f"<html>{body}</html>", encoding="utf-8")
+    assert script("check_pages").faults_of(tmp_path) == ([fault] if fault else [])
+
+
+def test_links_of_a_notebook_are_right_on_the_site():
+    pages = script("notebook_pages")
+    text = "[a](../docs/files.md#clock) [b](run.py) [c](../docs/none.md) [d](01_six_forces.ipynb) [e](https://e.org)"
+    found = re.findall(r"\((.+?)\)", pages.with_links_of_the_site(text, pages.NOTEBOOKS, pages.COPIES))
+    in_repository = f"{pages.REPOSITORY}/notebooks/run.py"
+    assert found == [
+        "../files.md#clock",
+        in_repository,
+        "../docs/none.md",
+        "01_six_forces.ipynb",
+        "https://e.org",
+    ]
+    page = pages.with_links_of_the_site("[a](../notebooks/01_six_forces.ipynb)", DOCS, DOCS)
+    assert page == "[a](notebooks/01_six_forces.ipynb)"
+
+
+def test_versions_are_published_side_by_side(tmp_path):
+    publish, pages, site = script("publish").publish, tmp_path / "pages", tmp_path / "site"
+    pages.mkdir()
+    listed = []
+    for version in ("main", "v0.9.0", "v0.10.0", "v0.9.1", "main"):
+        (pages / "index.html").write_text(version, encoding="utf-8")
+        publish(pages, site, version)
+        listed.append(json.loads((site / "versions.json").read_text()))
+    assert listed[0] == ["latest"]
+    assert listed[1] == ["latest", "stable", "v0.9"]
+    assert listed[-1] == ["latest", "stable", "v0.10", "v0.9"]
+    shown = {name: (site / name / "index.html").read_text() for name in listed[-1]}
+    assert shown == {"latest": "main", "stable": "v0.10.0", "v0.10": "v0.10.0", "v0.9": "v0.9.1"}
+    assert 'url=stable/"' in (site / "index.html").read_text()
+    with pytest.raises(SystemExit, match="neither main nor a tag"):
+        publish(pages, site, "v1")
+
+
+def test_the_logo_is_that_of_its_script():
+    logo = script("logo")
+    assert logo.LOGO.read_text(encoding="utf-8") == logo.drawn(), "write it again: python docs/logo.py"
 
 
 def test_no_command_draws_over_a_picture_of_the_documentation():

@@ -155,6 +155,16 @@ def test_the_group_judged_has_one_form(kind, results):
     assert np.all(judged.residual_over_noise.values > 0.0)
 
 
+def test_the_text_of_a_result_is_plain_in_a_notebook(monkeypatch):
+    outside = str(st.show(st.load_library()))
+    # As in a kernel of Jupyter.
+    monkeypatch.setattr("rich.console._is_jupyter", lambda: True)
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert str(st.show(st.load_library())) == outside
+    assert "viscous friction" in outside
+    assert "\x1b" not in outside
+
+
 def test_objects_other_than_results_are_named():
     for function in (st.show, st.summary, st.best, lambda result: st.report(result, Path("never.html"))):
         with pytest.raises(UsageError, match="an object of type int"):

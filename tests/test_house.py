@@ -32,8 +32,8 @@ ROOT = PACKAGE.parent
 # From the ground up; each room imports only from rooms before it.
 _split = re.compile(r"\S+").findall
 ROOMS = _split("""
-    errors _version _lazy plugins arrays forces records simulation results cycles likelihood motion_fit
-    methods validation smooth_laws discovery questions physics control campaigns printing plots
+    errors _version _lazy plugins arrays forces datasets records simulation results cycles likelihood
+    motion_fit methods validation smooth_laws discovery questions physics control campaigns printing plots
     reporting commands cli
 """)
 # Words for which the field has others, as a part of an identifier (between its underscores).
@@ -54,8 +54,9 @@ COMMON_WORDS = set(
 """)
 )
 # Public names, the words that hold a forbidden one in a right sense, and keys of JSON.
-NAMESPACES = (st, st.campaigns, st.forces, st.methods, st.physics, st.plots, st.records, st.validation)
-EXEMPT = {*(name for space in NAMESPACES for name in dir(space)), "degrees_of_freedom", "freedoms"}
+NAMESPACES = ["campaigns", "datasets", "forces", "methods", "physics", "plots", "records", "validation"]
+SPACES = (st, *(getattr(st, name) for name in NAMESPACES))
+EXEMPT = {*(name for space in SPACES for name in dir(space)), "degrees_of_freedom", "freedoms"}
 PHRASES = re.compile(
     r"""
     \b(?: (?<!paper_) twins? | lean(?:s|ing)?\b(?=\s(?:on|against|upon)) | forecasts? | misfits? | narrowness

@@ -1,7 +1,6 @@
 """Notebooks are kept as text and notebook in step, the first with outputs, and use public names only."""
 
 import ast
-import hashlib
 import shutil
 import subprocess
 import sys
@@ -16,7 +15,17 @@ import sysid_trib
 
 FOLDER = Path(__file__).parents[1] / "notebooks"
 SCRIPTS = sorted(FOLDER.glob("[0-9][0-9]_*.py"))
-NAMESPACES = ("campaigns", "control", "forces", "methods", "physics", "plots", "records", "validation")
+NAMESPACES = (
+    "campaigns",
+    "control",
+    "datasets",
+    "forces",
+    "methods",
+    "physics",
+    "plots",
+    "records",
+    "validation",
+)
 OFFERED = {
     "st": {*dir(sysid_trib), *NAMESPACES},
     **{f"st.{name}": set(import_module(f"sysid_trib.{name}").__all__) for name in NAMESPACES},
@@ -98,55 +107,14 @@ def test_a_notebook_that_fails_is_named_with_its_cell(tmp_path):
     assert run(tmp_path, "02_works").returncode == 0
 
 
-pooch = pytest.importorskip("pooch")
-FILE = Path(__file__).parents[1] / "notebooks" / "measured.py"
-RUN = "string_pendulum/run_1.txt"
+def test_a_record_that_cannot_be_had_is_reported_in_one_sentence(monkeypatch, capsys):
+    def refuse(name):
+        raise sysid_trib.errors.RecordError(f"dataset {name}: no connection.")
 
-
-@pytest.fixture
-def measured(monkeypatch, tmp_path):
-    spec = spec_from_file_location("measured", FILE)
-    module = module_from_spec(spec)
-    monkeypatch.setitem(__import__("sys").modules, "measured", module)
-    spec.loader.exec_module(module)
-    monkeypatch.setenv("SYSID_TRIB_DATA", str(tmp_path / "records"))
-    monkeypatch.delenv("SYSID_TRIB_FETCH", raising=False)
-    monkeypatch.setattr(pooch, "os_cache", lambda project: tmp_path / "cache")
-    return module
-
-
-def put(folder, name):
-    (folder / "records" / name).parent.mkdir(parents=True, exist_ok=True)
-    (folder / "records" / name).write_text("0 1\n", encoding="utf-8")
-
-
-def test_missing_packages_are_reported_in_one_sentence_without_network_access(
-    measured, tmp_path, capsys, monkeypatch
-):
-    monkeypatch.setattr(measured, "fetched", lambda name: pytest.fail("went online"))
-    put(tmp_path, RUN)
-    assert list(measured.files()) == ["string"]
-    told = capsys.readouterr().out.splitlines()
-    assert len(told) == 1
-    assert "(pendulum, ship) were not found" in told[0]
-    assert "SYSID_TRIB_FETCH=1" in told[0]
-
-
-def test_fetched_files_are_checked(measured, monkeypatch, tmp_path, capsys):
-    monkeypatch.setenv("SYSID_TRIB_FETCH", "1")
-
-    def answer(url, output_file, pooch, check_only=False):
-        if "lab1" not in url:
-            raise ConnectionError("no route")
-        Path(output_file).write_text("0 1\n", encoding="utf-8")
-
-    monkeypatch.setattr(pooch.core, "choose_downloader", lambda url, progressbar: answer)
-    assert measured.files() == {}
-    assert "it is not the file it was" in capsys.readouterr().out
-    right = hashlib.sha256(b"0 1\n").hexdigest()
-    source = measured.Source(
-        *[getattr(measured.SOURCES[RUN], k) for k in ("repository", "commit", "path")], right
-    )
-    monkeypatch.setitem(measured.SOURCES, RUN, source)
-    assert measured.files()["string"].read_text(encoding="utf-8") == "0 1\n"
-    assert capsys.readouterr().out.count("there is no connection") == 2
+    spec = spec_from_file_location("tables", FOLDER / "tables.py")
+    tables = module_from_spec(spec)
+    spec.loader.exec_module(tables)
+    monkeypatch.setattr(sysid_trib.datasets, "load", refuse)
+    assert tables.available("ship_roll") is None
+    said = "dataset ship_roll: no connection. The cells that need it are skipped.\n"
+    assert capsys.readouterr().out == said

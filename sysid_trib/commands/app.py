@@ -21,6 +21,7 @@ import typer
 from typer.core import TyperCommand
 
 from sysid_trib._version import __version__
+from sysid_trib.commands.completion import completer_of
 from sysid_trib.commands.options import (
     COMMANDS,
     OPTIONS_OF,
@@ -38,7 +39,12 @@ PLUS_MINUS = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 
 def _parameter(name: str, row: Mapping[str, Any], kind: Any, default: Any) -> Parameter:
     """Return an option as an argument for typer, under the title of its group in the help."""
-    usual = {"metavar": row.get("value"), "help": row["help"], "rich_help_panel": row["title"]}
+    usual = {
+        "metavar": row.get("value"),
+        "help": row["help"],
+        "rich_help_panel": row["title"],
+        "autocompletion": completer_of(name, row),
+    }
     if row.get("positional"):
         # An unreadable value is refused by the code that reads it.
         read = typer.Argument(show_default=default != [], readable=False, **usual)
@@ -164,9 +170,7 @@ class GroupedCommand(TyperCommand):
                 formatter.write(f"  {example}\n")
 
 
-app = typer.Typer(
-    no_args_is_help=False, add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
-)
+app = typer.Typer(no_args_is_help=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
 def _show_version(asked: bool) -> None:
@@ -212,8 +216,8 @@ def _add(name: str, home: str, options: list[str], help: str, examples: list[str
     def run(**values: Any) -> None:
         from sysid_trib.commands import terminal
 
-        given = options_class(**values)
         with terminal.working(values.get(RECORDS, ())) as tell:
+            given = terminal.with_stored_inputs(options_class(**values))
             terminal.check_values(given, rows)
             say = getattr(_imported(f"sysid_trib.commands.{home}"), name)(tell, given)
         say()

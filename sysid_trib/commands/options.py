@@ -285,6 +285,13 @@ class LibraryOptions(CommandOptions):
     latex: Path | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class DatasetsOptions(CommandOptions):
+    """Options of `datasets`."""
+
+    as_json: bool = False
+
+
 # Class of the options of each command in the table.
 OPTIONS_OF: dict[str, type[CommandOptions]] = {
     "look": LookOptions,
@@ -301,6 +308,7 @@ OPTIONS_OF: dict[str, type[CommandOptions]] = {
     "report": ReportOptions,
     "export": ExportOptions,
     "forces": LibraryOptions,
+    "datasets": DatasetsOptions,
 }
 
 

@@ -20,6 +20,8 @@ from sysid_trib.commands.options import (
     RecordOptions,
     ShownOptions,
 )
+from sysid_trib.datasets.fetching import files
+from sysid_trib.datasets.registry import dataset_name, published
 from sysid_trib.errors import DecayError, RecordError, Tell, UsageError, printable, readable, silent
 from sysid_trib.printing import Block, Layer
 
@@ -167,6 +169,36 @@ def check_values(given: CommandOptions, rows: OptionRows) -> None:
         check_output(given.methods_text.with_suffix(".bib"), ".bib", reads=reads, flag="--methods-text")
     if isinstance(given, ShownOptions):
         check_folder(given.plot)
+
+
+def with_stored_inputs(given: CommandOptions) -> CommandOptions:
+    """Return the options with the inputs that are stored for `dataset:NAME`, if none are given.
+
+    The datasets are downloaded if need be.
+
+    Raises
+    ------
+    UsageError
+        There is no such dataset, or the datasets have different inputs.
+    RecordError
+        A dataset cannot be downloaded, or its file is another one.
+    """
+    if not isinstance(given, RecordOptions):
+        return given
+    names = [name for record in given.records if (name := dataset_name(record)) is not None]
+    for name in names:
+        files(name)
+    if given.input_ is not None:
+        return given
+    stored = {name: published(name).reading.get("inputs", {}) for name in names}
+    texts = {
+        ",".join(column if name == "u" else f"{name}={column}" for name, column in inputs.items()): dataset
+        for dataset, inputs in stored.items()
+    }
+    if len(texts) > 1:
+        first, second, *_ = texts.values()
+        raise UsageError(f"dataset:{first} and dataset:{second} have different inputs; give --input.")
+    return given.but(input_=next(iter(texts), "") or None)
 
 
 def check_output(target: Path | None, ending: str, *, reads: Sequence[Path] = (), flag: str = "-o") -> None:

@@ -21,7 +21,16 @@ def write_table(table: "Table", file: TextIO | None = None) -> None:
     from rich.console import Console
 
     # With markup, a bracket in the name of a force would be read as a command.
-    console = Console(file=file, highlight=False, markup=False, emoji=False)
+    # Only standard output may be a terminal. In a notebook rich would otherwise display each table by itself,
+    # and add the codes of a terminal to the text.
+    console = Console(
+        file=file,
+        highlight=False,
+        markup=False,
+        emoji=False,
+        force_terminal=None if file is None else False,
+        force_jupyter=False,
+    )
     # A result must be complete on every output: a terminal may fold words but not numbers, a pipe neither.
     if not console.is_terminal:
         # Width of the table without truncation.

@@ -25,6 +25,7 @@ from sysid_trib.records.columns import ChosenColumns, choose_columns
 from sysid_trib.records.constants import with_constants
 from sysid_trib.records.integration import as_position
 from sysid_trib.records.own_quantity import with_own_quantity
+from sysid_trib.records.published import named_file
 from sysid_trib.records.row_times import input_columns, inputs_near, row_times, with_inputs
 from sysid_trib.records.tables import LISTED
 from sysid_trib.records.unit_tables import ACCELEROMETER, METRES, STANDARD_GRAVITY
@@ -54,7 +55,8 @@ def read_record(
     ----------
     path : str or path
         Text, CSV or JSON, MATLAB, NumPy, Excel, netCDF, HDF5, Parquet or TDMS, or one of them as .gz; the
-        content decides, not the name. `-` is standard input.
+        content decides, not the name. `-` is standard input, and `dataset:NAME` a record of `st.datasets`,
+        read by the options stored there unless others are given.
     time : str or int, optional
         Name of the time column, or its number from 0. If not given, it is recognised by its name or because
         it rises. The columns of MATLAB and HDF5 files are named like `data.Y[0]`.
@@ -162,12 +164,13 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     >>> [record.angle[0].round(2).item() for record in st.records.read_records("runs.csv")]
     [0.3, 0.27]
     """
-    how = how or reading.Reading()
-    path = Path(path)
+    named_as = named_file(path)
+    path = named_as.path
+    how = named_as.reading(how or reading.Reading())
     how = replace(how, inputs=inputs_near(how.inputs, path))
     if how.time is not None and how.sampling_rate is not None:
         raise UsageError(f"{path.name}: give a time column or a sampling rate, not both.")
-    table = tables.read_table(path)
+    table = named_as.whole(tables.read_table(path))
     if reading.is_expression(table, how.angle):
         table = reading.with_expression(table, str(how.angle), how.units)
     of_columns = (value for value in how.constants.values() if isinstance(value, str))
@@ -181,6 +184,7 @@ def read_records(path: str | os.PathLike[str], how: reading.Reading | None = Non
     for number, record in enumerate(records, 1):
         # Two runs of one file are two records.
         record.attrs["record_checksum"] = table.checksum + f"-{number}" * (len(chosen) > 1)
+        record.attrs |= named_as.attrs()
     return records
 
 

@@ -3,7 +3,6 @@
 import os
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from sysid_trib.records.column import Column
 from sysid_trib.records.columns import own_time
 from sysid_trib.records.in_memory import as_record
 from sysid_trib.records.integration import uniform_pieces
+from sysid_trib.records.published import named_file
 from sysid_trib.records.row_times import row_times
 from sysid_trib.records.runs import RecordLike
 from sysid_trib.records.signal import unit_of_signal
@@ -94,9 +94,9 @@ def read_sensors(
     >>> sensors.signal.sizes["sensor"], sensors.attrs["quantity"], sensors.signal.attrs["units"]
     (2, 'displacement', 'mm')
     """
-    how = how or reading.Reading()
-    path = Path(path)
-    table = tables.read_table(path)
+    named_as = named_file(path)
+    how = named_as.reading(how or reading.Reading())
+    table = named_as.whole(tables.read_table(named_as.path))
     columns, unused = _columns(table, how)
     first = columns[0]
     time_column = table.find(how.time) if how.time is not None else own_time(table, first)
