@@ -31,6 +31,7 @@ for name in sorted(shipped - {"systems"}):
     sysid_trib.load_library(name)
     print(f"Wheel check: loaded library {name}")
 load_system("pendulum")
+sysid_trib.datasets.load("certified/dry_1e-3")
 PYTHON
 "$scratch/venv/bin/sysid-trib" --help >/dev/null
 "$scratch/venv/bin/python" -m sysid_trib --help >/dev/null
