@@ -216,7 +216,14 @@ def dataset_name(path: str | os.PathLike[str]) -> str | None:
 
 
 def names() -> list[str]:
-    """Return the names of all records, which `load` and `dataset:NAME` take."""
+    """Return the names of all records.
+
+    Returns
+    -------
+    list of str
+        Names as `load` takes them, and a command as `dataset:NAME`: the public records, then the certified
+        decays.
+    """
     return list(registry())
 
 

@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 # Columns of a table of answers that must be there; `error` may be.
 ANSWER_COLUMNS = ("name", "coefficient", "value")
 # Unknowns of the bound that are not scored.
-START = ("start_angle", "start_rate")
+OF_THE_START = ("start_angle", "start_rate")
 
 
 @cache
 def _truths() -> dict[str, dict[str, tuple[float, float]]]:
     """Return value and bound of each unknown, by the names of records."""
-    found: dict[str, dict[str, tuple[float, float]]] = {}
+    truths: dict[str, dict[str, tuple[float, float]]] = {}
     with (CERTIFIED / "truth.csv").open(encoding="utf-8", newline="") as file:
         for row in csv.DictReader(file):
-            found.setdefault(row["name"], {})[row["quantity"]] = (float(row["value"]), float(row["bound"]))
-    return found
+            truths.setdefault(row["name"], {})[row["quantity"]] = (float(row["value"]), float(row["bound"]))
+    return truths
 
 
 def truth(name: str) -> xr.Dataset:
@@ -114,14 +114,14 @@ def score(answers: "pd.DataFrame | str | os.PathLike[str]") -> "pd.DataFrame":
     rows: dict[tuple[str, str], dict[str, float]] = {}
     for name in dict.fromkeys(name for name, _ in given):
         for quantity, (value, bound) in _truths()[name].items():
-            if quantity in START:
+            if quantity in OF_THE_START:
                 continue
-            found, error = given.get((name, quantity), (np.nan, np.nan))
+            answered, error = given.get((name, quantity), (np.nan, np.nan))
             rows[name, quantity] = {
-                "value": found,
+                "value": answered,
                 "truth": value,
                 "bound": bound,
-                "error_over_bound": (found - value) / bound,
+                "error_over_bound": (answered - value) / bound,
                 "stated_over_bound": error / bound,
             }
     index = pd.MultiIndex.from_tuples(list(rows), names=["name", "coefficient"])
@@ -146,7 +146,7 @@ def _answers_by_place(table: "pd.DataFrame") -> dict[tuple[str, str], tuple[floa
         raise RecordError(f"The table of answers has no column {absent[0]}; it needs {columns}.")
     if table.empty:
         raise RecordError(f"The table of answers has no row; give one a coefficient, with {columns}.")
-    found: dict[tuple[str, str], tuple[float, float]] = {}
+    by_place: dict[tuple[str, str], tuple[float, float]] = {}
     for row in table.to_dict("records"):
         name, quantity = str(row["name"]), str(row["coefficient"])
         known = _truths().get(name)
@@ -155,13 +155,13 @@ def _answers_by_place(table: "pd.DataFrame") -> dict[tuple[str, str], tuple[floa
             raise UsageError(
                 f"There is no certified decay '{name}'.{nearest} sysid-trib datasets lists them."
             )
-        scored = [place for place in known if place not in START]
+        scored = [place for place in known if place not in OF_THE_START]
         if quantity not in scored:
             raise UsageError(f"{name} has no coefficient '{quantity}'; it has {', '.join(scored)}.")
-        if (name, quantity) in found:
+        if (name, quantity) in by_place:
             raise RecordError(f"{name}: {quantity} is answered twice; give one row a coefficient.")
-        found[name, quantity] = _number(row["value"], name), _number(row.get("error", np.nan), name)
-    return found
+        by_place[name, quantity] = _number(row["value"], name), _number(row.get("error", np.nan), name)
+    return by_place
 
 
 def _number(value: Any, name: str) -> float:
