@@ -413,6 +413,10 @@ def test_a_further_parameter_must_be_worth_one_per_cent(trials, parameters):
     assert models._smallest_sufficient(trials).candidate.parameters == parameters
 
 
+def test_of_two_models_with_as_many_parameters_the_better_one_is_chosen():
+    assert models._smallest_sufficient([trial(5, 1.005), trial(5, 1.0), trial(6, 0.995)]).error == 1.0
+
+
 def test_a_candidate_that_cannot_be_fitted_is_left_out_and_none_is_an_error():
     def refused(records):
         raise SysidTribError("no fit")
