@@ -36,7 +36,9 @@ def serve(file: Path | None, port: int, *, open_browser: bool) -> None:
         raise st.errors.SysidTribError("The app needs panel: pip install -e '.[app]' in a clone.")
     if file is not None and not file.is_file():
         raise st.errors.UsageError(f"{file}: there is no such file.")
-    from sysid_trib.app.page import Page, panel
+    import panel
+
+    from sysid_trib.app.page import Page
 
     port = _free_port(port)
     url = f"http://{ADDRESS}:{port}/"

@@ -5,10 +5,9 @@ import html
 import inspect
 import io
 import math
-import shlex
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -17,110 +16,12 @@ import numpy as np
 import pandas as pd
 
 import sysid_trib as st
+from sysid_trib.app.messages import TITLES, Failure, Request, Section, Signal
 
 # Bins of the drawn signal; each has its smallest and its largest sample.
 BINS = 1500
 NO_MEMORY = "Out of memory: choose a shorter window, or a record with a lower sampling rate."
 EXAMPLE = "Synthetic example"
-QUANTITIES = ("angle", "displacement", "rate", "acceleration")
-TIME_UNITS = ("s", "ms", "us", "ns", "min", "h", "d")
-PARTS = ("backbone", "identify", "laws")
-
-
-@dataclass(frozen=True)
-class Request:
-    """A record, how it is read, and the wanted identification.
-
-    Attributes
-    ----------
-    folder : Path
-        Folder for the files that can be downloaded.
-    file : Path or None
-        The record; None for a sample.
-    shown : str
-        Its name in the command.
-    sample : str
-        Name of a sample, from `sample_names`.
-    reading : mapping of str to (str or float)
-        Options of `st.records.Reading` that are given.
-    window : (float or None, float or None), s
-    system : str
-        Name of a system, or empty.
-    forces : tuple of str
-        Symbols of forces; empty for the usual ones.
-    laws : bool
-        Whether the laws are identified, too.
-    suggest : bool
-        Whether system and forces are those to which the backbone points.
-    """
-
-    folder: Path
-    file: Path | None = None
-    shown: str = ""
-    sample: str = ""
-    reading: Mapping[str, str | float] = field(default_factory=dict)
-    window: tuple[float | None, float | None] = (None, None)
-    system: str = ""
-    forces: tuple[str, ...] = ()
-    laws: bool = True
-    suggest: bool = False
-
-    def command(self, name: str) -> str:
-        """Return the command of the terminal that gives the same result."""
-        words = ["sysid-trib", name]
-        if self.shown:
-            words.append(f"./{self.shown}" if self.shown.startswith("-") else self.shown)
-        options: dict[str, Any] = {**self.reading}
-        if self.window != (None, None):
-            options["window"] = ":".join("" if side is None else f"{side:g}" for side in self.window)
-        options["system"] = self.system
-        if name == "identify":
-            options["forces"] = ",".join(self.forces)
-        for option, value in options.items():
-            if value:
-                text = f"{value:g}" if isinstance(value, float) else value
-                words.append(f"--{option.replace('_', '-')}={text}")
-        return shlex.join(words)
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Current work and, if known, its completed fraction."""
-
-    activity: str
-    done: float | None = None
-
-
-@dataclass(frozen=True)
-class Signal:
-    """The record as read: text, decimated signal, names of columns, and the suggested model."""
-
-    text: str
-    time: np.ndarray
-    value: np.ndarray
-    label: str
-    columns: Sequence[str]
-    system: str
-    forces: tuple[str, ...]
-
-
-@dataclass(frozen=True)
-class Part:
-    """One of `PARTS` as HTML, the files with its numbers, and the command that gives the same."""
-
-    name: str
-    text: str
-    files: Mapping[str, Path]
-    command: str
-
-
-@dataclass(frozen=True)
-class Failure:
-    """An error in one sentence, columns of the file to choose from, and the part that failed."""
-
-    text: str
-    choices: Sequence[str] = ()
-    part: str = ""
 
 
 def sample_names() -> list[str]:
@@ -128,7 +29,7 @@ def sample_names() -> list[str]:
     return [EXAMPLE]
 
 
-def messages_of(request: Request, tell: Callable[..., None]) -> Iterator[Signal | Part | Failure]:
+def messages_of(request: Request, tell: Callable[..., None]) -> Iterator[Signal | Section | Failure]:
     """Read and identify a record; yield each stage when it is done, and errors as sentences.
 
     Parameters
@@ -143,8 +44,8 @@ def messages_of(request: Request, tell: Callable[..., None]) -> Iterator[Signal 
         return
     if request.suggest:
         request = replace(request, system=read.system, forces=read.forces)
-    for name in PARTS if request.laws else PARTS[:-1]:
-        tell(name)
+    for name in [*TITLES] if request.laws else [*TITLES][:-1]:
+        tell(TITLES[name])
         made = _outcome(partial(_part, request, name, tell))
         yield replace(made, part=name) if isinstance(made, Failure) else made
 
@@ -177,8 +78,8 @@ def _decays(request: Request, *, named: bool) -> tuple[list[Any], list[Any]]:
         system = st.forces.load_systems()[request.system]
         how |= {"usual": system.signal, "gravity": system.swings_under_gravity}
     records = _records(request.file, frozenset(how.items()))
-    found = [st.records.free_decays(r, window=request.window, as_it_is=named) for r in records]
-    return records, [decay for decays in found for decay in decays]
+    decays = [st.records.free_decays(r, window=request.window, as_it_is=named) for r in records]
+    return records, [decay for those in decays for decay in those]
 
 
 def _signal(request: Request) -> Signal:
@@ -187,15 +88,21 @@ def _signal(request: Request) -> Signal:
     record = records[0]
     looked = st.look(records, decays)
     attrs = record.attrs
-    how = [f"{attrs['signal']} in {attrs['angle_unit_in_file']}", f"from column {attrs['angle_column']}"]
-    said = [" ".join(how), attrs["clock"], attrs.get("reading", "")] if request.file else [attrs["source"]]
+    said = [str(attrs["source"])]
+    if request.file is not None:
+        said.append(f"{attrs['signal']} in {attrs['angle_unit_in_file']} from column {attrs['angle_column']}")
+        said += [attrs["clock"], attrs.get("reading", "")]
     system, forces = _suggested(looked)
     values = record.angle
     time, value = decimated(record.time.values, values.values)
+    read = html.escape("; ".join(filter(None, said)))
+    margin = 0.05 * np.ptp(value[np.isfinite(value)]).item()
     return Signal(
-        text=f"<p>{html.escape('; '.join(filter(None, said)))}.</p>{st.show(looked)._repr_html_()}",
+        text=f"<div class=hint><p>{read}.</p>{st.show(looked)._repr_html_()}</div>",
         time=time,
         value=value,
+        ends=(record.time.values[0].item(), record.time.values[-1].item()),
+        limits=(np.nanmin(value).item() - margin, np.nanmax(value).item() + margin),
         label=f"{values.attrs.get('long_name', 'signal')} ({values.attrs.get('units', '')})",
         columns=str(attrs.get("columns_in_file", "")).split("; "),
         system=system,
@@ -243,37 +150,38 @@ def decimated(time: np.ndarray, value: np.ndarray) -> tuple[np.ndarray, np.ndarr
     return np.repeat(time[edges], 2), ends.ravel()
 
 
-def _part(request: Request, name: str, tell: Callable[..., None]) -> Part:
-    """Compute one of `PARTS`."""
+def _part(request: Request, name: str, tell: Callable[..., None]) -> Section:
+    """Compute one of `TITLES`."""
     _, decays = _decays(request, named=name == "identify" and bool(request.forces))
+    command = request.command(name)
+
+    def progress(activity: str, done: float | None = None) -> None:
+        tell(f"{TITLES[name]}: {activity}", done)
+
     if name == "backbone":
-        texts = []
-        for decay in decays:
-            curve = st.backbone(decay)
-            shown = _folded(st.show(curve), "Numbers")
-            texts.append(_figure(st.plots.backbone, curve, "Backbone") + shown)
-        return Part(name, "".join(texts), {}, request.command(name))
+        curves = [st.backbone(decay) for decay in decays]
+        texts = [_figure(st.plots.backbone, curve) + _folded(curve, "Numbers") for curve in curves]
+        return Section(name, "".join(texts), command)
     if name == "laws":
-        result = st.laws(decays, request.system or None, tell=tell)
-        numbers = _law_table(result)
-        text = _figure(st.plots.laws, result, "Friction and restoring force", width=7.0)
+        result = st.laws(decays, request.system or None, tell=progress)
+        numbers, content = _law_table(result), _figure(st.plots.laws, result, width=7.0)
     else:
         library: Any = ",".join(request.forces) or None
         constraints: Any = {}
         if request.system:
             library, constraints = st.system(request.system, request.forces or None)
-        result = st.identify(decays, library, constraints=constraints, tell=tell)
-        numbers = st.summary(result)
-        text = _coefficients(result) + _figure(st.plots.overview, result, "Record, residuals and forces")
-    shown = st.show(result)
-    verdict = html.escape(shown.blocks[0].sentences[0])
-    result.attrs["command"] = request.command(name)
-    tell(f"{name}, report")
-    report, table = request.folder / f"{name}_report.html", request.folder / f"{name}.csv"
-    st.report(result, report)
-    numbers.to_csv(table)
-    text = f'<p class="verdict">{verdict}</p>{text}{_folded(shown, "All that the command prints")}'
-    return Part(name, text, {"report": report, "CSV": table}, request.command(name))
+        result = st.identify(decays, library, constraints=constraints, tell=progress)
+        numbers, content = st.summary(result), _coefficients(result) + _figure(st.plots.overview, result)
+    verdict = st.show(result).blocks[0].sentences[0]
+    result.attrs["command"] = command
+    progress("report")
+    files = [request.folder / f"{name}.html", request.folder / f"{name}.csv"]
+    st.report(result, files[0])
+    numbers.to_csv(files[1])
+    content += _folded(result, "All that is printed")
+    if name == "identify":
+        return Section(name, content, command, files, verdict)
+    return Section(name, f"<p class=verdict>{html.escape(verdict)}</p>{content}", command, files)
 
 
 def _law_table(result: Any) -> Any:
@@ -305,18 +213,16 @@ def _coefficients(result: Any) -> str:
     return f"<p>Preferred method: {html.escape(method)}</p>{rows}"
 
 
-def _folded(shown: Any, title: str) -> str:
-    return f"<details><summary>{title}</summary>{shown._repr_html_()}</details>"
+def _folded(result: Any, title: str) -> str:
+    return f"<details><summary>{title}</summary>{st.show(result)._repr_html_()}</details>"
 
 
-def _figure(draw: Callable[..., Any], result: Any, title: str, **options: Any) -> str:
-    """Return a figure as an image that cannot run scripts, with its caption."""
+def _figure(draw: Callable[..., Any], result: Any, **options: Any) -> str:
+    """Return a figure as an image, which cannot run scripts, with its caption."""
     written = io.BytesIO()
     draw(result, **options).savefig(written, format="svg")
     data = base64.b64encode(written.getvalue()).decode()
-    said = " ".join((inspect.getdoc(draw) or "").partition("\n\nParameters\n")[0].split())
-    caption = html.escape(said)
-    return (
-        f'<figure><img alt="{title}: {caption}" src="data:image/svg+xml;base64,{data}">'
-        f"<figcaption>{caption}</figcaption></figure>"
-    )
+    described = " ".join((inspect.getdoc(draw) or "").partition("\n\nParameters\n")[0].split())
+    caption = html.escape(described)
+    image = f'<img alt="{caption}" src="data:image/svg+xml;base64,{data}">'
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from typing import Any
 
-from sysid_trib.app import tasks
+from sysid_trib.app import messages, tasks
 
 DONE = "done"
 STOPPED = (
@@ -23,7 +23,7 @@ class Worker:
         self._pipe: Any = None
         self.busy = False
 
-    def start(self, request: tasks.Request) -> None:
+    def start(self, request: messages.Request) -> None:
         """Start a request; a running one ends at once."""
         if self.busy:
             self.stop()
@@ -54,7 +54,7 @@ class Worker:
             self._process = None
 
     def messages(self) -> Iterator[Any]:
-        """Yield what the process has sent since the last call."""
+        """Yield the messages that the process has sent since the last call."""
         try:
             while self.busy and self._pipe.poll():
                 message = self._pipe.recv()
@@ -63,7 +63,7 @@ class Worker:
                     yield message
         except (EOFError, OSError):
             self.stop()
-            yield tasks.Failure(STOPPED)
+            yield messages.Failure(STOPPED)
 
 
 def _work(pipe: Connection) -> None:
@@ -72,7 +72,7 @@ def _work(pipe: Connection) -> None:
     from threadpoolctl import threadpool_limits
 
     def tell(activity: str, done: float | None = None) -> None:
-        pipe.send(tasks.Progress(activity, done))
+        pipe.send(messages.Progress(activity, done))
 
     # What matters of a warning is in the result.
     warnings.simplefilter("ignore")
