@@ -17,7 +17,7 @@ TIME_CHOICES = ["", "s", "ms", "us", "ns", "min", "h", "d"]
 WINDOW_STEP = 1e-3
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 # Buttons without a name; the arrow keys do the same.
-NO_SPINNERS = ".bk-spin-btn { display: none; }"
+NO_SPINNERS = ".bk-spin-btn { display: none !important; }"
 LAWS = "Friction and restoring force as curves, too"
 
 
