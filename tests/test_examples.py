@@ -80,6 +80,7 @@ def test_a_public_name_has_an_example_with_a_result(name):
     written = doctest.DocTestParser().get_examples(section)
     assert heading, f"{name} needs a section Examples in its docstring (CONTRIBUTING.md)"
     assert any(example.want for example in written), f"the example of {name} shows no result"
+    assert not any(example.options.get(doctest.SKIP) for example in written), f"{name} skips its example"
     assert written[0].source.startswith(("import", "from")), f"the example of {name} needs its imports"
 
 
@@ -92,6 +93,15 @@ def test_an_example_gives_what_it_shows(test, tmp_path, monkeypatch):
     said: list[str] = []
     doctest.DocTestRunner(verbose=False, optionflags=FLAGS).run(test, out=said.append)
     assert not said, "".join(said)
+
+
+def test_no_module_hides_a_public_name():
+    """Importing a module sets its name in the package, in place of a public name that is the same."""
+    for space in namespaces()[1:]:
+        modules = {
+            path.stem for folder in getattr(space, "__path__", ()) for path in Path(folder).glob("*.py")
+        }
+        assert modules.isdisjoint(space.__all__), space.__name__
 
 
 def test_every_example_of_the_package_is_run():

@@ -42,6 +42,12 @@ def files(name: str) -> list[Path]:
         There is no such record, or SYSID_TRIB_DATA names no folder.
     RecordError
         A file is not the published one, or cannot be downloaded: no connection, or pooch is not installed.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> [path.name for path in st.datasets.files("certified/viscous_1e-4")]
+    ['viscous_1e-4.csv.gz']
     """
     record = published(name)
     if record.kind == "certified":

@@ -216,13 +216,19 @@ def dataset_name(path: str | os.PathLike[str]) -> str | None:
 
 
 def names() -> list[str]:
-    """Return the names of all records.
+    """Return the names of all records, which `load` and `dataset:NAME` take.
 
     Returns
     -------
     list of str
-        Names as `load` takes them, and a command as `dataset:NAME`: the public records, then the certified
-        decays.
+        Measured and driven records first, then the certified decays.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> names = st.datasets.names()
+    >>> "ship_roll" in names, sum(name.startswith("certified/") for name in names)
+    (True, 36)
     """
     return list(registry())
 
@@ -235,6 +241,13 @@ def table() -> "pd.DataFrame":
     DataFrame
         Index `name`; columns `title`, `kind` (measured, driven or certified), `licence`, `source` (address
         of its page), `citation`, `bytes` (size of its files).
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> table = st.datasets.table()
+    >>> table.loc["certified/viscous_1e-4", ["kind", "licence"]].tolist()
+    ['certified', 'BSD-3-Clause']
     """
     import pandas as pd
 

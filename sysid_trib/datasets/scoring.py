@@ -51,6 +51,13 @@ def truth(name: str) -> xr.Dataset:
     ------
     UsageError
         There is no such dataset, or it is not a certified one.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> truth = st.datasets.truth("certified/viscous_1e-4").sel(quantity="zeta")
+    >>> print(f"{truth.value.item():.2f}, found with an error of {truth.bound.item():.1e} at best")
+    0.01, found with an error of 5.1e-07 at best
     """
     published(name)
     rows = certified_rows()
@@ -106,6 +113,17 @@ def score(answers: "pd.DataFrame | str | os.PathLike[str]") -> "pd.DataFrame":
     -----
     The RMS of `error_over_bound` over many records is at least 1 for an unbiased method (Cramér and Rao). For
     a single record it is random.
+
+    Examples
+    --------
+    An answer that is wrong by 1e-5, twenty times the smallest possible error; the frequency was not answered.
+
+    >>> import pandas as pd
+    >>> import sysid_trib as st
+    >>> answer = {"name": "certified/viscous_1e-4", "coefficient": "zeta", "value": 0.01001}
+    >>> scores = st.datasets.score(pd.DataFrame([answer])).loc["certified/viscous_1e-4"]
+    >>> scores.error_over_bound.round(1).to_dict()
+    {'zeta': 19.6, 'reference_frequency': nan}
     """
     import pandas as pd
 

@@ -27,7 +27,12 @@ def load(name: str) -> xr.Dataset:
 
     Examples
     --------
-    >>> record = st.datasets.load("ship_roll")  # doctest: +SKIP
-    >>> decay = st.free_decay(record, window=(25.0, None))  # doctest: +SKIP
+    A certified decay belongs to the package; a measured record, such as `ship_roll`, is downloaded once.
+
+    >>> import sysid_trib as st
+    >>> record = st.datasets.load("certified/viscous_1e-4")
+    >>> found = st.identify(record, "zeta", "direct")
+    >>> found.coefficient.round(5).item(), st.datasets.truth("certified/viscous_1e-4").value[0].item()
+    (0.01, 0.01)
     """
     return read_record(f"{DATASET}{name}")
