@@ -30,6 +30,7 @@ if shipped != set(sys.argv[1:]):
 for name in sorted(shipped - {"systems"}):
     sysid_trib.load_library(name)
 load_system("pendulum")
+sysid_trib.datasets.load("certified/dry_1e-3")
 """
 COMMANDS = (
     ("--help",),

@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import latex2mathml.converter
+import numpydoc.xref
 from docutils import nodes
 from sphinx.application import Sphinx
 
@@ -75,6 +76,21 @@ LINKED = {
 ONLINE = os.environ.get("SYSID_TRIB_INTERSPHINX") == "1"
 intersphinx_mapping = {name: (address, None) for name, address in LINKED.items() if ONLINE}
 intersphinx_timeout = 30
+# Types in docstrings that are links then; other words of a type stay words.
+numpydoc_xref_param_type = ONLINE
+numpydoc_xref_ignore = "all"
+# Those that numpydoc links itself need the inventory of Python as well.
+numpydoc.xref.DEFAULT_LINKS.clear()
+numpydoc_xref_aliases = {
+    "Axes": "matplotlib.axes.Axes",
+    "DataArray": "xarray.DataArray",
+    "DataFrame": "pandas.DataFrame",
+    "DataTree": "xarray.DataTree",
+    "Dataset": "xarray.Dataset",
+    "Figure": "matplotlib.figure.Figure",
+    "Series": "pandas.Series",
+    "ndarray": "numpy.ndarray",
+}
 
 # `$` before a command and prompts of Python are not copied, nor is what a command prints.
 copybutton_prompt_text = r"\$ |>>> |\.\.\. "
@@ -122,8 +138,6 @@ def setup(app: Sphinx) -> None:
     app.connect("doctree-read", _thumbnails)
     # Before the theme makes its links to the source.
     app.connect("html-page-context", _source, priority=100)
-    # Before intersphinx looks for them.
-    app.connect("missing-reference", _public, priority=400)
     # Before numpydoc reads them.
     app.connect("autodoc-process-docstring", _readable, priority=400)
     app.add_html_math_renderer("mathml", (_math, None), (_math, None))
@@ -177,17 +191,6 @@ def _source(app: Sphinx, page: str, template: str, context: dict[str, object], d
     """Let the links to the source of a notebook lead to the folder of the notebooks, not to the copy."""
     if page.startswith("notebooks/"):
         context["theme_source_directory"] = ""
-
-
-def _public(app: Sphinx, env: object, node: nodes.Element, shown: nodes.Element) -> None:
-    """Let the type of a signature be looked for under its public name, where its package documents it."""
-    package, *path = node.get("reftarget", "").split(".")
-    if package in ("pandas", "xarray") and len(path) > 1:
-        # xarray.core.dataset.Dataset is xarray.Dataset.
-        node["reftarget"] = f"{package}.{path[-1]}"
-    elif package in LINKED:
-        # matplotlib.axes._axes.Axes is matplotlib.axes.Axes.
-        node["reftarget"] = ".".join([package, *(part for part in path if not part.startswith("_"))])
 
 
 def _math(translator: "object", node: nodes.math) -> None:

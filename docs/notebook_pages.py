@@ -21,7 +21,7 @@ NAMES = "[0-9][0-9]_*.ipynb"
 LINK = re.compile(r"\]\(([\w./-]+)(#[\w-]+)?\)")
 # What decides the outputs of a notebook, besides its own cells.
 PATTERNS = ("sysid_trib/**/*.py", "libraries/*.toml", "notebooks/*.py")
-VARIABLES = ("SYSID_TRIB_QUICK", "SYSID_TRIB_DATA", "SYSID_TRIB_FETCH")
+VARIABLES = ("SYSID_TRIB_QUICK", "SYSID_TRIB_DATA")
 
 
 def copy_notebooks() -> None:

@@ -26,6 +26,22 @@ class UsageError(SysidTribError):
     exit_status = 2
 
 
+class ChoiceError(UsageError):
+    """A file in which several columns could be the signal.
+
+    Parameters
+    ----------
+    message : str
+        The error, its place, and the remedy.
+    choices : iterable of str
+        Names of these columns.
+    """
+
+    def __init__(self, message: str, choices: Iterable[str]) -> None:
+        super().__init__(message)
+        self.choices = tuple(choices)
+
+
 class LibraryError(SysidTribError):
     """A force library that is malformed, hostile or not finite."""
 

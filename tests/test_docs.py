@@ -37,7 +37,8 @@ PAGES = [
 ]
 MODULES = (
     st,
-    *(st.campaigns, st.control, st.forces, st.methods, st.physics, st.plots, st.records, st.validation),
+    *(st.campaigns, st.control, st.datasets, st.forces, st.methods, st.physics),
+    *(st.plots, st.records, st.validation),
 )
 # No docstring; a summary without a full stop, or longer than a line; parameters that do not exist.
 ALWAYS = {"GL08", "SS03", "SS06", "PR02"}

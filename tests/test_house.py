@@ -34,7 +34,7 @@ _split = re.compile(r"\S+").findall
 ROOMS = _split("""
     errors _version _lazy plugins arrays forces datasets records simulation results cycles likelihood
     motion_fit methods validation smooth_laws discovery questions physics control campaigns printing plots
-    reporting commands cli
+    reporting app commands cli
 """)
 # Words for which the field has others, as a part of an identifier (between its underscores).
 WORDS = set(

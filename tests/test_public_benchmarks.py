@@ -234,7 +234,9 @@ def test_tables_of_text_are_read_too(layout, tmp_path):
 
 
 def without_samples(folder):
-    rewritten(folder / "Silverbox/SilverboxFiles/SNLS80mV.mat", V1=np.ones((1, 900)), V2=np.ones((1, 900)))
+    path = folder / "Silverbox/SilverboxFiles/SNLS80mV.mat"
+    content = io.loadmat(path)
+    rewritten(path, V1=content["V1"][:, 41000:41900], V2=content["V2"][:, 41000:41900])
 
 
 def without_output(folder):
@@ -278,6 +280,11 @@ def another_length(folder):
     rewritten(path, yval_sinesweep=io.loadmat(path)["yval_sinesweep"][:, :-1])
 
 
+def no_motion(folder):
+    path = folder / SIGNALS / "yval_multisine.mat"
+    rewritten(path, yval_multisine=np.full((1, 8192), 1e-3))
+
+
 def no_sweep(folder):
     (folder / SIGNALS / "uval_sinesweep.mat").unlink()
 
@@ -294,6 +301,7 @@ def no_sweep(folder):
         (no_drive, "emps", "it does not state gtau"),
         (not_a_number, "bouc_wen", "samples that are no finite number"),
         (another_length, "bouc_wen", "the input has 135000 samples and the output 134999"),
+        (no_motion, "bouc_wen", "the output does not move"),
         (no_sweep, "bouc_wen", "uval_sinesweep.mat or test_sinesweep.csv or test_sinesweep.mat is not in"),
     ],
     ids=lambda value: getattr(value, "__name__", ""),
@@ -379,6 +387,7 @@ def test_the_official_loaders_have_the_options_that_are_used(layout):
     [
         ({"only": "silverbx"}, "Did you mean 'silverbox'?"),
         ({"folder": Path("/no/such/folder")}, "there is no such folder"),
+        ({"out": Path("/no/such/folder/out.json")}, "name a file in a folder that exists"),
     ],
 )
 def test_wrong_options_end_with_status_two(capsys, options, said):
@@ -402,6 +411,10 @@ def trial(parameters: int, error: float) -> models.Trial:
 )
 def test_a_further_parameter_must_be_worth_one_per_cent(trials, parameters):
     assert models._smallest_sufficient(trials).candidate.parameters == parameters
+
+
+def test_of_two_models_with_as_many_parameters_the_better_one_is_chosen():
+    assert models._smallest_sufficient([trial(5, 1.005), trial(5, 1.0), trial(6, 0.995)]).error == 1.0
 
 
 def test_a_candidate_that_cannot_be_fitted_is_left_out_and_none_is_an_error():
@@ -453,6 +466,8 @@ def test_the_fields_of_a_submission_are_written(answer, tmp_path, capsys):
     assert other["RMSE_to_submit"] is None
     wanted = {"title", "authors", "model_class", "RMSE", "link", "number_of_parameters", "training_time_s"}
     assert wanted < official.keys()
+    with pytest.raises(RecordError, match="cannot be written"):
+        command.write([answer], tmp_path)
     answer.show()
     assert f"RMSE to submit = {official['RMSE_to_submit']}" in capsys.readouterr().out
     replace(answer, split=replace(answer.split, official=False)).show()

@@ -215,6 +215,19 @@ def checked_folder(folder: Path | None) -> Path | None:
     return folder
 
 
+def checked_out(path: Path | None) -> Path | None:
+    """Return the file to write, before the long computation.
+
+    Raises
+    ------
+    UsageError
+        Its folder does not exist, or it is a folder itself.
+    """
+    if path is not None and (path.is_dir() or not path.parent.is_dir()):
+        raise UsageError(f"--out {path}: name a file in a folder that exists.")
+    return path
+
+
 def run(asked: Namespace) -> int:
     """Print the answers and return the exit status: 1 if a benchmark could not be run.
 
@@ -225,6 +238,7 @@ def run(asked: Namespace) -> int:
     """
     benchmarks = named(asked.only)
     folder = checked_folder(asked.folder)
+    out = checked_out(asked.out)
     downloads.error_metrics()
     answers: list[Answer] = []
     status = 0
@@ -236,14 +250,15 @@ def run(asked: Namespace) -> int:
                 split = official(benchmark, folder, verify=not asked.unverified)
                 new = [answered(benchmark, split, benchmark.title)]
         except SysidTribError as error:
-            print(error, file=sys.stderr)
+            text = str(error)
+            print(text if text.startswith(benchmark.title) else f"{benchmark.title}: {text}", file=sys.stderr)
             status = 1
             continue
         for answer in new:
             answer.show()
         answers.extend(new)
-    if asked.out is not None and answers:
-        write(answers, asked.out)
+    if out is not None and answers:
+        write(answers, out)
     return status
 
 

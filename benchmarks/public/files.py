@@ -33,6 +33,9 @@ MULTISINE_RMS = 50.0
 SWEEP_AMPLITUDE = 40.0
 AMPLITUDE_TOLERANCE = 0.05
 
+# Below it the official metrics have no NRMSE.
+LEAST_DEVIATION = 1e-10
+
 UNVERIFIED = "give --unverified to use it anyway, as a record that is not official"
 
 
@@ -161,7 +164,7 @@ def _checked(source: str, u: Array, y: Array, sampling_time: float) -> Signals:
     Raises
     ------
     RecordError
-        They are not finite, or differ in length.
+        They are not finite, differ in length, or the output does not move.
     """
     if len(u) != len(y):
         raise RecordError(
@@ -169,6 +172,8 @@ def _checked(source: str, u: Array, y: Array, sampling_time: float) -> Signals:
         )
     if not (np.all(np.isfinite(u)) and np.all(np.isfinite(y))):
         raise RecordError(f"{source}: it has samples that are no finite number; fetch the file anew.")
+    if np.std(y) < LEAST_DEVIATION:
+        raise RecordError(f"{source}: the output does not move; fetch the file anew.")
     return Signals(u.astype(float), y.astype(float), sampling_time)
 
 

@@ -11,6 +11,7 @@ from benchmarks.public.downloads import error_metrics
 from benchmarks.public.models import Chosen
 from benchmarks.public.signals import Array, Split, Test
 from benchmarks.study.common import shown
+from sysid_trib.errors import RecordError
 
 WIDTH = 180
 LINK = "https://github.com/sysid-trib/sysid_trib"
@@ -179,6 +180,17 @@ class Answer:
 
 
 def write(answers: Sequence[Answer], path: Path) -> None:
-    """Write the fields of all answers as JSON."""
+    """Write the fields of all answers as JSON.
+
+    Raises
+    ------
+    RecordError
+        The file cannot be written.
+    """
     text = json.dumps([one.fields() for one in answers], indent=2, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    try:
+        path.write_text(text + "\n", encoding="utf-8")
+    except OSError as error:
+        raise RecordError(
+            f"{path}: cannot be written ({error.strerror}); name another file by --out."
+        ) from None

@@ -172,12 +172,16 @@ def _carriage(wanted, pulses, step):
 
 def carriage_record(*, pulses: bool) -> tuple[Signals, Array, Array]:
     """Return a record of a carriage (voltage, position), its wanted position, and the pulses (N)."""
+    random = np.random.default_rng(8)
+    # Moves of constant acceleration and deceleration, of several lengths and durations, with short rests.
+    moves = [np.zeros(200)]
+    while sum(map(len, moves)) < CARRIAGE_SAMPLES:
+        phase = np.linspace(0.0, 1.0, int(random.uniform(400.0, 1500.0)))
+        share = np.where(phase < 0.5, 2.0 * phase**2, 1.0 - 2.0 * (1.0 - phase) ** 2)
+        begin, end = moves[-1][-1], random.uniform(0.0, 0.24)
+        moves += [begin + (end - begin) * share, np.full(100, end)]
+    wanted = np.concatenate(moves)[:CARRIAGE_SAMPLES]
     time = np.arange(CARRIAGE_SAMPLES) / CARRIAGE_RATE
-    # To and fro by 0.24 m, with smooth accelerations and rests.
-    phase = np.clip(np.mod(time, 3.0) / 1.2, 0.0, 1.0)
-    travel = phase - np.sin(2.0 * np.pi * phase) / (2.0 * np.pi)
-    forth = np.mod(time // 3.0, 2.0) == 0.0
-    wanted = 0.24 * np.where(forth, travel, 1.0 - travel)
     pushed = np.where(np.mod(time, 1.5) > 1.3, 60.0, 0.0) * np.where(np.mod(time, 6.0) > 3.0, -1.0, 1.0)
     pushed = pushed if pulses else np.zeros(len(time))
     voltages, positions = _carriage(wanted, pushed, 1.0 / (CARRIAGE_RATE * STEPS))

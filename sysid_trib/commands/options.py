@@ -278,6 +278,15 @@ class ExportOptions(CommandOptions):
 
 
 @dataclass(frozen=True, kw_only=True)
+class AppOptions(CommandOptions):
+    """Options of `app`."""
+
+    record: Path | None = None
+    port: int = 8723
+    no_browser: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
 class LibraryOptions(CommandOptions):
     """Options of `forces`."""
 
@@ -309,6 +318,7 @@ OPTIONS_OF: dict[str, type[CommandOptions]] = {
     "export": ExportOptions,
     "forces": LibraryOptions,
     "datasets": DatasetsOptions,
+    "app": AppOptions,
 }
 
 

@@ -8,3 +8,4 @@ from sysid_trib.validation.separability import indistinguishable as indistinguis
 from .force import Force as Force, ForceLibrary as ForceLibrary
 from .from_python import as_library as as_library
 from .library import load_library as load_library
+from .systems import load_systems as load_systems

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from sysid_trib.arrays import Array
-from sysid_trib.errors import RecordError, SysidTribError, UsageError
+from sysid_trib.errors import ChoiceError, RecordError, SysidTribError, UsageError
 from sysid_trib.records import clock, drives, equilibrium, free_decay, modes, units as lab
 from sysid_trib.records.column import Column
 from sysid_trib.records.no_decay import LIKE_BEATS, Cause, NoDecay
@@ -299,9 +299,10 @@ def _chosen_of_driven(
         return ChosenColumns(_time_of(table, pool[0], times), pool[0], f"of {len(signals)} columns")
     drive = f'; column {acting[0].name} drives it: add --input "{acting[0].name}"' if acting else ""
     listed = _listed(pool, dict.fromkeys(pool, TriedColumn()))
-    raise UsageError(
+    raise ChoiceError(
         f"{table.source}: {listed} could each be the signal; name one, "
-        f'such as --angle "{pool[0].name}" (angle= in Python){drive}.'
+        f'such as --angle "{pool[0].name}" (angle= in Python){drive}.',
+        (column.name for column in pool),
     )
 
 
@@ -372,9 +373,10 @@ def _certain(swings: Swings, signal: str | None, source: str) -> tuple[Column, s
             f"{source}: {_listed(pool, swings)} could each be the signal, and several modes swing in "
             f"{largest.name}: {modes.listed(several)}; {ONE_MODE}"
         )
-    raise UsageError(
+    raise ChoiceError(
         f"{source}: {_listed(pool, swings)} could each be the signal; name one, such as "
-        f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).'
+        f'--angle "{(largest if one_unit else pool[0]).name}" (angle= in Python).',
+        (column.name for column in pool),
     )
 
 

@@ -134,12 +134,12 @@ def score(answers: "pd.DataFrame | str | os.PathLike[str]") -> "pd.DataFrame":
         for quantity, (value, bound) in _truths()[name].items():
             if quantity in OF_THE_START:
                 continue
-            answer, error = given.get((name, quantity), (np.nan, np.nan))
+            answered, error = given.get((name, quantity), (np.nan, np.nan))
             rows[name, quantity] = {
-                "value": answer,
+                "value": answered,
                 "truth": value,
                 "bound": bound,
-                "error_over_bound": (answer - value) / bound,
+                "error_over_bound": (answered - value) / bound,
                 "stated_over_bound": error / bound,
             }
     index = pd.MultiIndex.from_tuples(list(rows), names=["name", "coefficient"])

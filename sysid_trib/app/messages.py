@@ -1,0 +1,116 @@
+"""Requests of the page to its worker process, and the messages that the process sends."""
+
+import shlex
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+# Parts of the page: commands with their titles.
+TITLES = {
+    "backbone": "Backbone",
+    "identify": "Coefficients and residual",
+    "laws": "Friction and restoring force",
+}
+
+
+@dataclass(frozen=True)
+class Request:
+    """A record, how it is read, and the wanted identification.
+
+    Attributes
+    ----------
+    folder : Path
+        Folder for the files that can be downloaded.
+    file : Path or None
+        The record; None for a sample.
+    shown : str
+        Its name in the command.
+    sample : str
+        Name of a sample, from `sample_names`.
+    reading : mapping of str to (str or float)
+        Options of `st.records.Reading` that are given.
+    window : (float or None, float or None), s
+    system : str
+        Name of a system, or empty.
+    forces : tuple of str
+        Symbols of forces; empty for the usual ones.
+    laws : bool
+        Whether the laws are identified, too.
+    suggest : bool
+        Whether system and forces are those to which the backbone points.
+    """
+
+    folder: Path
+    file: Path | None = None
+    shown: str = ""
+    sample: str = ""
+    reading: Mapping[str, str | float] = field(default_factory=dict)
+    window: tuple[float | None, float | None] = (None, None)
+    system: str = ""
+    forces: tuple[str, ...] = ()
+    laws: bool = True
+    suggest: bool = False
+
+    def command(self, name: str) -> str:
+        """Return the command of the terminal that gives the same result."""
+        words = ["sysid-trib", name]
+        if self.shown:
+            words.append(f"./{self.shown}" if self.shown.startswith("-") else self.shown)
+        options: dict[str, Any] = {**self.reading}
+        if self.window != (None, None):
+            options["window"] = ":".join("" if side is None else f"{side:g}" for side in self.window)
+        options["system"] = self.system
+        if name == "identify":
+            options["forces"] = ",".join(self.forces)
+        for option, value in options.items():
+            flag, text = f"--{option.replace('_', '-')}", f"{value:g}" if isinstance(value, float) else value
+            if text:
+                # A value that begins with a dash would be read as an option.
+                words += [f"{flag}={text}"] if text.startswith("-") else [flag, text]
+        return shlex.join(words)
+
+
+@dataclass(frozen=True)
+class Progress:
+    """Current work and, if known, its completed fraction."""
+
+    activity: str
+    done: float | None = None
+
+
+@dataclass(frozen=True)
+class Signal:
+    """The record as read: text, decimated signal, names of columns, and the suggested model."""
+
+    text: str
+    time: np.ndarray
+    value: np.ndarray
+    ends: tuple[float, float]
+    limits: tuple[float, float]
+    label: str
+    columns: Sequence[str]
+    system: str
+    forces: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Section:
+    """One of `TITLES` as HTML, the command that gives the same, files with its numbers, and a verdict."""
+
+    name: str
+    text: str
+    command: str
+    files: Sequence[Path] = ()
+    verdict: str = ""
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An error in one sentence, columns of the file to choose from, and the part that failed."""
+
+    text: str
+    choices: Sequence[str] = ()
+    part: str = ""
