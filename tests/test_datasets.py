@@ -26,7 +26,7 @@ FILES = {file.local: file for record in PUBLISHED.values() for file in record.fi
 def nowhere(monkeypatch, tmp_path):
     """No folder of data, an empty cache, and no network."""
     pooch = pytest.importorskip("pooch")
-    monkeypatch.delenv(fetching.FOLDER, raising=False)
+    monkeypatch.delenv(fetching.FOLDER_VARIABLE, raising=False)
     monkeypatch.setattr(pooch, "os_cache", lambda project: tmp_path / "cache")
 
     def no_network(url, timeout):
@@ -62,7 +62,7 @@ def test_an_entry_is_complete(record):
 
 @pytest.mark.parametrize("name", PUBLISHED)
 def test_an_entry_loads(name, data_folder, monkeypatch):
-    monkeypatch.setenv(fetching.FOLDER, str(data_folder))
+    monkeypatch.setenv(fetching.FOLDER_VARIABLE, str(data_folder))
     if not all((data_folder / file.local).is_file() for file in PUBLISHED[name].files):
         pytest.skip(f"{name} is not in {data_folder}")
     record = st.datasets.load(name)
@@ -76,7 +76,7 @@ def test_an_entry_loads(name, data_folder, monkeypatch):
 
 
 def test_the_parts_of_the_steel_pendulum_are_joined(data_folder, monkeypatch):
-    monkeypatch.setenv(fetching.FOLDER, str(data_folder))
+    monkeypatch.setenv(fetching.FOLDER_VARIABLE, str(data_folder))
     record = st.datasets.load("steel_pendulum")
     np.testing.assert_allclose(np.diff(record.time), 1e-3, rtol=1e-6)
     part = st.read_record("dataset:steel_pendulum", time="Time_id[1]", angle="Y_id[1][0]")
@@ -85,7 +85,7 @@ def test_the_parts_of_the_steel_pendulum_are_joined(data_folder, monkeypatch):
 
 
 def test_options_of_the_user_win(data_folder, monkeypatch):
-    monkeypatch.setenv(fetching.FOLDER, str(data_folder))
+    monkeypatch.setenv(fetching.FOLDER_VARIABLE, str(data_folder))
     pitch = st.read_record("dataset:ship_roll", angle="theta")
     assert pitch.attrs["angle_column"] == "theta"
     scaled = st.read_record("dataset:steel_pendulum", time_units="ms")
@@ -120,14 +120,14 @@ def test_a_changed_file_is_refused(tmp_path, monkeypatch):
     file = PUBLISHED["string_pendulum"].files[0]
     (tmp_path / file.local).parent.mkdir()
     (tmp_path / file.local).write_text("0 1\n1 0\n", encoding="utf-8")
-    monkeypatch.setenv(fetching.FOLDER, str(tmp_path))
+    monkeypatch.setenv(fetching.FOLDER_VARIABLE, str(tmp_path))
     with pytest.raises(RecordError, match="is not the published file"):
         st.datasets.files("string_pendulum")
     assert run("look", "dataset:string_pendulum").status == 1
 
 
 def test_a_folder_that_does_not_exist_is_reported(tmp_path, monkeypatch):
-    monkeypatch.setenv(fetching.FOLDER, str(tmp_path / "nowhere"))
+    monkeypatch.setenv(fetching.FOLDER_VARIABLE, str(tmp_path / "nowhere"))
     with pytest.raises(UsageError, match="is no folder"):
         st.datasets.files("ship_roll")
 
@@ -139,7 +139,7 @@ def test_without_network_one_sentence_says_so(nowhere):
     first, second = ending.err.splitlines()
     assert first.startswith("Downloading dataset ship_roll from https://raw.githubusercontent.com/")
     assert "cannot be downloaded (Network is unreachable)" in second
-    assert fetching.FOLDER in second
+    assert fetching.FOLDER_VARIABLE in second
 
 
 def test_without_pooch_the_package_is_named(nowhere, monkeypatch):
@@ -238,7 +238,7 @@ def test_the_command_lists_all(nowhere):
 
 
 def test_look_reads_a_dataset_and_its_input(data_folder, monkeypatch):
-    monkeypatch.setenv(fetching.FOLDER, str(data_folder))
+    monkeypatch.setenv(fetching.FOLDER_VARIABLE, str(data_folder))
     free = run("look", "dataset:ship_roll")
     assert free.status == 0
     assert "from column phi" in free.out
@@ -249,7 +249,7 @@ def test_look_reads_a_dataset_and_its_input(data_folder, monkeypatch):
 
 
 def test_datasets_with_other_inputs_are_not_mixed(data_folder, monkeypatch):
-    monkeypatch.setenv(fetching.FOLDER, str(data_folder))
+    monkeypatch.setenv(fetching.FOLDER_VARIABLE, str(data_folder))
     ending = run("identify", "dataset:silverbox", "dataset:friction_frame_250g")
     assert ending.status == 2
     assert "have different inputs" in ending.complaint

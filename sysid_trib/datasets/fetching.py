@@ -13,7 +13,7 @@ from sysid_trib.datasets.registry import CERTIFIED, PublishedFile, PublishedReco
 from sysid_trib.errors import RecordError, UsageError
 
 # Environment variable with the folder that already has files of records.
-FOLDER = "SYSID_TRIB_DATA"
+FOLDER_VARIABLE = "SYSID_TRIB_DATA"
 # Size in bytes beyond which a download is stopped; the largest source has some 3 MB.
 LARGEST_DOWNLOAD = 2**25
 # Time in s without an answer after which a download is given up.
@@ -57,12 +57,14 @@ def files(name: str) -> list[Path]:
 
 def _own(record: PublishedRecord, file: PublishedFile) -> Path | None:
     """Return the file in the user's folder; None if there is no folder, or no such file in it."""
-    given = os.environ.get(FOLDER)
+    given = os.environ.get(FOLDER_VARIABLE)
     if not given:
         return None
     folder = Path(given)
     if not folder.is_dir():
-        raise UsageError(f"{FOLDER} is '{given}', which is no folder; correct it, or unset it to download.")
+        raise UsageError(
+            f"{FOLDER_VARIABLE} is '{given}', which is no folder; correct it, or unset it to download."
+        )
     own = folder / file.local
     if not own.is_file():
         return None
@@ -70,7 +72,7 @@ def _own(record: PublishedRecord, file: PublishedFile) -> Path | None:
     if checksum != file.sha256:
         raise RecordError(
             f"dataset {record.name}: {own} is not the published file (SHA-256 {checksum[:12]}..., not "
-            f"{file.sha256[:12]}...); restore it, or unset {FOLDER} to download it."
+            f"{file.sha256[:12]}...); restore it, or unset {FOLDER_VARIABLE} to download it."
         )
     return own
 
@@ -82,7 +84,7 @@ def _cached(record: PublishedRecord, file: PublishedFile) -> Path:
     except ImportError:
         raise RecordError(
             f"dataset {record.name}: to download it the package pooch is needed: pip install "
-            f"'sysid-trib[datasets]'; or name the folder that has {file.local} by {FOLDER}."
+            f"'sysid-trib[datasets]'; or name the folder that has {file.local} by {FOLDER_VARIABLE}."
         ) from None
     pooch.get_logger().setLevel("WARNING")
     kept = Path(pooch.os_cache("sysid_trib")) / file.local
@@ -110,7 +112,7 @@ def _cached(record: PublishedRecord, file: PublishedFile) -> Path:
             raise
         raise RecordError(
             f"dataset {record.name}: the file at {record.url(file)} is not the published one (its SHA-256 "
-            f"differs); try again later, or name the folder that has {file.local} by {FOLDER}."
+            f"differs); try again later, or name the folder that has {file.local} by {FOLDER_VARIABLE}."
         ) from error
     return kept
 
@@ -124,7 +126,7 @@ def _whole(record: PublishedRecord, file: PublishedFile, fetched: Path) -> bytes
     if hashlib.sha256(content).hexdigest() != file.sha256:
         raise RecordError(
             f"dataset {record.name}: what {record.url(file)} contains is not the published record (the "
-            f"SHA-256 of its part differs); name the folder that has {file.local} by {FOLDER}."
+            f"SHA-256 of its part differs); name the folder that has {file.local} by {FOLDER_VARIABLE}."
         )
     return content
 
@@ -132,10 +134,10 @@ def _whole(record: PublishedRecord, file: PublishedFile, fetched: Path) -> bytes
 def _why_not(record: PublishedRecord, file: PublishedFile, error: Exception) -> str:
     """Describe a download that failed."""
     if isinstance(error, PermissionError):
-        return f"dataset {record.name}: {error.filename} cannot be written; set XDG_CACHE_HOME, or {FOLDER}."
+        return f"dataset {record.name}: {error.filename} cannot be written; set XDG_CACHE_HOME, or {FOLDER_VARIABLE}."
     return (
         f"dataset {record.name}: {record.url(file)} cannot be downloaded ({_reason(error)}); connect to the "
-        f"internet, or name the folder that has {file.local} by {FOLDER}."
+        f"internet, or name the folder that has {file.local} by {FOLDER_VARIABLE}."
     )
 
 

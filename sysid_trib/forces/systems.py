@@ -208,7 +208,19 @@ def system(
 
 
 def load_systems() -> dict[str, System]:
-    """Return the systems that come with the package, by their names."""
+    """Return the systems that come with the package, by their names.
+
+    Returns
+    -------
+    dict of str to System
+        Each has `name`, `meaning`, `forces`, the usually identified ones, and `held`, the known coefficients.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> st.forces.load_systems()["pendulum"].held
+    {'gravity': 1.0}
+    """
     return _systems(library_folder() / SYSTEMS_FILE)
 
 
