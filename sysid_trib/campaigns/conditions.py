@@ -35,19 +35,17 @@ def estimates_of(store: xr.Dataset, model: str) -> xr.Dataset:
 
     Examples
     --------
-    >>> import numpy as np, tempfile, sysid_trib as st
-    >>> t = np.arange(0.0, 15.0, 0.02)
-    >>> forces = st.load_library("contact_forces").select(["lambda", "zeta"])
-    >>> def run(friction):
-    ...     truth = st.Model(forces, {"lambda": friction, "zeta": 0.002}, 9.9)
-    ...     return t, st.simulate(truth, t, 0.3).angle.values + 1e-4 * np.cos(1e4 * t)
-    >>> task = st.campaigns.Task("identify", forces, {"direct": st.methods.Direct()})
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     runs = [run(friction) for friction in (0.001, 0.002, 0.003, 0.004)]
-    ...     store = st.campaign(runs, task, output=folder + "/runs.zarr", workers=0)
-    ...     estimates = st.campaigns.estimates_of(store, "direct")
-    >>> st.campaigns.between_runs(estimates, {"load": [1, 2, 3, 4]}).verdict.to_series().to_dict()
-    {'lambda': 'varies with load', 'zeta': 'common', 'asymptotic frequency': 'common'}
+    Runs of a campaign, prepared for `between_runs`.
+
+    >>> import sysid_trib as st
+    >>> records = [st.records.paper_twin(seed=seed) for seed in (1, 2, 3)]
+    >>> task = st.campaigns.Task("identify", methods={"direct": st.methods.Direct()})
+    >>> store = st.campaign(records, task, output="runs.zarr", workers=0)
+    >>> estimates = st.campaigns.estimates_of(store, "direct")
+    >>> estimates.value.sel(quantity="zeta").round(4).values.tolist()
+    [0.0096, 0.0097, 0.0097]
+    >>> st.campaigns.between_runs(estimates).verdict.sel(quantity="zeta").item()
+    'common'
     """
     places = np.flatnonzero(store.status.values == Status.DONE)
     units = store.signal_units.values[places].astype(str)
