@@ -208,7 +208,19 @@ def system(
 
 
 def load_systems() -> dict[str, System]:
-    """Return the systems that come with the package, by their names."""
+    """Return the systems that come with the package, by their names.
+
+    Returns
+    -------
+    dict of str to System
+        `pendulum`, `torsion`, `spring`, ... as in `libraries/systems.toml`.
+
+    Examples
+    --------
+    >>> import sysid_trib as st
+    >>> "pendulum" in st.forces.load_systems()
+    True
+    """
     return _systems(library_folder() / SYSTEMS_FILE)
 
 
