@@ -130,7 +130,7 @@ def _root_mean_square(values: Array) -> float:
 
 
 def _smallest_sufficient(trials: Sequence[Trial]) -> Trial:
-    """Return the trial with the fewest parameters whose error is within 1 % of the smallest; of equals the best."""
+    """Return the smallest model whose error is within 1 % of the least; of equally small ones the best."""
     least = min(trial.error for trial in trials)
     sufficient = (trial for trial in trials if WORTH * trial.error <= least)
     return min(sufficient, key=lambda trial: (trial.candidate.parameters, trial.error))
