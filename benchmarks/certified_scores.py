@@ -11,6 +11,7 @@ import time as clock
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -64,15 +65,15 @@ def realisations(only: str, seeds: int) -> Iterator[list[Realisation]]:
         ]
 
 
-def ours(kind: type[Method]) -> Program:
-    """Return the program of a method of this package."""
+def ours(kind: type[Method], **options: Any) -> Program:
+    """Return the program of a method of this package, with options of it."""
 
     def answer(decay: Decay, angle: np.ndarray) -> Values:
         record = xr.Dataset({"angle": ("time", angle, {"units": "rad"})}, {"time": decay.time})
         held = {"reference_frequency": decay.w} if decay.w_is_given else {}
         model = decay.model
         shapes = {"shapes": dict(decay.shapes)} if decay.shapes else {}
-        result = st.identify(record, model.library, kind(**held, **shapes))
+        result = st.identify(record, model.library, kind(**held, **shapes, **options))
         found = zip(
             result.force.values.tolist(),
             result.coefficient.values.tolist(),
@@ -136,6 +137,8 @@ def _frequency_of_crossings(time: np.ndarray, angle: np.ndarray) -> float:
 
 PROGRAMS: dict[str, Program] = {
     "ours, direct": ours(st.methods.Direct),
+    # The decays have no random force; by default the method looks for one.
+    "ours, direct, random force off": ours(st.methods.Direct, random_force="off"),
     "ours, trajectory": ours(st.methods.Trajectory),
     "ours, averaging": ours(st.methods.Averaging),
     **{name: peer(program) for name, program in DECAY_PEERS.items()},
