@@ -197,7 +197,13 @@ def system(
 
 
 def load_systems() -> dict[str, System]:
-    """Return the systems that come with the package, by their names."""
+    """Return the systems that come with the package.
+
+    Returns
+    -------
+    dict of str to System
+        The systems of `libraries/systems.toml` by their names, which `system` and `--system` take.
+    """
     return _systems(library_folder() / SYSTEMS_FILE)
 
 
