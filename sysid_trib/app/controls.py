@@ -18,6 +18,7 @@ WINDOW_STEP = 1e-3
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 # Buttons without a name; the arrow keys do the same.
 NO_SPINNERS = ".bk-spin-btn { display: none !important; }"
+FLAT = {"box-shadow": "none", "border": "1px solid #c8c8c8"}
 LAWS = "Friction and restoring force as curves, too"
 
 
@@ -38,10 +39,12 @@ class Controls:
         self.ends = 0.0, 0.0
         number = {"value": None, "stylesheets": [NO_SPINNERS]}
         column = {"restrict": False, "min_characters": 0, "case_sensitive": False, **WIDE}
-        rate = "Samples per second, without a time column (--sampling-rate)"
+        rate = "Samples per second (--sampling-rate)"
         self._reading: dict[str, Any] = {
             "angle": widgets.AutocompleteInput(name="Column of the signal (--angle)", **column),
-            "units": widgets.TextInput(name="Unit of the signal: rad, deg, mm, V ... (--units)", **WIDE),
+            "units": widgets.TextInput(
+                name="Unit of the signal (--units)", placeholder="rad, deg, mm, V ...", **WIDE
+            ),
             "signal": widgets.Select(name="Measured quantity (--signal)", options=SIGNAL_CHOICES, **WIDE),
             "time": widgets.AutocompleteInput(name="Column of the time (--time)", **column),
             "time_units": widgets.Select(
@@ -50,7 +53,7 @@ class Controls:
             "sampling_rate": widgets.FloatInput(name=rate, start=0.0, **number, **WIDE),
         }
         self.reading = panel.Card(
-            *self._reading.values(), title="How the file is read", collapsed=True, **WIDE
+            *self._reading.values(), title="How the file is read", collapsed=True, styles=FLAT, **WIDE
         )
         self.low = widgets.FloatInput(name="From (s)", width=130, **number)
         self.high = widgets.FloatInput(name="To (s)", width=130, **number)

@@ -115,11 +115,12 @@ def _suggested(looked: Any) -> tuple[str, tuple[str, ...]]:
     attrs = [node.attrs for name, node in looked.children.items() if name.startswith("decay")]
     systems = {of["points_to_system"] for of in attrs}
     system = systems.pop() if len(systems) == 1 else ""
+    library = st.load_library()
     pointed = {symbol for of in attrs for symbol in of["points_to_forces"].split(",") if symbol}
-    offered = force_names(system)
-    viscous = [*st.load_library().damping_factors][:1]
-    forces = [symbol for symbol in offered if symbol in {*pointed, *viscous}] if pointed else []
-    return system, tuple(forces)
+    if not pointed:
+        pointed = {force.symbol for of in attrs if (force := library.role(of["damping_law"])) is not None}
+    pointed |= {*[*library.damping_factors][:1]}
+    return system, tuple(symbol for symbol in force_names(system) if symbol in pointed)
 
 
 def force_names(system: str) -> dict[str, str]:
@@ -186,7 +187,11 @@ def _part(request: Request, name: str, tell: Callable[..., None]) -> Section:
 
 def _law_table(result: Any) -> Any:
     """Return the preferred laws with errors and bands as one table, a row for each point of a curve."""
-    best = st.best(result)
+    try:
+        best = st.best(result)
+    except st.errors.UsageError:
+        # The motion by every method diverges: there are only frequencies.
+        return st.summary(result)
     tables = []
     for law, over in (("friction", "speed"), ("restoring", "displacement")):
         names = {law: "value"} | {f"{law}_{part}": part for part in ("standard_error", "low", "high")}
@@ -203,14 +208,21 @@ def _coefficients(result: Any) -> str:
     method = best.attrs["method"]
     names = dict(zip(best.force.values, best.name.values, strict=True))
     table = st.summary(result).loc[method].reset_index()
-    table["quantity"] = [f"{names[q]} ({q})" if q in names else q.replace("_", " ") for q in table.quantity]
-    # Two digits of the error, and the value to the same decimal.
-    digits = [1 - math.floor(math.log10(error)) if error > 0.0 else 6 for error in table.standard_error]
-    for name in ("value", "standard_error"):
-        table[name] = [f"{x:.{max(n, 0)}f}" for x, n in zip(table[name], digits, strict=True)]
+    full = {symbol: name if name == symbol else f"{name} ({symbol})" for symbol, name in names.items()}
+    table["quantity"] = [full.get(quantity, quantity.replace("_", " ")) for quantity in table.quantity]
+    numbers = zip(table.value, table.standard_error, strict=True)
+    table[["value", "standard_error"]] = [_rounded(value, error) for value, error in numbers]
     table = table[["quantity", "value", "standard_error", "unit"]]
     rows = table.rename(columns={"standard_error": "standard error"}).to_html(index=False, border=0)
     return f"<p>Preferred method: {html.escape(method)}</p>{rows}"
+
+
+def _rounded(value: float, error: float) -> tuple[str, str]:
+    """Return a value and its error as texts: two digits of the error, and the value to the same decimal."""
+    if not error > 0.0:
+        return f"{value:g}", "fixed"
+    decimals = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{decimals}f}", f"{error:.{decimals}f}"
 
 
 def _folded(result: Any, title: str) -> str:
