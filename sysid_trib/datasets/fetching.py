@@ -134,7 +134,10 @@ def _whole(record: PublishedRecord, file: PublishedFile, fetched: Path) -> bytes
 def _why_not(record: PublishedRecord, file: PublishedFile, error: Exception) -> str:
     """Describe a download that failed."""
     if isinstance(error, PermissionError):
-        return f"dataset {record.name}: {error.filename} cannot be written; set XDG_CACHE_HOME, or {FOLDER_VARIABLE}."
+        return (
+            f"dataset {record.name}: {error.filename} cannot be written; set XDG_CACHE_HOME, or "
+            f"{FOLDER_VARIABLE}."
+        )
     return (
         f"dataset {record.name}: {record.url(file)} cannot be downloaded ({_reason(error)}); connect to the "
         f"internet, or name the folder that has {file.local} by {FOLDER_VARIABLE}."
