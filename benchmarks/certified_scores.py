@@ -1,7 +1,7 @@
 """Programs on the certified decays: error over the Cramér-Rao bound.
 
 python -m benchmarks certified                          ours and other programs, the records as published
-python -m benchmarks certified --method direct --seeds 20         20 realisations of the noise, the published one first
+python -m benchmarks certified --method direct --seeds 20       20 realisations, the published one first
 python -m benchmarks certified --answers FILE.csv       the answers of any program (docs/certified.md)
 """
 
