@@ -22,8 +22,8 @@ plan          discover, plan, run, discover again: whether what is stated comes 
 loops         runs until one right name, with planned releases and with drawn ones
 
 Measured and driven records: measured, answer, random_force_kinds, driven, servo. On the same ones: arena.
-On the certified decays: certified (--method, --only a decay, --seeds of fresh noise, --answers FILE).
 The official tests of nonlinearbenchmark.org: public.
+On the certified decays: certified (--method, --only a decay, --seeds of the noise, --answers FILE).
 Time, memory, kills: simulator, timing, cost, campaign (--only a part of each).
 
 With --out each record is a line of JSON, and what the file has already is not done again.

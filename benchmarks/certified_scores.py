@@ -1,7 +1,7 @@
 """Programs on the certified decays: error over the Cramér-Rao bound.
 
 python -m benchmarks certified                          ours and other programs, the records as published
-python -m benchmarks certified --method direct --seeds 20         20 fresh realisations of the noise
+python -m benchmarks certified --method direct --seeds 20       20 realisations, the published one first
 python -m benchmarks certified --answers FILE.csv       the answers of any program (docs/certified.md)
 """
 
@@ -28,7 +28,7 @@ from sysid_trib.methods.options import Method
 TURNS = 4
 # Programs that take an hour or more, run only if --method names them.
 SLOW = {"scipy shooting, from SINDy"}
-# Seeds of fresh realisations begin here; those of the published records are below.
+# Distance of the seeds of further realisations; the first has those of the published records.
 FRESH = 1000
 # A value farther from the truth than this, relative to it, is counted as a failure.
 Values = dict[str, tuple[float, float]]
@@ -49,7 +49,7 @@ class Realisation:
 
 
 def realisations(only: str, seeds: int) -> Iterator[list[Realisation]]:
-    """Yield the published records, or as many fresh realisations of them as there are seeds."""
+    """Yield the published records, then further realisations of them, as many as there are seeds."""
     chosen = [decay for decay in DECAYS if only in decay.name]
     motions = {
         decay.name: st.simulate(decay.model, decay.time, decay.angle, decay.rate).angle.values
