@@ -164,6 +164,7 @@ class Page:
     def _cancelled(self, _: Any) -> None:
         self.worker.stop()
         self.due = math.inf
+        self.cancel.disabled = True
         self._remove_outdated()
         self.say("", "Cancelled. Change a control to compute again.")
 

@@ -165,7 +165,7 @@ def _part(request: Request, name: str, tell: Callable[..., None]) -> Section:
         return Section(name, "".join(texts), command)
     if name == "laws":
         result = st.laws(decays, request.system or None, tell=progress)
-        numbers, content = _law_table(result), _figure(st.plots.laws, result, width=7.0)
+        numbers, content = _laws(result)
     else:
         library: Any = ",".join(request.forces) or None
         constraints: Any = {}
@@ -185,13 +185,13 @@ def _part(request: Request, name: str, tell: Callable[..., None]) -> Section:
     return Section(name, f"<p class=verdict>{html.escape(verdict)}</p>{content}", command, files)
 
 
-def _law_table(result: Any) -> Any:
-    """Return the preferred laws with errors and bands as one table, a row for each point of a curve."""
+def _laws(result: Any) -> tuple[pd.DataFrame, str]:
+    """Return the preferred laws with errors and bands, a row for each point of a curve, and their figure."""
     try:
         best = st.best(result)
     except st.errors.UsageError:
-        # The motion by every method diverges: there are only frequencies.
-        return st.summary(result)
+        # The motion by every method diverges: there are no laws, only a text that says so.
+        return st.summary(result), ""
     tables = []
     for law, over in (("friction", "speed"), ("restoring", "displacement")):
         names = {law: "value"} | {f"{law}_{part}": part for part in ("standard_error", "low", "high")}
@@ -199,7 +199,7 @@ def _law_table(result: Any) -> Any:
         table.insert(0, "law", law)
         table.insert(1, "over", over)
         tables.append(table.assign(unit=best[law].attrs.get("units", "")))
-    return pd.concat(tables).set_index(["law", "over", "at"])
+    return pd.concat(tables).set_index(["law", "over", "at"]), _figure(st.plots.laws, result, width=7.0)
 
 
 def _coefficients(result: Any) -> str:
