@@ -12,6 +12,8 @@ from scipy.signal import lfilter
 from statsmodels.tsa.statespace.kalman_smoother import SMOOTHER_ALL
 
 import sysid_trib as st
+from benchmarks.certified import DECAYS, noisy, seed_of
+from benchmarks.certified_scores import FRESH
 from sysid_trib.errors import DecayError
 from sysid_trib.forces.force import ForceLibrary
 from sysid_trib.methods import Averaging, Direct, EnergyDecay, FeenyLiang, Trajectory, WuDecrement
@@ -264,3 +266,16 @@ def test_pushed_motions_of_the_package_have_the_same_law(friction):
         # Of 60 an RMS is known to 9 %.
         assert 0.7 < rms(errors[0]) / rms(errors[1]) < 1.35
         assert abs(np.mean(errors[0]) - np.mean(errors[1])) < 4.0 * np.std(errors[0]) / np.sqrt(60)
+
+
+@pytest.mark.parametrize("realisation", [14, 16])
+def test_small_noise_gives_no_false_random_force(realisation):
+    """Dry friction is 100 noise levels here: a wrong sign in few samples at the ends looks like a push."""
+    certified = next(decay for decay in DECAYS if decay.name == "three_frictions")
+    motion = st.simulate(certified.model, certified.time, certified.angle, certified.rate).angle.values
+    seed = seed_of(certified, 1e-5) + FRESH * realisation
+    swing = certified.time, noisy(certified, motion, 1e-5, seed)
+    found = st.identify(swing, certified.model.library, Direct())
+    truth = st.datasets.truth("certified/three_frictions_1e-5").sel(quantity=found.force.values)
+    assert "random_force_density" not in found
+    assert rms((found.coefficient.values - truth.value.values) / truth.bound.values) < 2.0

@@ -17,7 +17,11 @@ from scipy.linalg import cho_solve_banded
 from sysid_trib.arrays import Array
 from sysid_trib.errors import DecayError, SimulationError
 from sysid_trib.likelihood.least_squares import ConstraintMap
-from sysid_trib.likelihood.random_force import RandomForceOption, average_over_ratios
+from sysid_trib.likelihood.random_force import (
+    RandomForceOption,
+    average_over_ratios,
+    probability_of_none,
+)
 from sysid_trib.likelihood.refined_columns import SETTLED_STEP, has_slipped, motion_of_run, step_in_errors
 from sysid_trib.likelihood.regression import RunRegression, Runs, common_values, shifted
 from sysid_trib.likelihood.rows import Solution, solve, stacked
@@ -32,6 +36,9 @@ ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 # Round in which the colour of the sensor's noise is estimated, because the motion is then better than a first
 # estimate.
 COLOUR_ROUND = 1
+# Probability of no random force below which the path is the smoothed motion. Otherwise the path stays the free
+# motion: at the ends of the record the smoothed rate has a large error, and with it the sign of friction.
+IMPROBABLE = 0.5
 
 
 def regress_stochastic(
@@ -66,7 +73,7 @@ def regress_stochastic(
         # If a free motion lost the phase after both noises were known, do not try it again.
         tried = [turn <= COLOUR_ROUND or run.near is not None for run in runs]
         runs = tuple(
-            _about_free_motion(run, constraints) if may_follow else run.along_own_path()
+            _about_free_motion(run, constraints, option) if may_follow else run.along_own_path()
             for run, may_follow in zip(runs, tried, strict=True)
         )
         # With a given density, as in simulated records, the sensor's noise is white. The discrepancy of a
@@ -137,7 +144,16 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
     return np.asarray(solution.covariance[:, at] * made_by_force / coefficients[at])
 
 
-def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunRegression:
+def _is_pushed(run: RunRegression, option: RandomForceOption) -> bool:
+    """Return true if a random force is given, or more probable than none."""
+    if run.ratio is None or not isinstance(option, str):
+        return run.ratio is not None
+    return probability_of_none(run.ratio.gain, len(run.time)) < IMPROBABLE
+
+
+def _about_free_motion(
+    run: RunRegression, constraints: ConstraintMap, option: RandomForceOption
+) -> RunRegression:
     """Return a run with a path about a free motion of its present model, if that follows the record."""
     try:
         free = motion_of_run(run, constraints, near=True)
@@ -150,7 +166,7 @@ def _about_free_motion(run: RunRegression, constraints: ConstraintMap) -> RunReg
     nearby = replace(nearby, start=(free.angle, free.rate), sensitivity=free.sensitivity)
     if has_slipped(nearby):
         return run.along_own_path()
-    if run.ratio is not None:
+    if run.ratio is not None and _is_pushed(run, option):
         # Friction on a body at rest balances the other forces.
         near = free.x, np.where(free.v == 0.0, run.forcing, force)
         error = _smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
