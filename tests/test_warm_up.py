@@ -129,6 +129,15 @@ def test_a_warm_up_of_twenty_samples_is_enough(cases, name):
     assert predicted.residual_over_motion.item() < 0.02
 
 
+@pytest.mark.parametrize("zero", [0.0, -0.2])
+def test_the_zero_of_the_sensor_is_stated(cases, zero):
+    result, record = cases["pendulum"]
+    shifted = record.assign(angle=record.angle.copy(data=record.angle.values + zero))
+    predicted = st.predict(result, shifted, warm_up=1.0)
+    assert predicted.offset.item() == pytest.approx(zero, abs=10.0 * NOISE)
+    assert st.predict(*cases["carriage"], warm_up=1.0).offset.attrs["units"] == "m"
+
+
 @pytest.mark.parametrize("first", [(0.0, 0.0), (1e-4, 0.05), (0.003, -1.0)])
 @pytest.mark.parametrize("samples", [20, 60, 200])
 def test_a_start_is_found_in_a_small_part_of_the_motion_from_a_wrong_guess(first, samples):

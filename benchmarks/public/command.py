@@ -99,7 +99,7 @@ def answered(benchmark: Benchmark, split: Split, title: str) -> Answer:
     chosen = benchmark.choose(split.training, benchmark.units)
     scores: list[Score] = []
     for test in split.tests:
-        run_of_test = models.free_run(chosen.result, test, benchmark.units)
+        run_of_test = models.free_run(chosen.result, test, benchmark.units, zero=chosen.zero)
         scores.append(score(test, run_of_test, benchmark.reporting))
     return Answer(title, split, chosen, tuple(scores), benchmark.reporting)
 

@@ -100,6 +100,8 @@ class Chosen:
         A sentence that states how it was chosen.
     seconds : float
         Processor time of the choice and the fit.
+    zero : float
+        Output of the sensor at rest, from the training part.
     """
 
     trials: tuple[Trial, ...]
@@ -107,6 +109,7 @@ class Chosen:
     result: xr.Dataset
     said: str
     seconds: float
+    zero: float = 0.0
 
 
 def forces(symbols: Sequence[str]) -> ForceLibrary:
@@ -191,7 +194,9 @@ def choose_silverbox(training: Signals, units: Units) -> Chosen:
         f"chosen by stretches of {STRETCH} samples of the training part: fitted to the half with the smaller "
         "amplitudes, compared on the quarter with the largest"
     )
-    return _choose([candidate(symbols) for symbols in SILVERBOX], error, whole, said)
+    chosen = _choose([candidate(symbols) for symbols in SILVERBOX], error, whole, said)
+    zero = float(np.mean(training.y - free_run(chosen.result, of_training, units)))
+    return replace(chosen, zero=zero)
 
 
 def choose_emps(training: Signals, units: Units) -> Chosen:
@@ -260,11 +265,11 @@ def _divided(training: Signals) -> tuple[Signals, Test]:
     return training.part(0, end), Test("", training.part(end), START_OF_HELD_OUT)
 
 
-def free_run(result: xr.Dataset, test: Test, units: Units) -> Array:
+def free_run(result: xr.Dataset, test: Test, units: Units, *, zero: float = 0.0) -> Array:
     """Return the output of a model for the input of a test.
 
-    With `start_samples` the start and the zero of the sensor are fitted to the output of these samples
-    (`st.predict`). Without, the motion starts from rest; that of a periodic test a few periods earlier.
+    With `start_samples` the start is fitted to the output of these samples (`st.predict`). Without, the
+    motion starts from rest; that of a periodic test a few periods earlier.
 
     Parameters
     ----------
@@ -273,6 +278,8 @@ def free_run(result: xr.Dataset, test: Test, units: Units) -> Array:
     test : Test
         Only its input and the first `start_samples` of its output are used.
     units : Units
+    zero : float
+        Output of the sensor at rest.
 
     Returns
     -------
@@ -284,22 +291,24 @@ def free_run(result: xr.Dataset, test: Test, units: Units) -> Array:
         A sample of the beginning is an outlier, so that no start at the first sample is known.
     """
     if test.start_samples:
-        return _from_start_samples(result, test, units)
+        return zero + _from_start_samples(result, test, units)
     repeated = PERIODS_BEFORE + 1 if test.periodic else 1
     u = np.tile(test.signals.u, repeated)
     elapsed = test.signals.sampling_time * np.arange(len(u))
     model = replace(st.physics.model_of(result), inputs={"u": KnownInput(elapsed, u, units.between)})
-    return st.simulate(model, elapsed, 0.0).angle.values[-len(test.signals) :]
+    return zero + st.simulate(model, elapsed, 0.0).angle.values[-len(test.signals) :]
 
 
 def _from_start_samples(result: xr.Dataset, test: Test, units: Units) -> Array:
-    """Return the free run whose start is fitted to the granted samples of the output."""
+    """Return the free run, without the sensor's zero, whose start is fitted to the granted samples."""
     signals = test.signals
     # The other samples are hidden: not even a check of the record sees them.
     hidden = np.where(np.arange(len(signals)) < test.start_samples, signals.y, 0.0)
     record = replace(signals, y=hidden).record(units)
     warm_up = (test.start_samples - 0.5) * signals.sampling_time
-    run = st.predict(result, record, warm_up=warm_up).predicted_angle.values
+    predicted = st.predict(result, record, warm_up=warm_up)
+    # The few samples determine the zero worse than the training part does.
+    run = (predicted.predicted_angle - predicted.offset).values
     if len(run) != len(signals):
         raise RecordError(
             f"{test.name}: {len(signals) - len(run)} samples at its ends are outliers; correct the record."

@@ -24,7 +24,7 @@ FAR_START = 1e-2
 NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
 # rad; smaller than any motion, for a record that is zero throughout.
-SMALLEST_SWING = 1e-30
+LEAST_SWING = 1e-30
 # A direction is lost in rounding if it moves the motion by less than this fraction of the largest.
 SINGULAR = 1e-7
 # If a motion does not come near the record in this number of rounds, it has lost the phase.
@@ -158,7 +158,7 @@ def fit_start(
     This is Gauss-Newton with constant sensitivities (chord method): the motion is nearly linear in its start.
     """
     # A short record near the middle of the swing shows its size by the rate.
-    swing = max(float(np.max(np.abs(angle))), abs(start[1]) / model.reference_frequency, SMALLEST_SWING)
+    swing = max(float(np.max(np.abs(angle))), abs(start[1]) / model.reference_frequency, LEAST_SWING)
     amplitude = swing * np.array([1.0, model.reference_frequency])
     # Scale the rate by a power of two near w, so that it is comparable to an angle in any unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])

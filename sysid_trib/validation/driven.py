@@ -310,7 +310,9 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 WORSE_THAN_REST = (
     "This prediction is worse than no motion: the model has another frequency or damping on this record"
 )
-AT_REST = "The record does not move where it is predicted: only the RMS of the residual says how good this is"
+RECORD_AT_REST = (
+    "The record does not move where it is predicted: only the RMS of the residual says how good this is"
+)
 # Least number of samples for fitting a start.
 FEWEST_FITTED = 20
 
@@ -345,9 +347,10 @@ def predict(
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor's reading, `residual(time)`; scalars
         `residual_rms`, `residual_over_motion` (relative to the RMS about the mean; infinite for a record at
-        rest). Attributes: `warm_up` (s); `note`, a sentence if the prediction is worse than no motion;
-        `refitted_sensors`, the sensor terms that were fitted to the record like its start and zero, because
-        they belong to the run.
+        rest), and, if the start is fitted to an angle or a displacement, `offset`, the zero of the sensor
+        that is fitted with it. Attributes: `warm_up` (s); `note`, a sentence if the prediction is worse than
+        no motion; `refitted_sensors`, the sensor terms that were fitted to the record like its start and
+        zero, because they belong to the run.
 
     Raises
     ------
@@ -497,10 +500,9 @@ def _predict(
         raise DecayError(f"The model has no motion on this record: {error}") from None
     shown = x + motion.offset
     residual = angle - shown
-    values = {"predicted_angle": shown, "residual": residual}
-    return _with_prediction(
-        record, values | _size_of_residual(residual[counted], angle[counted]), begin.warm_up
-    )
+    values = {"predicted_angle": shown, "residual": residual, "offset": motion.offset}
+    scalars = _size_of_residual(residual[counted], angle[counted])
+    return _with_prediction(record, values | scalars, begin.warm_up)
 
 
 def _guess(time: Array, angle: Array, model: Model) -> tuple[float, float]:
@@ -539,8 +541,12 @@ def _with_prediction(
     record: xr.Dataset, values: Mapping[str, Array | float], warm_up: float | None
 ) -> xr.Dataset:
     """Return the record with its prediction, and a note if this is worse than no motion."""
-    ratio = values["residual_over_motion"]
-    note = "" if ratio < 1.0 else AT_REST if ratio == float("inf") else WORSE_THAN_REST
+    ratio = float(values["residual_over_motion"])
+    note = ""
+    if ratio == float("inf"):
+        note = RECORD_AT_REST
+    elif not ratio < 1.0:
+        note = WORSE_THAN_REST
     return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0, note=note)
 
 

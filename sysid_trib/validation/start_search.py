@@ -84,12 +84,13 @@ def _continued(
     accuracy, most_steps = accuracy_of(model), most_steps_of(model, STEPS_A_PERIOD)
     scale = np.array([1.0, model.reference_frequency, 1.0])[: 2 + (offset is not None)]
 
-    def moved(start: Array) -> SimulatedMotion:
+    def motion_from(start: Array) -> SimulatedMotion:
         return trajectory(model, time, *start[:2], most_steps=most_steps, accuracy=accuracy)
 
+    # The third unknown is the zero of the sensor, if it is fitted.
     def residual(start: Array) -> Array:
         try:
-            return moved(start).angle + np.sum(start[2:]) - angle
+            return motion_from(start).angle + np.sum(start[2:]) - angle
         except SimulationError:
             # The trust region shrinks at a step without a motion.
             return np.full(len(time), np.nan)
@@ -100,20 +101,20 @@ def _continued(
 
     first = np.array([begun.angle, begun.rate, begun.offset])[: len(scale)]
     try:
-        found = least_squares(residual, first, slopes, x_scale=scale, max_nfev=MOST_MOTIONS)
-        motion = moved(found.x)
+        solution = least_squares(residual, first, slopes, x_scale=scale, max_nfev=MOST_MOTIONS)
+        motion = motion_from(solution.x)
     except (SimulationError, ValueError, np.linalg.LinAlgError):
         return begun
     better = replace(
         begun,
-        angle=float(found.x[0]),
-        rate=float(found.x[1]),
-        offset=float(np.sum(found.x[2:])),
+        angle=float(solution.x[0]),
+        rate=float(solution.x[1]),
+        offset=float(np.sum(solution.x[2:])),
         x=motion.angle,
         v=motion.rate / model.reference_frequency,
         stop_time=motion.stop_time,
         hidden=motion.hidden,
-        settled=bool(found.success),
+        settled=bool(solution.success),
     )
     return min(better, begun, key=lambda of: _missed(of, angle))
 
