@@ -1,12 +1,15 @@
 """The command line in its intended use: tables, JSON, files, figures, help and examples."""
 
 import contextlib
+import itertools
 import json
 import re
 import shlex
 
+import numpy as np
 import pytest
 from command_line import run
+from scipy import io
 
 from sysid_trib import load_library
 from sysid_trib.commands.options import COMMANDS, OPTIONS_OF, defaults_of, rows_of_command
@@ -191,7 +194,38 @@ def test_every_command_has_two_examples():
         assert said.endswith(f"Examples:\n  {examples[0]}\n  {examples[1]}\n")
 
 
+def blow(folder):
+    """Write `blow.mat`, of an accelerometer after a blow: the record that no command simulates."""
+    time = np.arange(6000) / 2000.0
+    swings = [
+        size * np.exp(-zeta * 2.0 * np.pi * frequency * time) * np.sin(2.0 * np.pi * frequency * time)
+        for size, zeta, frequency in ((50.0, 0.004, 80.0), (25.0, 0.003, 298.0))
+    ]
+    noise = 0.01 * np.random.default_rng(0).standard_normal(time.size)
+    columns = {"time_s": time, "acceleration_m_s2": sum(swings) + noise}
+    io.savemat(folder / "blow.mat", {name: values[:, None] for name, values in columns.items()})
+
+
+# Records of the user, beside those that `simulate` writes.
+GIVEN = {"blow.mat": blow}
+
+
+def files_named(example):
+    """The files that an example reads, and those that it writes."""
+    words = shlex.split(example)
+    written = [b for a, b in itertools.pairwise(words) if a in ("-o", "--csv")]
+    read = [word for word in words if re.search(r"\.(csv|mat|nc)$", word) and "*" not in word]
+    return set(read) - set(written), set(written)
+
+
+def test_examples_name_records_that_other_examples_write_or_that_are_given():
+    named = [files_named(example) for examples in EXAMPLES.values() for example in examples]
+    assert set().union(*(read for read, _ in named)) <= set(GIVEN).union(*(made for _, made in named))
+
+
 def _works(names, folder):
+    for write in GIVEN.values():
+        write(folder)
     with contextlib.chdir(folder):
         # simulate writes the record of the other examples; report and export read their results.
         for name in sorted(names, key=lambda name: (name != "simulate", name in ("report", "export"))):

@@ -101,3 +101,54 @@ def test_dates_of_an_input_count_from_the_record_s_first() -> None:
     mixed = record.assign_coords(u_time=np.arange(early.size) * 0.02)
     with pytest.raises(UsageError, match="time contains dates and u_time none"):
         as_record(mixed)
+
+
+def run_of(seed: int, kind: str) -> object:
+    """An angle over its own times, as an xarray or pandas object."""
+    values = ANGLE + 1e-4 * np.random.default_rng(seed).standard_normal(TIME.size)
+    if kind == "series":
+        return pd.Series(values, index=index(TIME, "time"), name="angle")
+    if kind == "dated series":
+        return pd.Series(values, index=DATES)
+    attrs = {"units": "rad"} if kind == "data array" else {}
+    return xr.DataArray(values, {"time": TIME}, ["time"], name="angle", attrs=attrs)
+
+
+@pytest.mark.parametrize("container", [list, tuple])
+@pytest.mark.parametrize("kind", ["data array", "data array without unit", "series", "dated series"])
+@pytest.mark.parametrize("count", [1, 2, 3])
+def test_signals_with_their_own_times_are_runs(container, kind, count):
+    runs = st.records.as_decays(container(run_of(seed, kind) for seed in range(count)), "laws")
+    assert isinstance(runs, list)
+    for seed, found in enumerate(runs):
+        wanted = run_of(seed, kind)
+        np.testing.assert_array_equal(found.angle.values, np.asarray(wanted))
+        np.testing.assert_allclose(found.time.values, TIME, atol=1e-9)
+
+
+def test_two_rising_angles_with_their_unit_are_runs():
+    rising = xr.DataArray(TIME**2, {"time": TIME}, ["time"], name="angle", attrs={"units": "rad"})
+    assert len(st.records.as_decays([rising, rising], "laws")) == 2
+
+
+RECORD = xr.Dataset({"angle": ("time", ANGLE)}, {"time": TIME})
+SAMPLES = xr.Dataset({"t": ("sample", TIME), "angle": ("sample", ANGLE)}, {"sample": np.arange(TIME.size)})
+LATER = pd.DataFrame({"t": np.append(-1.0, TIME), "angle": np.append(0.0, ANGLE)}).iloc[1:]
+PAIRS = {
+    "coordinate and variable": (RECORD.time, RECORD.angle),
+    "two variables over samples": (SAMPLES.t, SAMPLES.angle),
+    "times without a name": (SAMPLES.t.rename(None), SAMPLES.angle.rename(None)),
+    "times with a unit alone": (SAMPLES.t.rename(None).assign_attrs(units="s"), SAMPLES.angle),
+    "columns of a frame": (LATER.t, LATER.angle),
+    "times and a series": (TIME, LATER.angle),
+    "dates and angles": (pd.Series(DATES), pd.Series(ANGLE)),
+    "index and series": (index(TIME, "time"), run_of(0, "series") * 0.0 + ANGLE),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_times_and_angles_are_one_record(name):
+    found = st.records.as_decays(PAIRS[name], "laws")
+    assert isinstance(found, xr.Dataset)
+    np.testing.assert_allclose(found.time.values, TIME, atol=1e-9)
+    np.testing.assert_array_equal(found.angle.values, ANGLE)

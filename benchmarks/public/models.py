@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from scipy.optimize import least_squares
 
 import sysid_trib as st
 from benchmarks.public.signals import Array, Signals, Test, Units
-from sysid_trib.errors import SysidTribError
+from sysid_trib.errors import RecordError, SysidTribError
 from sysid_trib.forces import ForceLibrary
 from sysid_trib.records.inputs import KnownInput
 
@@ -26,9 +25,6 @@ WORTH = 0.99
 PERIODS_BEFORE = 3
 # Samples at the beginning of a held-out part to which its start is fitted.
 START_OF_HELD_OUT = 50
-
-# Samples whose slope is the first estimate of the rate.
-SAMPLES_OF_SLOPE = 4
 
 # Silverbox: a stretch has some 57 periods; those with the smaller largest values train, the quarter with the
 # largest is held out.
@@ -272,8 +268,8 @@ def _divided(training: Signals) -> tuple[Signals, Test]:
 def free_run(result: xr.Dataset, test: Test, units: Units, *, zero: float = 0.0) -> Array:
     """Return the output of a model for the input of a test.
 
-    With `start_samples` the start is fitted to the output of these samples. Without, the motion starts from
-    rest; that of a periodic test a few periods earlier.
+    With `start_samples` the start is fitted to the output of these samples (`st.predict`). Without, the
+    motion starts from rest; that of a periodic test a few periods earlier.
 
     Parameters
     ----------
@@ -288,24 +284,33 @@ def free_run(result: xr.Dataset, test: Test, units: Units, *, zero: float = 0.0)
     Returns
     -------
     (sample,) array of float, in the unit of the output.
+
+    Raises
+    ------
+    RecordError
+        A sample of the beginning is an outlier, so that no start at the first sample is known.
     """
+    if test.start_samples:
+        return zero + _from_start_samples(result, test, units)
     repeated = PERIODS_BEFORE + 1 if test.periodic else 1
     u = np.tile(test.signals.u, repeated)
     elapsed = test.signals.sampling_time * np.arange(len(u))
     model = replace(st.physics.model_of(result), inputs={"u": KnownInput(elapsed, u, units.between)})
-    granted = test.signals.y[: test.start_samples] - zero
-    angle, rate = _start(model, elapsed[: test.start_samples], granted) if len(granted) else (0.0, 0.0)
-    return zero + st.simulate(model, elapsed, angle, rate).angle.values[-len(test.signals) :]
+    return zero + st.simulate(model, elapsed, 0.0).angle.values[-len(test.signals) :]
 
 
-def _start(model: st.Model, elapsed: Array, granted: Array) -> tuple[float, float]:
-    """Return the start of the motion that follows the granted samples best: displacement and rate."""
-    few = slice(SAMPLES_OF_SLOPE)
-    slope, value = np.polyfit(elapsed[few], granted[few], 1)
-
-    def residual(start: Array) -> Array:
-        return st.simulate(model, elapsed, *start).angle.values - granted
-
-    fitted = least_squares(residual, [value, slope], x_scale=[1.0, model.reference_frequency])
-    angle, rate = fitted.x
-    return float(angle), float(rate)
+def _from_start_samples(result: xr.Dataset, test: Test, units: Units) -> Array:
+    """Return the free run, without the sensor's zero, whose start is fitted to the granted samples."""
+    signals = test.signals
+    # The other samples are hidden: not even a check of the record sees them.
+    hidden = np.where(np.arange(len(signals)) < test.start_samples, signals.y, 0.0)
+    record = replace(signals, y=hidden).record(units)
+    warm_up = (test.start_samples - 0.5) * signals.sampling_time
+    predicted = st.predict(result, record, warm_up=warm_up)
+    # The few samples determine the zero worse than the training part does.
+    run = (predicted.predicted_angle - predicted.offset).values
+    if len(run) != len(signals):
+        raise RecordError(
+            f"{test.name}: {len(signals) - len(run)} samples at its ends are outliers; correct the record."
+        )
+    return run

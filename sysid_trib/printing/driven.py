@@ -1,5 +1,6 @@
 """Driven records, forced responses and plans of runs, as sentences, tables and plain data."""
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
@@ -166,10 +167,11 @@ def prediction_block(predicted: Sequence[xr.Dataset]) -> Block:
         warm_up, unit = float(record.attrs["warm_up"]), record.residual_rms.attrs["units"]
         start = f"fitted to its first {warm_up:g} s (not counted)" if warm_up else "fitted to all of it"
         start = "as measured" if record.attrs.get("starts") == "measured" else start
+        ratio = record.residual_over_motion.item()
+        of_motion = f", {100.0 * ratio:.2g} % of its motion" if math.isfinite(ratio) else ""
         sentences.append(
             f"Prediction of {record.attrs.get('source', 'record')}, with its start {start}: residual "
-            f"{record.residual_rms.item():.3g} {unit} (RMS), "
-            f"{100.0 * record.residual_over_motion.item():.2g} % of its motion."
+            f"{record.residual_rms.item():.3g} {unit} (RMS){of_motion}."
         )
         if terms := record.attrs.get(REFITTED_SENSORS):
             sentences.append(f"The errors of its sensor ({terms}) were fitted to this record too.")

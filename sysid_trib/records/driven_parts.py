@@ -39,6 +39,7 @@ def driven_parts(
     *,
     keep_outliers: bool = False,
     across_gaps: bool = False,
+    known_until: float = np.inf,
 ) -> list[xr.Dataset]:
     """Divide a driven record within a window at its gaps; each part states its changes (`free_decay`).
 
@@ -53,6 +54,9 @@ def driven_parts(
         Whether single samples that jump out of the signal, or of a smooth input, are kept.
     across_gaps : bool
         Whether the record is needed as one part: its inputs must then be known in the gaps as well.
+    known_until : float, s
+        Time from which the signal is predicted. The later samples change neither the earlier measured ones
+        nor the times and inputs of the record.
 
     Returns
     -------
@@ -77,15 +81,18 @@ def driven_parts(
     measured = _signal_names(part)[0]
     values = part[measured].values.astype(float)
     name, unit = _shown(part, measured), str(part[measured].attrs.get("units", ""))
-    if np.nanmax(values) == np.nanmin(values):
+    predicts = known_until < np.inf
+    # A body at rest can be predicted.
+    if np.nanmax(values) == np.nanmin(values) and not predicts:
         level = f"{values[0]:.6g} {unit}".strip()
         raise DecayError(f"The {name} is flat at {level}; choose another column, or leave this run out.")
     refuse_saturated(part.time.values.astype(float), values, name, unit)
     if not keep_outliers:
-        part, said = _without_outliers(part)
+        part, said = _without_outliers(part, known_until)
     time = part.time.values.astype(float)
-    periods = half_periods.dominant_periods(time, part.angle.values.astype(float))
-    period = periods[0] if periods else float(np.ptp(time))
+    known = time < known_until
+    periods = half_periods.dominant_periods(time[known], part.angle.values.astype(float)[known])
+    period = periods[0] if periods else float(np.ptp(time[known]))
     gaps = _gaps(time, period, np.atleast_1d(np.asarray(record.attrs.get("breaks", ()), dtype=float)))
     if across_gaps and gaps.size:
         missing = [str(name) for name, values in part.data_vars.items() if _is_at_samples(values)]
@@ -152,9 +159,9 @@ def _shown(record: xr.Dataset, name: str) -> str:
     return str(record.attrs.get("measured", name)) if name == MEASURED_ITSELF else name
 
 
-def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+def _without_outliers(record: xr.Dataset, known_until: float) -> tuple[xr.Dataset, list[str]]:
     """Fill the outliers of a record from the samples near them, and report it."""
-    record, said = _without_bad_ends(record)
+    record, said = _without_bad_ends(record, known_until)
     inputs = inputs_of(record)
     for name in (*_signal_names(record), *inputs):
         known = inputs.get(name)
@@ -163,10 +170,16 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         numbers = values.values.astype(float)
         if known is not None and not _is_smooth(own, numbers, known):
             continue
-        bad = _significant(own, numbers, _outliers(own, numbers))
+        pieces = [slice(None)] if known is not None else _known_apart(own, known_until)
+        bad_in = [_significant(own[at], numbers[at], _outliers(own[at], numbers[at])) for at in pieces]
+        bad = np.concatenate([np.arange(own.size)[at][of] for at, of in zip(pieces, bad_in, strict=True)])
         if not bad.size:
             continue
-        mended = _mended(own, numbers, bad)
+        mended_in = [
+            _mended(own[at], numbers[at], of) if of.size else numbers[at]
+            for at, of in zip(pieces, bad_in, strict=True)
+        ]
+        mended = np.concatenate(mended_in)
         record = record.assign({name: (values.dims, mended, values.attrs)})
         if name == MEASURED_ITSELF and record.attrs.get("measured") == "rate":
             record = record.assign(angle=record.angle.copy(data=integral_of_rate(own, mended)))
@@ -180,7 +193,13 @@ def _without_outliers(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
     return record, said
 
 
-def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
+def _known_apart(time: Array, known_until: float) -> list[slice]:
+    """Return the samples of a signal before and after the time from which it is predicted."""
+    count = int(np.searchsorted(time, known_until))
+    return [slice(count), slice(count, None)] if 0 < count < time.size else [slice(None)]
+
+
+def _without_bad_ends(record: xr.Dataset, known_until: float) -> tuple[xr.Dataset, list[str]]:
     """Cut off the first or last samples if one of them jumps, and report it."""
     time, count = record.time.values.astype(float), record.sizes["time"]
     low, high, said = 0, count, list[str]()
@@ -189,7 +208,8 @@ def _without_bad_ends(record: xr.Dataset) -> tuple[xr.Dataset, list[str]]:
         values = record[name].values.astype(float)
         if name in inputs and not _is_smooth(time, values, inputs[name]):
             continue
-        spikes = cleaning.spikes(time, values)
+        searched = slice(None) if name in inputs else _known_apart(time, known_until)[0]
+        spikes = cleaning.spikes(time[searched], values[searched])
         if np.any(spikes < AT_END):
             low, said = (
                 AT_END,

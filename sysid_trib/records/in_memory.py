@@ -65,10 +65,31 @@ def as_record(given: Any) -> Any:
 
 
 def is_pair(given: Any) -> bool:
-    """Return true if an object is times and angles: two columns of numbers or dates of equal length."""
+    """Return true if an object is times and angles: two columns of numbers or dates, and not two runs."""
     if not isinstance(given, tuple | list) or len(given) != 2:
         return False
+    if all(_has_own_times(part) for part in given) and not _holds_times(given[0]):
+        return False
     return all(_is_column(part) for part in given)
+
+
+def _has_own_times(given: Any) -> bool:
+    """Return true if an object is a signal over an index, which may contain its times."""
+    if isinstance(given, xr.DataArray):
+        return given.ndim == 1 and given.dims[0] in given.coords
+    return isinstance(given, pd.Series)
+
+
+def _holds_times(given: xr.DataArray | pd.Series) -> bool:
+    """Return true if the values of a signal over an index can themselves be times.
+
+    Times are named or dated, or they rise and state no other quantity.
+    """
+    column = _column("" if given.name is None else given.name, given)
+    if _names_time(column) or lab.plain_unit(column.stated) in lab.TIME_UNITS:
+        return True
+    states_another = column.unit is not None or lab.names_quantity(column.base) != ""
+    return column.is_plain and not states_another and bool(np.all(np.diff(column.numbers) > 0.0))
 
 
 def _is_column(given: Any) -> bool:

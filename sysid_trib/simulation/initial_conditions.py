@@ -23,6 +23,8 @@ FAR_START = 1e-2
 # rest with friction have the same slope, the start alternates between them.
 NOT_SHORTER = 0.5
 BY_START = (BY_ANGLE, BY_RATE)
+# rad; smaller than any motion, for a record that is zero throughout.
+LEAST_SWING = 1e-30
 # A direction is lost in rounding if it moves the motion by less than this fraction of the largest.
 SINGULAR = 1e-7
 # If a motion does not come near the record in this number of rounds, it has lost the phase.
@@ -55,6 +57,8 @@ class FittedMotion:
     sensitivity : (sample, 2) array of float, or None
         Derivatives of the angle by the angle (1) and the rate (s) at the first sample, for a nearby motion;
         None if not computed.
+    settled : bool
+        Whether the last step of the start was so short that the fit has converged.
     """
 
     angle: float
@@ -65,6 +69,7 @@ class FittedMotion:
     stop_time: float
     hidden: Mapping[str, Array]
     sensitivity: Array | None
+    settled: bool = True
 
 
 def first_guess(time: Array, angle: Array, frequency: float) -> tuple[float, float]:
@@ -152,7 +157,9 @@ def fit_start(
     -----
     This is Gauss-Newton with constant sensitivities (chord method): the motion is nearly linear in its start.
     """
-    amplitude = float(np.max(np.abs(angle))) * np.array([1.0, model.reference_frequency])
+    # A short record near the middle of the swing shows its size by the rate.
+    swing = max(float(np.max(np.abs(angle))), abs(start[1]) / model.reference_frequency, LEAST_SWING)
+    amplitude = swing * np.array([1.0, model.reference_frequency])
     # Scale the rate by a power of two near w, so that it is comparable to an angle in any unit of time.
     units = np.array([1.0, np.exp2(np.round(np.log2(model.reference_frequency)))])
     begin, zero, longest = np.array(start, dtype=float), offset or 0.0, np.inf
@@ -190,5 +197,13 @@ def fit_start(
             smooth = None
     v = motion.rate / model.reference_frequency
     return FittedMotion(
-        begin.item(0), begin.item(1), zero, motion.angle, v, motion.stop_time, motion.hidden, sensitivity
+        angle=begin.item(0),
+        rate=begin.item(1),
+        offset=zero,
+        x=motion.angle,
+        v=v,
+        stop_time=motion.stop_time,
+        hidden=motion.hidden,
+        sensitivity=sensitivity,
+        settled=bool(longest < SETTLED_START),
     )

@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from sysid_trib.arrays import Array
+from sysid_trib.arrays import Array, Mask
 from sysid_trib.simulation.initial_conditions import (
     BY_START,
     MAX_ROUNDS,
@@ -40,7 +40,7 @@ def measured_motion(
     run: xr.Dataset,
     start: tuple[float, float],
     *,
-    fitted: slice | None = None,
+    fitted: Mask | None = None,
 ) -> tuple[SimulatedMotion, Array]:
     """Fit the start of a motion, and the sensor's bias, to the measured signal of a run.
 
@@ -52,8 +52,8 @@ def measured_motion(
         See `measured_part`.
     start : (float, float), rad and rad/s
         First estimate of angle and rate at the first sample.
-    fitted : slice, optional
-        Samples to which the start is fitted; by default all.
+    fitted : (sample,) array of bool, optional
+        Samples of the measurement to which the start is fitted; by default all.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def measured_motion(
         The motion cannot be computed.
     """
     (quantity, distance), time, values = measured_part(run)
-    part = slice(None) if fitted is None else fitted
+    part = np.ones(len(time), dtype=bool) if fitted is None else fitted
     # The bias of a body that is free in position and speed cannot be determined.
     biased = first_zero(model) is not None
     begin, last = np.array(start, dtype=float), np.inf
@@ -79,7 +79,7 @@ def measured_motion(
         residual = values - motion.shown(quantity, distance)
         step, *_ = np.linalg.lstsq(columns[part] * scale, residual[part], rcond=SINGULAR)
         step = step * scale
-        size = float(np.max(np.abs(columns[part] @ step))) / max(float(np.std(values)), 1e-300)
+        size = float(np.max(np.abs(columns[part] @ step))) / max(float(np.std(values[part])), 1e-300)
         if biased:
             residual = residual - step[2]
         if size < SETTLED_START or not size < NOT_SHORTER * last:

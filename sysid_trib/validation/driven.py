@@ -3,14 +3,14 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from sysid_trib import records
-from sysid_trib.arrays import Array, root_mean_square
+from sysid_trib.arrays import Array, Mask, root_mean_square
 from sysid_trib.errors import DecayError, SimulationError, SysidTribError, Tell, UsageError, silent
 from sysid_trib.forces.constraints import Constraints
 from sysid_trib.forces.force import ForceLibrary
@@ -24,7 +24,13 @@ from sysid_trib.records.conversion import factor_between
 from sysid_trib.records.driven_parts import driven_parts
 from sysid_trib.records.roles import input_label
 from sysid_trib.records.runs import Decays, RecordLike, as_runs, one_or_all
-from sysid_trib.records.signal import LONGEST_FILLED, checked_signal, unit_of_signal
+from sysid_trib.records.signal import (
+    LONGEST_FILLED,
+    PARTED_STEP,
+    checked_signal,
+    unit_of_signal,
+    usual_step,
+)
 from sysid_trib.records.smoothing import clock_of
 from sysid_trib.results.judged import best
 from sysid_trib.results.models import INPUT_UNITS, library_of, shape_values_of
@@ -33,7 +39,7 @@ from sysid_trib.results.schema import model_of
 from sysid_trib.results.signal_scale import in_units_of_the_motion
 from sysid_trib.results.variables import described, group_names, noise_of_run, signal_units
 from sysid_trib.simulation.initial_conditions import first_guess, first_zero, true_start
-from sysid_trib.simulation.measured_motion import MEASURED, measured_motion
+from sysid_trib.simulation.measured_motion import MEASURED, MEASURED_TIME, measured_motion
 from sysid_trib.simulation.model import Model
 from sysid_trib.simulation.trajectory import trajectory
 from sysid_trib.validation import judge, verdict
@@ -304,6 +310,9 @@ def _difference(first: xr.Dataset, second: xr.Dataset) -> xr.Dataset:
 WORSE_THAN_REST = (
     "This prediction is worse than no motion: the model has another frequency or damping on this record"
 )
+RECORD_AT_REST = (
+    "The record does not move where it is predicted: only the RMS of the residual says how good this is"
+)
 # Least number of samples for fitting a start.
 FEWEST_FITTED = 20
 
@@ -337,9 +346,11 @@ def predict(
     -------
     Dataset
         `angle(time)`, `predicted_angle(time)` as the sensor's reading, `residual(time)`; scalars
-        `residual_rms`, `residual_over_motion` (relative to the RMS about the mean). Attributes: `warm_up`
-        (s); `note`, a sentence if the prediction is worse than no motion; `refitted_sensors`, the sensor
-        terms that were fitted to the record like its start and zero, because they belong to the run.
+        `residual_rms`, `residual_over_motion` (relative to the RMS about the mean; infinite for a record at
+        rest), and, if the start is fitted to an angle or a displacement, `offset`, the zero of the sensor
+        that is fitted with it. Attributes: `warm_up` (s); `note`, a sentence if the prediction is worse than
+        no motion; `refitted_sensors`, the sensor terms that were fitted to the record like its start and
+        zero, because they belong to the run.
 
     Raises
     ------
@@ -363,10 +374,58 @@ def predict(
     """
     given, identified = records.one_record(record, "predict"), best(result)
     checked_signal(given)
-    (whole,) = driven_parts(given, across_gaps=True)
     if starts == "measured" and warm_up is not None:
         raise UsageError("A measured start needs no warm-up; leave one of both out.")
-    return _predict(identified, _in_units_of(identified, whole), warm_up=warm_up, run=run, starts=starts)
+    begin = _Begin(
+        warm_up=warm_up,
+        end=np.inf if warm_up is None else float(given.time[0]) + warm_up,
+        measured_times=given[MEASURED_TIME if MEASURED in given else "time"].values.astype(float),
+    )
+    (whole,) = driven_parts(given, across_gaps=True, known_until=begin.end)
+    return _predict(identified, _in_units_of(identified, whole), begin=begin, run=run, starts=starts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Begin:
+    """Beginning of a record to which the start of its prediction is fitted.
+
+    Attributes
+    ----------
+    warm_up : float or None, s
+        Its duration; None for the whole record, which then counts too.
+    end : float, s
+        Time of its end; infinite for the whole record.
+    measured_times : (sample,) array of float, s
+        Times of the measured samples; samples at other times were filled.
+    """
+
+    warm_up: float | None
+    end: float
+    measured_times: Array
+
+    def counted(self, time: Array) -> Mask:
+        """Return the samples whose residual counts."""
+        return np.asarray(time >= self.end) if self.warm_up is not None else np.ones(len(time), dtype=bool)
+
+    def fitted(self, time: Array) -> Mask:
+        """Return the samples to which the start is fitted.
+
+        Raises
+        ------
+        UsageError
+            There are too few, or no samples remain.
+        """
+        if self.warm_up is None:
+            return np.ones(len(time), dtype=bool)
+        # A filled sample depends on its neighbours, and these may be later than the warm-up.
+        fitted = (time < self.end) & np.isin(time, self.measured_times)
+        count = np.count_nonzero(fitted)
+        if count < FEWEST_FITTED or not np.any(time >= self.end):
+            raise UsageError(
+                f"A warm-up of {self.warm_up:g} s contains {count} of {len(time)} samples; it must contain "
+                f"{FEWEST_FITTED} or more, but not all."
+            )
+        return fitted
 
 
 def _in_units_of(result: xr.Dataset, record: xr.Dataset) -> xr.Dataset:
@@ -409,43 +468,59 @@ def _factor(what: str, unit: str, wanted: str) -> float:
 
 @in_units_of_the_motion
 def _predict(
-    result: xr.Dataset, record: xr.Dataset, *, warm_up: float | None, run: int, starts: StartsOption
+    result: xr.Dataset,
+    record: xr.Dataset,
+    *,
+    begin: _Begin,
+    run: int,
+    starts: StartsOption,
 ) -> xr.Dataset:
     """Predict a record in the units of the result (see `predict`)."""
     library = library_of(result).in_run(run + 1)
     model = replace(model_of(result, run), inputs=inputs.inputs_for(record, library))
     if first_zero(model) is not None:
         record = _without_bias(record)
-    time = record.time.values.astype(float)
-    counted = time >= time[0] + (warm_up or 0.0)
-    if warm_up is not None and not FEWEST_FITTED <= np.count_nonzero(~counted) < len(time):
-        raise UsageError(
-            f"A warm-up of {warm_up:g} s contains {np.count_nonzero(~counted)} of "
-            f"{len(time)} samples; it must "
-            f"contain {FEWEST_FITTED} or more, but not all."
-        )
-    angle = record.angle.values.astype(float)
-    fitted = counted if warm_up is None else ~counted
     if starts == "measured":
         return _from_measured_start(record, model)
-    model, record = with_own_sensor(result, model, record, fitted)
-    # In a gap, a spline contains no information.
-    gaps = np.flatnonzero(np.diff(time) > LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency)
-    before = slice(gaps[0] + 1 if gaps.size else None)
-    start = first_guess(time[before], angle[before], model.reference_frequency)
     if MEASURED in record:
-        return _predicted_measured(result, record, model, start, warm_up)
+        return _predicted_measured(result, record, model, begin)
+    time, angle = record.time.values.astype(float), record.angle.values.astype(float)
+    counted, fitted = begin.counted(time), begin.fitted(time)
+    model, record = with_own_sensor(result, model, record, fitted)
     try:
-        motion = fit_start_of_several(model, time[fitted], angle[fitted], start, offset=first_zero(model))
+        motion = fit_start_of_several(
+            model,
+            time[fitted],
+            angle[fitted],
+            _guess(time[fitted], angle[fitted], model),
+            offset=first_zero(model),
+        )
         x = motion.x if fitted.all() else trajectory(model, time, motion.angle, motion.rate).angle
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
     shown = x + motion.offset
     residual = angle - shown
-    rms = float(np.sqrt(np.mean(residual[counted] ** 2)))
-    values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
-    values |= {"residual_over_motion": rms / float(np.std(angle[counted]))}
-    return _with_prediction(record, values, warm_up)
+    values = {"predicted_angle": shown, "residual": residual, "offset": motion.offset}
+    scalars = _size_of_residual(residual[counted], angle[counted])
+    return _with_prediction(record, values | scalars, begin.warm_up)
+
+
+def _guess(time: Array, angle: Array, model: Model) -> tuple[float, float]:
+    """Return the first estimate of the start from the given samples."""
+    # In a gap, a spline contains no information.
+    steps = np.diff(time)
+    longest = LONGEST_FILLED * 2.0 * np.pi / model.reference_frequency
+    # The reference frequency of a body without a spring may be far above that of the samples.
+    gaps = np.flatnonzero(steps > max(longest, PARTED_STEP * usual_step(steps)))
+    before = slice(gaps[0] + 1 if gaps.size else None)
+    return first_guess(time[before], angle[before], model.reference_frequency)
+
+
+def _size_of_residual(residual: Array, motion: Array) -> dict[str, float]:
+    """Return the RMS of a residual, and its ratio to the motion: infinite for a record at rest."""
+    rms = root_mean_square(residual)
+    size = 0.0 if inputs.is_constant(motion) else float(np.std(motion))
+    return {"residual_rms": rms, "residual_over_motion": rms / size if size else float("inf")}
 
 
 def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
@@ -457,34 +532,47 @@ def _from_measured_start(record: xr.Dataset, model: Model) -> xr.Dataset:
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
     residual = angle - shown
-    rms = root_mean_square(residual)
-    values = {"predicted_angle": shown, "residual": residual, "residual_rms": rms}
-    values |= {"residual_over_motion": rms / float(np.std(angle))}
-    return _with_prediction(record, values, None).assign_attrs(starts="measured")
+    values = {"predicted_angle": shown, "residual": residual}
+    predicted = _with_prediction(record, values | _size_of_residual(residual, angle), None)
+    return predicted.assign_attrs(starts="measured")
 
 
 def _with_prediction(
     record: xr.Dataset, values: Mapping[str, Array | float], warm_up: float | None
 ) -> xr.Dataset:
     """Return the record with its prediction, and a note if this is worse than no motion."""
-    note = WORSE_THAN_REST if not values["residual_over_motion"] < 1.0 else ""
+    ratio = float(values["residual_over_motion"])
+    note = ""
+    if ratio == float("inf"):
+        note = RECORD_AT_REST
+    elif not ratio < 1.0:
+        note = WORSE_THAN_REST
     return record.assign(described("predicted", values)).assign_attrs(warm_up=warm_up or 0.0, note=note)
 
 
-def _predicted_measured(
-    result: xr.Dataset, record: xr.Dataset, model: Model, start: tuple[float, float], warm_up: float | None
-) -> xr.Dataset:
+def _predicted_measured(result: xr.Dataset, record: xr.Dataset, model: Model, begin: _Begin) -> xr.Dataset:
     """Predict a run of a measured rate or acceleration: residuals are in this quantity, over w."""
-    time = record.measured_time.values
-    first = 0 if warm_up is None else int(np.searchsorted(time, time[0] + warm_up))
+    time = record.measured_time.values.astype(float)
+    counted, fitted = begin.counted(time), begin.fitted(time)
     try:
-        motion, residual = measured_motion(model, record, start, fitted=slice(None, first or None))
+        start = _guess_of_measured(record, fitted, model)
+        motion, residual = measured_motion(model, record, start, fitted=fitted)
     except SimulationError as error:
         raise DecayError(f"The model has no motion on this record: {error}") from None
-    residual = residual / _per_integration(record, result)
-    rms = root_mean_square(residual[first:])
-    of_motion = float(np.std(record[MEASURED].values[first:])) / _per_integration(record, result)
+    scale = _per_integration(record, result)
+    residual = residual / scale
     values = {"predicted_angle": np.interp(record.time.values, time, motion.angle)}
     values |= {"residual": np.interp(record.time.values, time, residual)}
-    scalars = {"residual_rms": rms, "residual_over_motion": rms / of_motion}
-    return _with_prediction(record, values | scalars, warm_up)
+    scalars = _size_of_residual(residual[counted], record[MEASURED].values[counted] / scale)
+    return _with_prediction(record, values | scalars, begin.warm_up)
+
+
+def _guess_of_measured(record: xr.Dataset, fitted: Mask, model: Model) -> tuple[float, float]:
+    """Return the first estimate of the start from the fitted samples of a rate or an acceleration."""
+    if fitted.all():
+        return _guess(record.time.values.astype(float), record.angle.values.astype(float), model)
+    time = record.measured_time.values.astype(float)[fitted]
+    angle = record[MEASURED].values.astype(float)[fitted]
+    for _ in range(int(record.attrs.get("integrations", 0))):
+        angle = inputs.integral_of_rate(time, angle)
+    return _guess(time, angle, model)
