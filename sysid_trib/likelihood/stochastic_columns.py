@@ -36,8 +36,9 @@ ROUNDS_TO_SETTLE, STEP_AMONG_ERRORS = 4, 0.2
 # Round in which the colour of the sensor's noise is estimated, because the motion is then better than a first
 # estimate.
 COLOUR_ROUND = 1
-# Probability of no random force below which the path is the smoothed motion. Otherwise the path stays the free
-# motion: at the ends of the record the smoothed rate has a large error, and with it the sign of friction.
+# Probability of no random force below which the path is the smoothed motion. Otherwise the path stays the
+# free motion: at the ends of the record the smoothed rate, and with it the sign of friction, has a large
+# error.
 IMPROBABLE = 0.5
 
 
