@@ -8,6 +8,7 @@ from command_line import run
 from helpers import scores
 
 import sysid_trib as st
+from sysid_trib.commands import fits
 from sysid_trib.errors import DecayError, UsageError
 from sysid_trib.forces.library import parse_library
 from sysid_trib.records.driven_parts import driven_parts
@@ -181,3 +182,48 @@ def test_a_flat_signal_is_refused(whole: xr.Dataset) -> None:
     flat["angle"].values[:] = 0.3
     with pytest.raises(DecayError, match="angle is flat at"):
         driven_parts(flat)
+
+
+LATER = np.random.default_rng(7).standard_normal(TIME.size)
+
+
+@pytest.mark.parametrize("at", [1, 40])
+@pytest.mark.parametrize("later", [LATER, 1e3 * LATER, 0.0 * LATER, np.where(LATER > 2.0, 50.0, 0.0)])
+def test_samples_that_are_predicted_do_not_change_those_before(whole, at, later):
+    known_until = 3.0
+    spoiled = with_leap(whole, "angle", at, 1.0)
+    known = spoiled.time.values < known_until
+    other = spoiled.assign(angle=spoiled.angle.copy(data=np.where(known, spoiled.angle.values, later)))
+    (one,), (two,) = (driven_parts(of, known_until=known_until) for of in (spoiled, other))
+    assert one.time.identical(two.time)
+    assert one.u.identical(two.u)
+    before = one.time.values < known_until
+    np.testing.assert_array_equal(one.angle.values[before], two.angle.values[before])
+    # The outlier itself is left out.
+    assert np.abs(one.angle.values[before]).max() < 0.5
+
+
+def test_the_command_takes_a_test_up_to_its_warm_up_alone(whole, tmp_path, monkeypatch):
+    taken = []
+
+    def spied(result, record, **options):
+        taken.append(record)
+        return st.predict(result, record, **options)
+
+    monkeypatch.setattr(fits, "predict", spied)
+    files = []
+    for name, later in (("train", whole.angle.values), ("test", whole.angle.values), ("other", LATER)):
+        angle = np.where(TIME < 4.0, whole.angle.values, later)
+        if name != "train":
+            angle[100] += 0.5
+        table = pd.DataFrame({"time": TIME, "angle": angle, "torque (N*m)": whole.u.values})
+        files.append(tmp_path / f"{name}.csv")
+        table.to_csv(files[-1], index=False)
+    for file in files[1:]:
+        asked = ("--input", "u=torque", "--angle", "angle", "--random-force", "off")
+        forces = ("--forces", "gain,zeta", "--window", "1:", "--test", file, "--warm-up", "3")
+        ending = run("identify", files[0], *asked, *forces)
+        assert ending.status == 0, ending.err
+    before = taken[0].time.values < 4.0
+    assert taken[0].time.identical(taken[1].time)
+    np.testing.assert_array_equal(taken[0].angle.values[before], taken[1].angle.values[before])

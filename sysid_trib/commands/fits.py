@@ -121,7 +121,7 @@ def identify(tell: Tell, given: IdentifyOptions) -> Callable[[], None]:
     if given.test is not None:
         tell("prediction")
         of_test = given.but(records=[given.test], omega0=None, reference_frequency=None)
-        others, _ = read_decays(of_test, as_it_is=True, driven=True)
+        others, _ = read_decays(of_test, as_it_is=True, driven=True, warm_up=given.warm_up)
         answer = tree[judged.preferred_of(tree)].to_dataset()
         predicted = [predict(answer, other, warm_up=given.warm_up, starts=starts) for other in others]
     _add_sureness(tree, decays, given.sensitivity, profiled, tell)

@@ -76,7 +76,8 @@ def _predicted(tree: xr.DataTree, given: LawsOptions, tell: Tell) -> list[xr.Dat
     if given.test is None:
         return []
     tell("prediction")
-    others, _ = read_decays(given.but(records=[given.test]), as_it_is=True, driven=True)
+    of_test = given.but(records=[given.test])
+    others, _ = read_decays(of_test, as_it_is=True, driven=True, warm_up=given.warm_up)
     return [predict(best(tree), other, warm_up=given.warm_up) for other in others]
 
 

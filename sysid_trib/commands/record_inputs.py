@@ -117,7 +117,11 @@ INSTEAD = {
 
 
 def read_decays(
-    given: RecordOptions, *, as_it_is: bool = False, driven: bool = False
+    given: RecordOptions,
+    *,
+    as_it_is: bool = False,
+    driven: bool = False,
+    warm_up: float | None = None,
 ) -> tuple[list[xr.Dataset], list[str]]:
     """Read free decays of the files, or of the embedded example.
 
@@ -130,6 +134,8 @@ def read_decays(
         As in `free_decays`; also true if the forces of the model are given.
     driven : bool
         True if inputs are used.
+    warm_up : float, s, optional
+        Beginning of a record whose rest is predicted: the rest does not change it.
 
     Returns
     -------
@@ -148,7 +154,7 @@ def read_decays(
         if checksum in sums:
             raise UsageError(f"{record} is given twice; runs of one experiment are different records.")
         sums.append(checksum)
-        chosen, sentence = decays_within(given, source, as_it_is=as_it_is or named)
+        chosen, sentence = decays_within(given, source, as_it_is=as_it_is or named, warm_up=warm_up)
         decays += chosen
         sentences += [sentence] * len(chosen)
     if len({str(decay.angle.attrs.get("units")) for decay in decays}) > 1:
@@ -176,11 +182,11 @@ def read_sources(given: RecordOptions, *, driven: bool = False) -> list[RunsOfFi
 
 
 def decays_within(
-    given: RecordOptions, source: RunsOfFile, *, as_it_is: bool = False
+    given: RecordOptions, source: RunsOfFile, *, as_it_is: bool = False, warm_up: float | None = None
 ) -> tuple[list[xr.Dataset], str]:
     """Return the decays of a file, or the requested one, and their description."""
     record, runs, sentence = source
-    those = [decay for run in runs for decay in _decays(given, run, as_it_is=as_it_is)]
+    those = [decay for run in runs for decay in _decays(given, run, as_it_is=as_it_is, warm_up=warm_up)]
     count = "1 decay" if len(those) == 1 else f"{len(those)} decays"
     if given.decay is not None and given.decay > len(those):
         raise UsageError(
@@ -314,10 +320,16 @@ def _multiplied(record: xr.Dataset, factor: float) -> xr.Dataset:
     return record.assign({name: record[name].copy(data=factor * record[name].values) for name in names})
 
 
-def _decays(given: RecordOptions, record: xr.Dataset, *, as_it_is: bool = False) -> list[xr.Dataset]:
+def _decays(
+    given: RecordOptions, record: xr.Dataset, *, as_it_is: bool = False, warm_up: float | None = None
+) -> list[xr.Dataset]:
     limits = parse_window(given.window, "--window")
     if given.input_ is not None or given.constant:
-        return driven_parts(record, limits, keep_outliers=given.keep_outliers)
+        known_until = np.inf
+        if warm_up is not None:
+            first = record.time.values[0].item()
+            known_until = warm_up + (first if limits[0] is None else max(first, limits[0]))
+        return driven_parts(record, limits, keep_outliers=given.keep_outliers, known_until=known_until)
     centre: float | str = given.equilibrium
     if centre != "auto":
         unit = signal_unit(str(record.attrs.get("angle_unit_in_file", "rad")))
