@@ -206,3 +206,11 @@ def test_a_formula_that_ends_somewhere_has_no_degree():
     force = library_of_formulas(bounded="log(1.5 - x)").forces[0]
     assert force.degree is None
     assert force.speed_degree == 0.0
+
+
+def test_a_folder_does_not_hide_a_library_of_its_name(tmp_path, monkeypatch):
+    (tmp_path / "paper").mkdir()
+    (tmp_path / "curves").mkdir()
+    monkeypatch.chdir(tmp_path)
+    assert load_library("paper") == load_library("contact_forces")
+    assert load_library("curves").symbols

@@ -150,7 +150,8 @@ def load_library(name_or_path: str | Path = "contact_forces") -> ForceLibrary:
     epsilon  x**3      cubic elastic force
     """
     path = Path(name_or_path)
-    if path.suffix != ".toml" and not os.path.exists(path):
+    # A folder with the name of a library does not hide it.
+    if path.suffix != ".toml" and not os.path.isfile(path):
         name = OTHER_NAMES.get(str(name_or_path), str(name_or_path))
         path = library_folder() / f"{name}.toml"
         entry = plugins.installed(plugins.LIBRARY_PLUGINS).get(name)

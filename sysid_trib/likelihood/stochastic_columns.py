@@ -145,7 +145,7 @@ def _attenuation_by_noisy_input(weighed: Sequence[WeighedRun], solution: Solutio
     return np.asarray(solution.covariance[:, at] * made_by_force / coefficients[at])
 
 
-def _is_pushed(run: RunRegression, option: RandomForceOption) -> bool:
+def _has_random_force(run: RunRegression, option: RandomForceOption) -> bool:
     """Return true if a random force is given, or more probable than none."""
     if run.ratio is None or not isinstance(option, str):
         return run.ratio is not None
@@ -167,7 +167,7 @@ def _about_free_motion(
     nearby = replace(nearby, start=(free.angle, free.rate), sensitivity=free.sensitivity)
     if has_slipped(nearby):
         return run.along_own_path()
-    if run.ratio is not None and _is_pushed(run, option):
+    if run.ratio is not None and _has_random_force(run, option):
         # Friction on a body at rest balances the other forces.
         near = free.x, np.where(free.v == 0.0, run.forcing, force)
         error = _smoothed_rate_error(run.ratio, float(np.median(np.diff(run.form.tau))))
