@@ -7,7 +7,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -q -n auto --dist loadfile $
 .PHONY: demo test test-slow test-in-full test-lowest coverage notebooks docs links paper check clean
 
 demo: $(VENV)/ready
-	$(BIN)/sysid-trib identify --omega0 8.87
+	$(BIN)/sysid-trib identify --omega0 8.87 --quiet
 
 test: $(VENV)/ready-dev
 	$(PYTEST) -m "not slow and not in_full"

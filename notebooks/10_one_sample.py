@@ -48,8 +48,8 @@ st.plots.overview(tree)
 #
 # ## Against the truth
 #
-# For your own record there is no truth. For this one the table shows the error of each coefficient over
-# its standard error: about 95 % of them are between -2 and 2.
+# Skip this cell for your own record, which has no known truth. For this one the table shows the error of
+# each coefficient over its standard error: about 95 % of them are between -2 and 2.
 
 # %%
 best = st.best(tree)

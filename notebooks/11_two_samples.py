@@ -19,7 +19,7 @@ QUICK = os.environ.get("SYSID_TRIB_QUICK") == "1"  # one run a sample instead of
 #
 # Two samples with two runs each. They are simulated from the certified decay `paper_six`: the second
 # sample has 1 % more viscous friction (`zeta`), and nothing else differs. With your own files:
-# `dry = [st.free_decay(st.read_record(name)) for name in ("dry_1.csv", "dry_2.csv")]`.
+# `new = [st.free_decay(st.read_record(name)) for name in ("new_1.csv", "new_2.csv")]`.
 
 # %%
 certified = st.datasets.truth("certified/paper_six_1e-3")
@@ -38,8 +38,8 @@ def run(changes, seed):
 
 
 RUNS = 1 if QUICK else 2
-dry = [run({}, seed) for seed in range(RUNS)]
-oiled = [run({"zeta": 1.01 * TRUTH["zeta"]}, seed) for seed in range(10, 10 + RUNS)]
+new = [run({}, seed) for seed in range(RUNS)]
+worn = [run({"zeta": 1.01 * TRUTH["zeta"]}, seed) for seed in range(10, 10 + RUNS)]
 
 # %% [markdown]
 # ## The difference
@@ -48,7 +48,7 @@ oiled = [run({"zeta": 1.01 * TRUTH["zeta"]}, seed) for seed in range(10, 10 + RU
 # for the number of comparisons is included.
 
 # %%
-contrast = st.difference(dry, oiled, "contact_forces")
+contrast = st.difference(new, worn, "contact_forces")
 st.show(contrast)
 
 # %%
@@ -61,7 +61,7 @@ st.plots.difference(contrast)
 # samples differ.
 
 # %%
-first, second = st.laws(dry[0]), st.laws(oiled[0])
+first, second = st.laws(new[0]), st.laws(worn[0])
 curves = st.physics.law_difference(first, second)
 st.plots.law_difference(curves)
 
@@ -71,5 +71,5 @@ st.plots.law_difference(curves)
 # `plan` computes, before any further measurement, what other runs of the same rig would reach.
 
 # %%
-planned = st.plan(st.identify(dry, "contact_forces"))
+planned = st.plan(st.identify(new, "contact_forces"))
 st.show(planned)

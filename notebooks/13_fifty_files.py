@@ -22,9 +22,12 @@ FILES = 12 if QUICK else 50
 # %% [markdown]
 # ## The files
 #
-# They are simulated from the certified decay `three_frictions`, and written as any laboratory would: one CSV
-# file for each run, and a table of conditions. The solid friction (`lambda`) rises with the load by 2 % for
-# each newton. The temperature has no effect. The last file is empty, as happens.
+# For your own files: `files = sorted(Path("runs").glob("*.csv"))` and
+# `conditions = pd.read_csv("conditions.csv")`, one row for each file in the same order.
+#
+# Here they are simulated from the certified decay `three_frictions`, and written as any laboratory would:
+# one CSV file for each run, and a table of conditions. The solid friction (`lambda`) rises with the load by
+# 2 % for each newton. The temperature has no effect. The last file is empty, as happens.
 
 # %%
 certified = st.datasets.truth("certified/three_frictions_1e-4")

@@ -11,7 +11,7 @@ from typing import Any
 
 from sysid_trib.errors import RecordError
 
-INSTALL = "install it by: pip install 'sysid-trib[benchmarks]'"
+INSTALL = "install it by: pip install -e '.[benchmarks]'"
 
 
 def error_metrics() -> Any:

@@ -27,4 +27,4 @@ def _print() -> None:
     ]
     print_table(text_table(rows, heads))
     print("\nSources, citations and what is known beforehand: sysid-trib datasets --json")
-    print("Next: sysid-trib look dataset:ship_roll")
+    print("Next: sysid-trib look dataset:certified/three_frictions_1e-3")

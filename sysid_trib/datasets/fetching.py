@@ -83,8 +83,8 @@ def _cached(record: PublishedRecord, file: PublishedFile) -> Path:
         import pooch
     except ImportError:
         raise RecordError(
-            f"dataset {record.name}: to download it the package pooch is needed: pip install "
-            f"'sysid-trib[datasets]'; or name the folder that has {file.local} by {FOLDER_VARIABLE}."
+            f"dataset {record.name}: to download it the package pooch is needed: pip install -e "
+            f"'.[datasets]' in a clone; or name the folder that has {file.local} by {FOLDER_VARIABLE}."
         ) from None
     pooch.get_logger().setLevel("WARNING")
     kept = Path(pooch.os_cache("sysid_trib")) / file.local

@@ -68,7 +68,7 @@ def overview(tree: xr.DataTree, run: int = 0, *, width: float = FULL_WIDTH) -> F
     twice the noise. Share of each force in the decay and in the frequency shift against amplitude (to first
     order). Each coefficient divided by its value, with its 95 % interval: if the interval contains zero, the
     coefficient may be zero. Finally, the force that the model lacks, computed from the record (spline), in
-    cells of angle and rate: no force of the model explains significant values there.
+    cells of angle and rate; a dot marks a cell in which it exceeds three standard errors.
 
     Parameters
     ----------
