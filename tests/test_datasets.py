@@ -144,7 +144,7 @@ def test_without_network_one_sentence_says_so(nowhere):
 
 def test_without_pooch_the_package_is_named(nowhere, monkeypatch):
     monkeypatch.setitem(sys.modules, "pooch", None)
-    with pytest.raises(RecordError, match=r"pip install 'sysid-trib\[datasets\]'"):
+    with pytest.raises(RecordError, match=r"pip install -e '\.\[datasets\]'"):
         st.datasets.files("ship_roll")
 
 

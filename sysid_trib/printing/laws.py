@@ -115,7 +115,7 @@ def verdict_sentence(tree: xr.DataTree) -> str:
     answer = judged.preferred_of(tree)
     decided = judged.verdict_of(tree)
     curves = not checked.attrs["reason"]
-    name = "The laws" if curves else "Laws of the named forces"
+    name = "The laws" if curves else "The record does not determine a curve. Laws of the named forces"
     if decided == "explained":
         return f"{name} explain the record: the residual is noise."
     part = float(checked.residual_over_motion.sel(model=answer))
@@ -150,7 +150,7 @@ def _differing_runs(separate: str) -> str:
 def _no_curve(tree: xr.DataTree) -> Iterator[str]:
     """Give the reason why the record does not determine a curve, and the coefficients of the named forces."""
     if reason := tree["judged"].attrs["reason"]:
-        yield f"The record does not determine a curve. {reason}"
+        yield reason
         result = _preferred(tree)
         forces = [result.sel(force=symbol) for symbol in result.force.values]
         fitted = [force for force in forces if force.standard_error.item() > 0.0]
