@@ -235,7 +235,9 @@ def test_a_result_whose_methods_all_failed_is_drawn_and_reported(tree):
     """As `laws` makes it of a record whose amplitude hardly changes, where the motion of direct diverges."""
     failed = tree.copy(deep=True)
     failed["judged"].dataset = failed["judged"].to_dataset().sel(model=["direct"])
-    failed["judged"].dataset = failed["judged"].to_dataset().assign(failure=("model", ["its motion diverges"]))
+    failed["judged"].dataset = (
+        failed["judged"].to_dataset().assign(failure=("model", ["its motion diverges"]))
+    )
     failed["judged"].attrs |= {"preferred": "direct", "averaging_failed": "no envelope"}
     del failed["averaging"], failed["agreement"]
     figure = st.plots.laws(failed)
