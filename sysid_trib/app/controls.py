@@ -15,8 +15,9 @@ TIME_CHOICES = ["", "s", "ms", "us", "ns", "min", "h", "d"]
 WINDOW_STEP = 1e-3
 WIDE: dict[str, Any] = {"sizing_mode": "stretch_width"}
 # Number fields without buttons, which have no name; the arrow keys do the same.
-NUMBER: dict[str, Any] = {"value": None, "stylesheets": [".bk-spin-btn { display: none !important; }"]}
-COLUMN: dict[str, Any] = {"restrict": False, "min_characters": 0, "case_sensitive": False, **WIDE}
+NUMBER_FIELD: dict[str, Any] = {"value": None, "stylesheets": [".bk-spin-btn { display: none !important; }"]}
+COLUMN_FIELD: dict[str, Any] = {"restrict": False, "min_characters": 0, "case_sensitive": False, **WIDE}
+LAWS = "Friction and restoring force as curves, too"
 FLAT = {"box-shadow": "none", "border": "1px solid #c8c8c8"}
 
 
@@ -32,31 +33,32 @@ class Controls:
     def __init__(self, changed: Callable[[], None]) -> None:
         widgets = panel.widgets
         self._reading: dict[str, Any] = {
-            "angle": widgets.AutocompleteInput(name="Column of the signal (--angle)", **COLUMN),
+            "angle": widgets.AutocompleteInput(name="Column of the signal (--angle)", **COLUMN_FIELD),
             "units": widgets.TextInput(
                 name="Unit of the signal (--units)", placeholder="rad, deg, mm, V ...", **WIDE
             ),
             "signal": widgets.Select(name="Measured quantity (--signal)", options=SIGNAL_CHOICES, **WIDE),
-            "time": widgets.AutocompleteInput(name="Column of the time (--time)", **COLUMN),
+            "time": widgets.AutocompleteInput(name="Column of the time (--time)", **COLUMN_FIELD),
             "time_units": widgets.Select(
                 name="Unit of the time (--time-units)", options=TIME_CHOICES, **WIDE
             ),
             "sampling_rate": widgets.FloatInput(
-                name="Samples per second (--sampling-rate)", start=0.0, **NUMBER, **WIDE
+                name="Samples per second (--sampling-rate)", start=0.0, **NUMBER_FIELD, **WIDE
             ),
         }
         self.reading = panel.Card(
             *self._reading.values(), title="How the file is read", collapsed=True, styles=FLAT, **WIDE
         )
-        self.low = widgets.FloatInput(name="From (s)", placeholder="start", width=130, **NUMBER)
-        self.high = widgets.FloatInput(name="To (s)", placeholder="end", width=130, **NUMBER)
+        self.low = widgets.FloatInput(name="From (s)", placeholder="start", width=130, **NUMBER_FIELD)
+        self.high = widgets.FloatInput(name="To (s)", placeholder="end", width=130, **NUMBER_FIELD)
         self.whole = widgets.Button(name="Whole record", width=130)
         self.whole.on_click(lambda _: self.show_whole())
         known = {f"{name}: {system.meaning}": name for name, system in st.forces.load_systems().items()}
         self.system = widgets.Select(name="System (--system)", options={"not stated": "", **known}, **WIDE)
         self.system.param.watch(lambda _: self._show_forces(), "value")
         self.forces = widgets.CheckBoxGroup(**WIDE)
-        self.laws = widgets.Checkbox(name="Friction and restoring force as curves, too", value=True)
+        # A single check box has no label for screen readers.
+        self.laws = widgets.CheckBoxGroup(options=[LAWS], value=[LAWS], **WIDE)
         self._show_forces()
         for widget in (*self._reading.values(), self.low, self.high, self.system, self.forces, self.laws):
             widget.param.watch(lambda _: changed(), "value")
@@ -68,7 +70,7 @@ class Controls:
             "window": (self.low.value, self.high.value),
             "system": self.system.value,
             "forces": tuple(self.forces.value),
-            "laws": self.laws.value,
+            "laws": bool(self.laws.value),
         }
 
     def clear(self) -> None:

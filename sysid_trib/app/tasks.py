@@ -100,9 +100,9 @@ def _part(request: Request, name: str, tell: Callable[..., None]) -> Section:
         tables = {}
         # There is no law if the motion by every method diverges.
         with suppress(st.errors.UsageError):
-            found = st.best(result)
-            laws = [law for law in ("friction", "restoring") if law in found]
-            tables = {law: st.physics.law_table(found, law) for law in laws}
+            preferred = st.best(result)
+            laws = [law for law in ("friction", "restoring") if law in preferred]
+            tables = {law: st.physics.law_table(preferred, law) for law in laws}
         figure = _figure(st.plots.laws, result, width=7.0)
     else:
         library: Any = ",".join(request.forces) or None
