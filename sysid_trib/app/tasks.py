@@ -119,7 +119,10 @@ def _part(request: Request, name: str, tell: Callable[..., None]) -> Section:
     files = [report, *(request.folder / f"{title}.csv" for title in tables)]
     for file, table in zip(files[1:], tables.values(), strict=True):
         table.to_csv(file, index=False)
-    return Section(name, shown._repr_html_() + figure, command, files, shown.blocks[0].sentences[0])
+    text = shown._repr_html_()
+    # The curves are the main result of `laws`.
+    text = figure + text if name == "laws" else text + figure
+    return Section(name, text, command, files, verdict=shown.blocks[0].sentences[0])
 
 
 def _figure(draw: Callable[..., Any], result: Any, **options: Any) -> str:
